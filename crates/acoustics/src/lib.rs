@@ -1,0 +1,1 @@
+//! What one ping sees of Gaussians

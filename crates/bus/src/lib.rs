@@ -1,0 +1,1 @@
+//! The map, pings and poses over zenoh

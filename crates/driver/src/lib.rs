@@ -1,0 +1,1 @@
+//! Transports around a device session

@@ -1,0 +1,1 @@
+//! From posed pings to a map of Gaussians

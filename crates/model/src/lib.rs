@@ -1,0 +1,25 @@
+//! The vocabulary every part of EchoSplat shares: time, ping, pose, trajectory, gaussian, snapshot.
+//!
+//! Values only, checked where they are made so that they cannot be wrong later. This crate
+//! deliberately has no sockets, no files, no clock, no threads and no mathematics of sound.
+//!
+//! Frames: the world is ENU (z up); vehicle and sensor are x forward, y left, z up (REP 103).
+//! Units: SI and radians, named at the end of every field.
+
+mod gaussian;
+mod ping;
+mod pose;
+mod snapshot;
+mod time;
+mod trajectory;
+
+pub use gaussian::{Gaussian, GaussianId, Standing};
+pub use ping::{MAX_BIN_COUNT, Ping, PingError, PingSettings, PosedPing};
+pub use pose::{Pose, Twist, enu_from_ned, flu_from_frd};
+pub use snapshot::{Delta, Snapshot, TileKey};
+pub use time::Timestamp;
+pub use trajectory::{
+    PoseError, PoseLookupError, PoseUncertainty, StampedPose, Trajectory, TrajectoryLimits,
+};
+
+pub use glam;

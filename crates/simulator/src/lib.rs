@@ -1,0 +1,1 @@
+//! Scenes, ray casting, dives, the simulated device
