@@ -1,0 +1,338 @@
+//! (14) to (19) for one ping, and the splat that the `online` measurement makes of a Gaussian.
+
+use echosplat_model::glam::{Mat3, Vec3};
+
+use crate::{Beam, normal_cdf};
+
+/// A covariance as its six different numbers, square metres, world axes.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct SymmetricMat3 {
+    /// Diagonal: xx, yy, zz.
+    pub diagonal: Vec3,
+    /// Off the diagonal: yz, xz, xy.
+    pub mixed: Vec3,
+}
+
+impl SymmetricMat3 {
+    /// The symmetric part of `matrix`.
+    #[must_use]
+    pub fn of(matrix: Mat3) -> Self {
+        Self {
+            diagonal: Vec3::new(matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z),
+            mixed: Vec3::new(matrix.y_axis.z, matrix.x_axis.z, matrix.x_axis.y),
+        }
+    }
+
+    /// The same along every direction.
+    #[must_use]
+    pub fn isotropic(sigma_m: f32) -> Self {
+        Self {
+            diagonal: Vec3::splat(sigma_m * sigma_m),
+            mixed: Vec3::ZERO,
+        }
+    }
+
+    /// `M v`.
+    #[must_use]
+    pub fn times(&self, v: Vec3) -> Vec3 {
+        let (d, m) = (self.diagonal, self.mixed);
+        Vec3::new(
+            d.x * v.x + m.z * v.y + m.y * v.z,
+            m.z * v.x + d.y * v.y + m.x * v.z,
+            m.y * v.x + m.x * v.y + d.z * v.z,
+        )
+    }
+
+    /// As a full matrix.
+    #[must_use]
+    pub fn to_mat3(&self) -> Mat3 {
+        let (d, m) = (self.diagonal, self.mixed);
+        Mat3::from_cols(
+            Vec3::new(d.x, m.z, m.y),
+            Vec3::new(m.z, d.y, m.x),
+            Vec3::new(m.y, m.x, d.z),
+        )
+    }
+}
+
+/// Where a beam was and how it moved, on the map's local coordinates. Its frame is the sensor's,
+/// turned about z so that the beam's axis is x: azimuth is measured from the axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LookPose {
+    /// Origin of the sensor relative to the map's origin.
+    pub position_m: Vec3,
+    /// Axes of the beam's frame in world coordinates, as columns: along, left, up.
+    pub axes: Mat3,
+    /// How azimuth drifts while the ping listens: velocity to the left (x), and rates of turn
+    /// about up (y) and along (z), per metre of range beyond `reference_range_m`.
+    pub drift_per_m: Vec3,
+    /// Range at which the pose is exact.
+    pub reference_range_m: f32,
+}
+
+/// What is known of a ping before anything of the map: pose, bins, and how sharp it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Look {
+    /// Pose of the beam.
+    pub pose: LookPose,
+    /// Near edge of bin 0.
+    pub range_start_m: f32,
+    /// Length of a bin.
+    pub bin_length_m: f32,
+    /// Number of bins.
+    pub bin_count: u32,
+    /// Variance in range beside the Gaussian's own: pulse and position of the sensor, m².
+    pub range_variance_m2: f32,
+    /// Variance in azimuth beside beam and Gaussian: attitude of the sensor, rad².
+    pub azimuth_variance_rad2: f32,
+    /// Directional sensitivity.
+    pub beam: Beam,
+}
+
+/// A Gaussian as one ping sees it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Splat {
+    /// Mean range on the beam's axis: r′.
+    pub range_m: f32,
+    /// One sigma in range: s.
+    pub range_sigma_m: f32,
+    /// Azimuth of the mean from the beam's axis: ΔΘ.
+    pub azimuth_rad: f32,
+    /// Elevation of the mean: φ̄.
+    pub elevation_rad: f32,
+    /// Variance of azimuth, beam, Gaussian and attitude together.
+    pub azimuth_variance_rad2: f32,
+    /// Energy summed over all bins for αρT = 1: solid angle times sensitivity.
+    pub energy: f32,
+    /// Unit vectors of growing range and azimuth at the mean, world axes.
+    pub range_axis: Vec3,
+    /// See `range_axis`.
+    pub azimuth_axis: Vec3,
+    /// Distance from the sensor's z axis: metres per radian of azimuth.
+    pub lever_m: f32,
+}
+
+impl Look {
+    /// The mean of a Gaussian in the beam's frame, moved by what the sensor drifts until its echo.
+    #[must_use]
+    pub fn in_beam(&self, mean_m: Vec3) -> Vec3 {
+        let pose = &self.pose;
+        let mut q = pose.axes.transpose() * (mean_m - pose.position_m);
+        let late_m = q.length() - pose.reference_range_m;
+        let drift = pose.drift_per_m;
+        q.y -= late_m * (drift.x + drift.y * q.x - drift.z * q.z);
+        q
+    }
+
+    /// Projects a Gaussian; `None` where the ping cannot see it: behind the sensor, nearer than
+    /// 5 cm, off the beam by more than 4 sigma or outside the fan's soft edge.
+    #[must_use]
+    pub fn project(&self, mean_m: Vec3, covariance_m2: &SymmetricMat3) -> Option<Splat> {
+        let q = self.in_beam(mean_m);
+        let lever_m = (q.x * q.x + q.y * q.y).sqrt();
+        let range_m = (lever_m * lever_m + q.z * q.z).sqrt();
+        if !(range_m > 0.05 && q.x > 0.25 * range_m) {
+            return None;
+        }
+        // The beam is narrow: a first look with the Gaussian's widest sigma spares most the rest.
+        let azimuth_rad = q.y.atan2(q.x);
+        let widest = covariance_m2.diagonal.element_sum() / (lever_m * lever_m);
+        let sigma_b = self.beam.azimuth_sigma_rad();
+        let pattern_variance = sigma_b * sigma_b + self.azimuth_variance_rad2;
+        if azimuth_rad * azimuth_rad > 16.0 * (pattern_variance + widest) {
+            return None;
+        }
+        let elevation_rad = (q.z / lever_m).atan();
+        let fan = self.beam.elevation_weight(elevation_rad);
+        if !(fan > 1e-3) {
+            return None;
+        }
+        Some(self.splat(q, lever_m, range_m, azimuth_rad, elevation_rad, fan, covariance_m2))
+    }
+
+    /// (18), (19) and the closed forms of the measurement: beam folded in, `Ω`, `r′`, `s²`.
+    #[allow(clippy::too_many_arguments)]
+    fn splat(
+        &self,
+        q: Vec3,
+        lever_m: f32,
+        range_m: f32,
+        azimuth_rad: f32,
+        elevation_rad: f32,
+        fan: f32,
+        covariance_m2: &SymmetricMat3,
+    ) -> Splat {
+        let axes = self.pose.axes;
+        let range_axis = axes * (q / range_m);
+        let azimuth_axis = axes * (Vec3::new(-q.y, q.x, 0.0) / lever_m);
+        let elevation_axis = range_axis.cross(azimuth_axis);
+        let along = covariance_m2.times(range_axis);
+        let across = covariance_m2.times(azimuth_axis);
+        let up = covariance_m2.times(elevation_axis);
+        let range_variance = along.dot(range_axis);
+        let azimuth_variance = across.dot(azimuth_axis) / (lever_m * lever_m);
+        let range_azimuth = along.dot(azimuth_axis) / lever_m;
+        // √det of the cross-section by Cholesky; its azimuth in metres keeps it well scaled.
+        let width_m = across.dot(azimuth_axis).max(0.0).sqrt();
+        let skew = across.dot(elevation_axis) / width_m.max(1e-9);
+        let height_m = (up.dot(elevation_axis) - skew * skew).max(0.0).sqrt();
+        let solid_angle = std::f32::consts::TAU * width_m * height_m / (range_m * range_m);
+
+        let sigma_b = self.beam.azimuth_sigma_rad();
+        let total = sigma_b * sigma_b + azimuth_variance + self.azimuth_variance_rad2;
+        let pattern = sigma_b / total.sqrt() * (-0.5 * azimuth_rad * azimuth_rad / total).exp();
+        let range_sigma_m = (range_variance + self.range_variance_m2
+            - range_azimuth * range_azimuth / total)
+            .max(1e-8)
+            .sqrt();
+        Splat {
+            range_m: range_m - azimuth_rad * range_azimuth / total,
+            range_sigma_m,
+            azimuth_rad,
+            elevation_rad,
+            azimuth_variance_rad2: total,
+            energy: solid_angle * fan * pattern,
+            range_axis,
+            azimuth_axis,
+            lever_m,
+        }
+    }
+
+    /// Bins that hold all of a splat's energy but 2·10⁻⁴, as a half-open interval inside the ping.
+    #[must_use]
+    pub fn bins_of(&self, splat: &Splat) -> std::ops::Range<usize> {
+        let reach_m = 3.7 * splat.range_sigma_m;
+        let bin = |range_m: f32| {
+            let position = (range_m - self.range_start_m) / self.bin_length_m;
+            position.clamp(0.0, self.bin_count as f32)
+        };
+        let first = bin(splat.range_m - reach_m).floor() as usize;
+        let last = bin(splat.range_m + reach_m).ceil() as usize;
+        first..last
+    }
+
+    /// Energy of a splat in each of `bins`: `energy · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]`.
+    pub fn spread(
+        &self,
+        splat: &Splat,
+        bins: std::ops::Range<usize>,
+        mut each: impl FnMut(usize, f32),
+    ) {
+        let inverse_sigma = 1.0 / splat.range_sigma_m;
+        let edge = |bin: usize| {
+            let range_m = self.range_start_m + self.bin_length_m * bin as f32;
+            normal_cdf((range_m - splat.range_m) * inverse_sigma)
+        };
+        let mut below = edge(bins.start);
+        for bin in bins {
+            let above = edge(bin + 1);
+            each(bin, splat.energy * (above - below));
+            below = above;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reference;
+    use echosplat_model::glam::Quat;
+
+    fn look() -> Look {
+        Look {
+            pose: LookPose {
+                position_m: Vec3::ZERO,
+                axes: Mat3::IDENTITY,
+                drift_per_m: Vec3::ZERO,
+                reference_range_m: 5.0,
+            },
+            range_start_m: 0.0,
+            bin_length_m: 0.02,
+            bin_count: 600,
+            range_variance_m2: 1e-4,
+            azimuth_variance_rad2: 0.0,
+            beam: Beam::default(),
+        }
+    }
+
+    fn total_energy(look: &Look, mean_m: Vec3, covariance: &SymmetricMat3) -> f32 {
+        let splat = look.project(mean_m, covariance).unwrap();
+        let mut sum = 0.0;
+        look.spread(&splat, look.bins_of(&splat), |_, energy| sum += energy);
+        sum
+    }
+
+    #[test]
+    fn energy_of_a_sphere_goes_as_one_over_range_squared() {
+        // Wider than the beam everywhere would not: keep it small against the beam's 2 cm at 2 m.
+        let sphere = SymmetricMat3::isotropic(0.002);
+        let near = total_energy(&look(), Vec3::new(2.0, 0.0, 0.0), &sphere);
+        let far = total_energy(&look(), Vec3::new(10.0, 0.0, 0.0), &sphere);
+        assert!((near * 4.0 / (far * 100.0) - 1.0).abs() < 0.02, "{near} {far}");
+    }
+
+    #[test]
+    fn a_shift_by_part_of_a_bin_keeps_the_energy() {
+        let sphere = SymmetricMat3::isotropic(0.02);
+        let at = |shift_m| {
+            let mut look = look();
+            look.range_start_m = shift_m;
+            total_energy(&look, Vec3::new(5.0, 0.0, 0.0), &sphere)
+        };
+        for i in 0..10 {
+            let ratio = at(0.002 * i as f32) / at(0.0);
+            assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
+        }
+    }
+
+    #[test]
+    fn it_agrees_with_the_f64_twin_on_tilted_discs() {
+        let look = look();
+        for i in 0..200 {
+            let t = i as f32;
+            let mean = Vec3::new(3.0 + (t * 0.7).sin(), 0.04 * (t * 1.3).sin(), (t * 0.9).cos());
+            let rotation = Quat::from_euler(
+                echosplat_model::glam::EulerRot::ZYX,
+                t * 0.37,
+                t * 0.11,
+                t * 0.23,
+            );
+            let scale = Vec3::new(0.05, 0.03, 0.01);
+            let axes = Mat3::from_quat(rotation) * Mat3::from_diagonal(scale);
+            let covariance = axes * axes.transpose();
+            let fast = look.project(mean, &SymmetricMat3::of(covariance)).unwrap();
+            let mut measured = vec![0.0f32; 600];
+            look.spread(&fast, look.bins_of(&fast), |b, e| measured[b] += e);
+            let expected = reference::render(&look, mean.as_dvec3(), covariance.as_dmat3());
+            let peak = expected.iter().copied().fold(0.0, f64::max);
+            for (bin, (&m, &e)) in measured.iter().zip(&expected).enumerate() {
+                let error = (f64::from(m) - e).abs() / peak;
+                assert!(error < 2e-3, "case {i} bin {bin}: {m} against {e}");
+            }
+        }
+    }
+
+    #[test]
+    fn turning_while_listening_moves_far_echoes_across() {
+        let mut look = look();
+        // 30°/s about up, sound at 1500 m/s: 0.1° over 5 m.
+        look.pose.drift_per_m = Vec3::new(0.0, 30f32.to_radians() / 1500.0, 0.0);
+        let q = look.in_beam(Vec3::new(10.0, 0.0, 0.0));
+        assert!((q.y / q.x + 0.1f32.to_radians()).abs() < 1e-5);
+    }
+
+    #[test]
+    fn what_cannot_be_seen_is_none() {
+        let look = look();
+        let sphere = SymmetricMat3::isotropic(0.02);
+        for mean in [
+            Vec3::new(-5.0, 0.0, 0.0),
+            Vec3::new(5.0, 1.0, 0.0),
+            Vec3::new(3.0, 0.0, 4.0),
+            Vec3::ZERO,
+            Vec3::splat(f32::NAN),
+        ] {
+            assert!(look.project(mean, &sphere).is_none(), "{mean}");
+        }
+    }
+}
