@@ -147,7 +147,15 @@ impl Look {
         if !(fan > 1e-3) {
             return None;
         }
-        Some(self.splat(q, lever_m, range_m, azimuth_rad, elevation_rad, fan, covariance_m2))
+        Some(self.splat(
+            q,
+            lever_m,
+            range_m,
+            azimuth_rad,
+            elevation_rad,
+            fan,
+            covariance_m2,
+        ))
     }
 
     /// (18), (19) and the closed forms of the measurement: beam folded in, `Ω`, `r′`, `s²`.
@@ -268,7 +276,10 @@ mod tests {
         let sphere = SymmetricMat3::isotropic(0.002);
         let near = total_energy(&look(), Vec3::new(2.0, 0.0, 0.0), &sphere);
         let far = total_energy(&look(), Vec3::new(10.0, 0.0, 0.0), &sphere);
-        assert!((near * 4.0 / (far * 100.0) - 1.0).abs() < 0.02, "{near} {far}");
+        assert!(
+            (near * 4.0 / (far * 100.0) - 1.0).abs() < 0.02,
+            "{near} {far}"
+        );
     }
 
     #[test]
@@ -290,7 +301,11 @@ mod tests {
         let look = look();
         for i in 0..200 {
             let t = i as f32;
-            let mean = Vec3::new(3.0 + (t * 0.7).sin(), 0.04 * (t * 1.3).sin(), (t * 0.9).cos());
+            let mean = Vec3::new(
+                3.0 + (t * 0.7).sin(),
+                0.04 * (t * 1.3).sin(),
+                (t * 0.9).cos(),
+            );
             let rotation = Quat::from_euler(
                 echosplat_model::glam::EulerRot::ZYX,
                 t * 0.37,

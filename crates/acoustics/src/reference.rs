@@ -24,7 +24,9 @@ fn erfc(z: f64) -> f64 {
         return 1.0 - 2.0 * scale * sum;
     }
     // erfc z = e^{−z²}/√π · 1/(z + ½/(z + 1/(z + 3⁄2/(z + …))))
-    let fraction = (1..80).rev().fold(z, |deeper, k| z + 0.5 * f64::from(k) / deeper);
+    let fraction = (1..80)
+        .rev()
+        .fold(z, |deeper, k| z + 0.5 * f64::from(k) / deeper);
     scale / fraction
 }
 

@@ -1,1 +1,21 @@
-//! From posed pings to a map of Gaussians
+//! From posed pings to a map of Gaussians: evidence along arcs, Gaussians where evidence asks for
+//! them, reflectivity by expectation-maximisation, and what of it the map dares to assert.
+//!
+//! [`Mapper`] is the face: `insert`, `optimize`, `snapshot`, `finish`. Everything else is inside.
+//! This crate deliberately has no sockets, no files, no clock and no randomness: the same pings,
+//! configuration and budgets give the same bits at any number of threads.
+
+mod assess;
+mod config;
+mod evidence;
+mod expectation;
+mod fan;
+mod gaussians;
+mod history;
+mod mapper;
+mod profile;
+mod shape;
+mod visibility;
+
+pub use config::{ConfigError, MapperConfig};
+pub use mapper::{Budget, InsertReport, Mapper, MapperStatus, OptimizeReport};

@@ -1,0 +1,139 @@
+//! What can be set, with defaults that hold for any scene.
+
+use echosplat_acoustics::{Beam, BeamError};
+use serde::{Deserialize, Serialize};
+
+/// Settings of the mapper.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MapperConfig {
+    /// Directional sensitivity of the sonar.
+    pub beam: Beam,
+    /// Nearer than this a ping is no evidence of anything: the transducer still rings. Metres.
+    pub blanking_m: f64,
+    /// Edge of an evidence voxel, metres; 0 takes half the beam's width at the far end of the
+    /// first ping, which is what the data can resolve.
+    pub resolution_m: f64,
+    /// One sigma of the sensor's position where the pose source says nothing, metres.
+    pub position_sigma_m: f64,
+    /// One sigma of the sensor's attitude where the pose source says nothing, degrees.
+    pub attitude_sigma_deg: f64,
+    /// A bin is an echo above this many times the mean noise power. 12 lets noise through once
+    /// in 160,000 bins.
+    pub detection_factor: f32,
+    /// Echoes this far below the strongest are the beam's tails rather than surfaces, decibels.
+    pub dynamic_range_db: f32,
+    /// Pings whose evidence is taken in together; bounds the latency of the map.
+    pub slice_pings: usize,
+    /// Most pings held for optimisation and for late-born candidates; beyond it every second
+    /// one of the older half goes.
+    pub history_pings: usize,
+    /// Evidence at which a place becomes a Gaussian, in units of one clear look.
+    pub spawn_evidence: f32,
+    /// Passes over the whole history when a dive is finished.
+    pub finish_passes: usize,
+    /// Least share of an echo that a confident Gaussian and its surroundings explain.
+    pub confident_share: f32,
+    /// Most one-sigma uncertainty of a confident Gaussian, metres.
+    pub confident_sigma_m: f32,
+    /// Threads of the mapper's own pool; 0 takes one per core. Does not change the result.
+    pub threads: usize,
+}
+
+impl Default for MapperConfig {
+    fn default() -> Self {
+        Self {
+            beam: Beam::default(),
+            blanking_m: 0.5,
+            resolution_m: 0.0,
+            position_sigma_m: 0.02,
+            attitude_sigma_deg: 0.2,
+            detection_factor: 12.0,
+            dynamic_range_db: 30.0,
+            slice_pings: 8,
+            history_pings: 16_384,
+            spawn_evidence: 3.0,
+            finish_passes: 24,
+            confident_share: 0.6,
+            confident_sigma_m: 0.25,
+            threads: 0,
+        }
+    }
+}
+
+/// A setting that cannot be.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ConfigError {
+    /// Out of range.
+    #[error("mapper.{key} is {value}; allowed is {low} to {high}")]
+    OutOfRange {
+        /// Name of the setting.
+        key: &'static str,
+        /// What it held.
+        value: f64,
+        /// Least allowed.
+        low: f64,
+        /// Most allowed.
+        high: f64,
+    },
+    /// Of the beam.
+    #[error("mapper.beam: {0}")]
+    Beam(#[from] BeamError),
+    /// The threads could not be started.
+    #[error("mapper.threads: {0}")]
+    Threads(String),
+}
+
+impl MapperConfig {
+    /// # Errors
+    /// Names the first setting that is out of range.
+    pub fn check(&self) -> Result<(), ConfigError> {
+        let within = |key, value: f64, low: f64, high: f64| {
+            if value >= low && value <= high {
+                Ok(())
+            } else {
+                Err(ConfigError::OutOfRange {
+                    key,
+                    value,
+                    low,
+                    high,
+                })
+            }
+        };
+        self.beam.check()?;
+        within("blanking_m", self.blanking_m, 0.0, 100.0)?;
+        within("resolution_m", self.resolution_m, 0.0, 10.0)?;
+        within("position_sigma_m", self.position_sigma_m, 0.0, 10.0)?;
+        within("attitude_sigma_deg", self.attitude_sigma_deg, 0.0, 45.0)?;
+        within("detection_factor", self.detection_factor.into(), 1.0, 1e6)?;
+        within("dynamic_range_db", self.dynamic_range_db.into(), 3.0, 120.0)?;
+        within("slice_pings", self.slice_pings as f64, 1.0, 1024.0)?;
+        within("history_pings", self.history_pings as f64, 16.0, 1e6)?;
+        within("spawn_evidence", self.spawn_evidence.into(), 0.1, 1e3)?;
+        within("finish_passes", self.finish_passes as f64, 0.0, 1000.0)?;
+        within("confident_share", self.confident_share.into(), 0.0, 1.0)?;
+        within(
+            "confident_sigma_m",
+            self.confident_sigma_m.into(),
+            1e-3,
+            10.0,
+        )?;
+        within("threads", self.threads as f64, 0.0, 256.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_allowed_and_nan_is_not() {
+        assert_eq!(MapperConfig::default().check(), Ok(()));
+        let odd = MapperConfig {
+            blanking_m: f64::NAN,
+            ..MapperConfig::default()
+        };
+        let said = odd.check().unwrap_err().to_string();
+        assert!(said.contains("mapper.blanking_m"), "{said}");
+    }
+}

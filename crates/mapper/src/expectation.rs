@@ -1,0 +1,209 @@
+//! Reflectivity by expectation-maximisation, and positions by Fisher scoring.
+//!
+//! An echo's energy is shared among all Gaussians on its arc; those that other pings see dark
+//! give theirs up. The multiplicative step keeps strengths positive and has no learning rate.
+//!
+//! Cost of a pass: pings × Gaussians in a slice (about 100) × bins of a splat (about 12).
+
+use echosplat_acoustics::{Look, SymmetricMat3};
+use echosplat_model::glam::{Mat3, Vec3};
+use rayon::prelude::*;
+
+use crate::evidence::Evidence;
+use crate::gaussians::Gaussians;
+use crate::history::Past;
+use crate::visibility::{Row, Sight};
+
+/// Sums are made per chunk and added in order, so that threads do not change them.
+const CHUNKS: usize = 16;
+
+/// What a pass reads.
+#[derive(Clone, Copy)]
+pub(crate) struct Scene<'a> {
+    pub(crate) evidence: &'a Evidence,
+    pub(crate) gaussians: &'a Gaussians,
+    /// Least noise power to reckon with.
+    pub(crate) floor: f32,
+}
+
+/// Runs `each` over every ping's sight, in chunks; `add` joins the chunks' sums in order.
+pub(crate) fn over_pings<T: Send>(
+    scene: Scene<'_>,
+    pings: &[&Past],
+    make: impl Fn() -> T + Sync,
+    each: impl Fn(&mut T, &Past, &Sight) + Sync,
+    mut add: impl FnMut(&mut T, T),
+) -> (T, u64) {
+    let chunk = pings.len().div_ceil(CHUNKS).max(32);
+    let parts: Vec<(T, u64)> = pings
+        .par_chunks(chunk)
+        .map(|chunk| {
+            let (mut sums, mut sight, mut pairs) = (make(), Sight::default(), 0);
+            for past in chunk {
+                sight.look(past, scene.evidence, scene.gaussians, scene.floor);
+                each(&mut sums, past, &sight);
+                pairs += sight.pair_count();
+            }
+            (sums, pairs)
+        })
+        .collect();
+    let (mut total, mut pairs) = (make(), 0);
+    for (part, part_pairs) in parts {
+        add(&mut total, part);
+        pairs += part_pairs;
+    }
+    (total, pairs)
+}
+
+/// Numerator and denominator of the multiplicative step, per slot.
+#[derive(Debug)]
+struct StepSums {
+    pull: Vec<f32>,
+    weight: Vec<f32>,
+}
+
+/// One multiplicative step over `pings`: for gamma speckle on power,
+/// `ρ ← ρ·√(Σ A I/Î² / Σ A/Î)`. Returns pairs done.
+pub(crate) fn maximise(
+    evidence: &Evidence,
+    gaussians: &mut Gaussians,
+    pings: &[&Past],
+    floor: f32,
+    exponent: f32,
+) -> u64 {
+    let count = gaussians.slot_count();
+    let scene = Scene {
+        evidence,
+        gaussians,
+        floor,
+    };
+    let make = || StepSums {
+        pull: vec![0.0; count],
+        weight: vec![0.0; count],
+    };
+    let add = |total: &mut StepSums, part: StepSums| {
+        add_all(&mut total.pull, &part.pull);
+        add_all(&mut total.weight, &part.weight);
+    };
+    let (sums, pairs) = over_pings(scene, pings, make, step_of_ping, add);
+    for slot in 0..count {
+        let ratio = sums.pull[slot] / sums.weight[slot];
+        // NaN, from a Gaussian that nothing saw, fails the guard.
+        if sums.weight[slot] > 0.0 && ratio.is_finite() {
+            let step = ratio.powf(exponent).clamp(0.05, 20.0);
+            gaussians.strength[slot] = (gaussians.strength[slot] * step).max(f32::MIN_POSITIVE);
+        }
+    }
+    pairs
+}
+
+fn step_of_ping(sums: &mut StepSums, past: &Past, sight: &Sight) {
+    let intensity = &past.profile.intensity;
+    for row in sight.rows() {
+        let (mut pull, mut weight) = (0.0, 0.0);
+        let bins = row.bins.start as usize..row.bins.end as usize;
+        for (bin, &energy) in bins.zip(sight.energies(row)) {
+            let predicted = sight.predicted[bin];
+            let share = sight.bin_weight[bin] * energy / predicted;
+            pull += share * intensity[bin] / predicted;
+            weight += share;
+        }
+        sums.pull[row.slot as usize] += past.weight * pull;
+        sums.weight[row.slot as usize] += past.weight * weight;
+    }
+}
+
+fn add_all(total: &mut [f32], part: &[f32]) {
+    for (total, part) in total.iter_mut().zip(part) {
+        *total += part;
+    }
+}
+
+/// Gradient and Fisher information of the log likelihood in the mean of one Gaussian.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Pull {
+    pub(crate) gradient: Vec3,
+    pub(crate) information: SymmetricMat3,
+}
+
+impl Pull {
+    fn add(&mut self, slope: Vec3, residual: f32, weight: f32) {
+        self.gradient += slope * (weight * residual);
+        let scaled = slope * weight;
+        self.information.diagonal += scaled * slope;
+        self.information.mixed +=
+            Vec3::new(scaled.y * slope.z, scaled.x * slope.z, scaled.x * slope.y);
+    }
+
+    fn join(&mut self, part: &Self) {
+        self.gradient += part.gradient;
+        self.information.diagonal += part.information.diagonal;
+        self.information.mixed += part.information.mixed;
+    }
+}
+
+/// Gradient and information of every Gaussian's mean over `pings`, per slot, and pairs done.
+/// Likelihood: gamma speckle, `∂ = (I − Î)/Î² · ∂Î`, information `(∂Î/Î)²`.
+pub(crate) fn pulls(scene: Scene<'_>, pings: &[&Past]) -> (Vec<Pull>, u64) {
+    let count = scene.gaussians.slot_count();
+    let strength = &scene.gaussians.strength;
+    over_pings(
+        scene,
+        pings,
+        || vec![Pull::default(); count],
+        |pulls, past, sight| {
+            for row in sight.rows() {
+                let slot = row.slot as usize;
+                pull_of_row(&mut pulls[slot], strength[slot], row, past, sight);
+            }
+        },
+        |total, part| {
+            for (total, part) in total.iter_mut().zip(&part) {
+                total.join(part);
+            }
+        },
+    )
+}
+
+fn pull_of_row(pull: &mut Pull, strength: f32, row: &Row, past: &Past, sight: &Sight) {
+    let splat = &row.splat;
+    let across =
+        splat.azimuth_axis * (-splat.azimuth_rad / (splat.azimuth_variance_rad2 * splat.lever_m));
+    let bins = row.bins.start as usize..row.bins.end as usize;
+    for (bin, &energy) in bins.zip(sight.energies(row)) {
+        let predicted = sight.predicted[bin];
+        let weight = past.weight * sight.bin_weight[bin];
+        if !(weight > 0.0) {
+            continue;
+        }
+        let z = (bin_center_m(&past.look, bin) - splat.range_m) / splat.range_sigma_m;
+        let slope = splat.range_axis * (z / splat.range_sigma_m) + across;
+        let relative = strength * energy / predicted;
+        let residual = (past.profile.intensity[bin] - predicted) / predicted;
+        // One wild bin must not carry a Gaussian away.
+        pull.add(slope * relative, residual.clamp(-1.0, 3.0), weight);
+    }
+}
+
+fn bin_center_m(look: &Look, bin: usize) -> f32 {
+    look.range_start_m + look.bin_length_m * (bin as f32 + 0.5)
+}
+
+/// Moves every mean by one damped step towards where its echoes are, at most `limit_m`, and never
+/// further than `leash_m` from its home. `prior_m` is how far a step is believed.
+pub(crate) fn localise(gaussians: &mut Gaussians, pulls: &[Pull], prior_m: f32, leash_m: f32) {
+    let prior = Mat3::from_diagonal(Vec3::splat(1.0 / (prior_m * prior_m)));
+    let slots: Vec<usize> = gaussians.slots().collect();
+    for slot in slots {
+        let pull = &pulls[slot];
+        let hessian = pull.information.to_mat3() + prior;
+        let step = hessian.inverse() * pull.gradient;
+        if !step.is_finite() {
+            continue;
+        }
+        let step = step.clamp_length_max(0.5 * prior_m);
+        let home = gaussians.home_m[slot];
+        let away = (gaussians.mean_m[slot] + step - home).clamp_length_max(leash_m);
+        gaussians.mean_m[slot] = home + away;
+    }
+}

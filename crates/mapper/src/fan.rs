@@ -1,0 +1,88 @@
+//! Which parts of space a ping can see.
+
+use echosplat_acoustics::Look;
+use echosplat_model::glam::Vec3;
+
+/// The volume of one ping, a thin slice of a fan, for coarse tests against spheres.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Fan {
+    position_m: Vec3,
+    along: Vec3,
+    left: Vec3,
+    up: Vec3,
+    range_min_m: f32,
+    range_max_m: f32,
+    /// Half the slice's thickness over range.
+    spread: f32,
+    elevation_cos: f32,
+    elevation_sin: f32,
+}
+
+impl Fan {
+    /// The slice within `sigmas` of the beam's axis.
+    pub(crate) fn of(look: &Look, sigmas: f32) -> Self {
+        let sigma = look.beam.azimuth_sigma_rad();
+        let azimuth = (sigma * sigma + look.azimuth_variance_rad2).sqrt();
+        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+        let drift = look.pose.drift_per_m;
+        let turned = (drift.y.abs() + drift.z.abs()) * (end_m - look.pose.reference_range_m).abs();
+        // The soft edge of the fan ends by 1.3 half-widths.
+        let elevation = (1.3 * look.beam.elevation_half_width_rad()).min(1.5);
+        Self {
+            position_m: look.pose.position_m,
+            along: look.pose.axes.x_axis,
+            left: look.pose.axes.y_axis,
+            up: look.pose.axes.z_axis,
+            range_min_m: look.range_start_m,
+            range_max_m: end_m,
+            spread: sigmas * azimuth + turned,
+            elevation_cos: elevation.cos(),
+            elevation_sin: elevation.sin(),
+        }
+    }
+
+    /// Whether a sphere may reach into the slice; errs only towards yes.
+    pub(crate) fn touches(&self, center_m: Vec3, radius_m: f32) -> bool {
+        let d = center_m - self.position_m;
+        let range_m = d.length();
+        if !(range_m + radius_m > self.range_min_m && range_m - radius_m < self.range_max_m) {
+            return false;
+        }
+        let (x, y, z) = (self.along.dot(d), self.left.dot(d), self.up.dot(d));
+        if x < -radius_m || y.abs() > radius_m + self.spread * range_m {
+            return false;
+        }
+        let outside = z.abs() * self.elevation_cos - x.hypot(y) * self.elevation_sin;
+        outside < radius_m
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use echosplat_acoustics::{Beam, LookPose};
+    use echosplat_model::glam::Mat3;
+
+    #[test]
+    fn spheres_inside_touch_and_spheres_beside_do_not() {
+        let look = Look {
+            pose: LookPose {
+                position_m: Vec3::ZERO,
+                axes: Mat3::IDENTITY,
+                drift_per_m: Vec3::ZERO,
+                reference_range_m: 5.0,
+            },
+            range_start_m: 1.0,
+            bin_length_m: 0.02,
+            bin_count: 450,
+            range_variance_m2: 0.0,
+            azimuth_variance_rad2: 0.0,
+            beam: Beam::default(),
+        };
+        let fan = Fan::of(&look, 3.0);
+        let touches = |x, y, z| fan.touches(Vec3::new(x, y, z), 0.1);
+        assert!(touches(5.0, 0.0, 0.0) && touches(5.0, 0.15, 0.0) && touches(5.0, 0.0, 2.2));
+        assert!(!touches(5.0, 0.3, 0.0) && !touches(-5.0, 0.0, 0.0));
+        assert!(!touches(0.8, 0.0, 0.0) && !touches(10.2, 0.0, 0.0) && !touches(3.0, 0.0, 4.0));
+    }
+}

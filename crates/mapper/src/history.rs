@@ -1,0 +1,137 @@
+//! The pings the mapper still remembers, as looks with profiles, bounded.
+
+use std::sync::Arc;
+
+use echosplat_acoustics::{Look, LookPose};
+use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
+use echosplat_model::{PosedPing, Timestamp};
+
+use crate::MapperConfig;
+use crate::fan::Fan;
+use crate::profile::Profile;
+
+/// Slices are cut where the beam has fallen to 1 %.
+const FAN_SIGMAS: f32 = 3.0;
+
+/// One remembered ping.
+#[derive(Debug, Clone)]
+pub(crate) struct Past {
+    pub(crate) look: Look,
+    pub(crate) fan: Fan,
+    pub(crate) profile: Arc<Profile>,
+    /// What it counts against a look that owes nothing to the ping before, 0 to 1.
+    pub(crate) weight: f32,
+    pub(crate) sequence: u64,
+    pub(crate) time: Timestamp,
+}
+
+/// Pings in order of arrival. When full, every second one of the older half goes, so that old
+/// looks thin out and keep their spread over directions.
+#[derive(Debug)]
+pub(crate) struct History {
+    pings: Vec<Past>,
+    capacity: usize,
+    thinned: u64,
+}
+
+impl History {
+    pub(crate) fn new(capacity: usize) -> Self {
+        Self {
+            pings: Vec::new(),
+            capacity,
+            thinned: 0,
+        }
+    }
+
+    pub(crate) fn push(&mut self, past: Past) {
+        if self.pings.len() >= self.capacity {
+            self.thin();
+        }
+        self.pings.push(past);
+    }
+
+    fn thin(&mut self) {
+        let half = self.pings.len() / 2;
+        let before = self.pings.len();
+        let mut index = 0;
+        self.pings.retain(|_| {
+            index += 1;
+            index > half || index % 2 == 0
+        });
+        self.thinned += (before - self.pings.len()) as u64;
+    }
+
+    pub(crate) fn pings(&self) -> &[Past] {
+        &self.pings
+    }
+
+    /// How many pings have been let go.
+    pub(crate) fn thinned(&self) -> u64 {
+        self.thinned
+    }
+}
+
+/// The look of a posed ping on the map's local coordinates, and its pose for the next weight.
+pub(crate) fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Look {
+    let settings = posed.ping.settings();
+    let pose = &posed.world_from_sensor;
+    let beam_turn = DQuat::from_rotation_z(posed.ping.beam_azimuth_rad().into());
+    let rotation = pose.rotation * beam_turn;
+    let twist = &posed.twist;
+    let linear = beam_turn.conjugate() * twist.linear_mps;
+    let angular = beam_turn.conjugate() * twist.angular_radps;
+    let (position_sigma_m, attitude_sigma_rad) = match posed.uncertainty {
+        Some(u) => (u.position_m, u.attitude_rad),
+        None => (
+            config.position_sigma_m,
+            config.attitude_sigma_deg.to_radians(),
+        ),
+    };
+    // A pulse of even power and length L has variance L²/12.
+    let pulse_variance_m2 = settings.pulse_length_m().powi(2) / 12.0;
+    let drift_per_m = DVec3::new(linear.y, angular.z, angular.x) / settings.speed_of_sound_mps;
+    Look {
+        pose: LookPose {
+            position_m: (pose.translation_m - origin_m).as_vec3(),
+            axes: DMat3::from_quat(rotation).as_mat3(),
+            drift_per_m: drift_per_m.as_vec3(),
+            reference_range_m: posed.reference_range_m as f32,
+        },
+        range_start_m: settings.range_start_m as f32,
+        bin_length_m: settings.bin_length_m() as f32,
+        bin_count: settings.bin_count as u32,
+        range_variance_m2: (pulse_variance_m2 + position_sigma_m.powi(2)) as f32,
+        azimuth_variance_rad2: attitude_sigma_rad.powi(2) as f32,
+        beam: config.beam,
+    }
+}
+
+pub(crate) fn past_of(look: Look, profile: Profile, weight: f32, posed: &PosedPing) -> Past {
+    Past {
+        fan: Fan::of(&look, FAN_SIGMAS),
+        look,
+        profile: Arc::new(profile),
+        weight,
+        sequence: posed.ping.sequence(),
+        time: posed.ping.transmit_time(),
+    }
+}
+
+/// How much a look says that the one before it did not, 0 to 1: neighbouring pings see the same
+/// speckle until the beam has turned by its width or moved by a few centimetres, so a vehicle at
+/// rest does not grow sure of anything.
+pub(crate) fn novelty(look: &Look, before: Option<&Look>) -> f32 {
+    const MOVED_M: f32 = 0.05;
+    const LEAST: f32 = 0.02;
+    let Some(before) = before else { return 1.0 };
+    let (now, then) = (&look.pose, &before.pose);
+    let turned = Vec3::new(
+        now.axes.x_axis.dot(then.axes.y_axis),
+        now.axes.z_axis.dot(then.axes.y_axis) * look.beam.elevation_half_width_rad(),
+        0.0,
+    )
+    .length();
+    let moved_m = now.position_m.distance(then.position_m);
+    let width = look.beam.azimuth_width_deg.to_radians();
+    (turned / width + moved_m / MOVED_M).clamp(LEAST, 1.0)
+}

@@ -1,0 +1,458 @@
+//! The face of the mapper.
+
+use echosplat_acoustics::{Look, SymmetricMat3};
+use echosplat_model::glam::{DVec3, Vec3};
+use echosplat_model::{Gaussian, PosedPing, Snapshot, Standing, Timestamp};
+use rayon::{ThreadPool, ThreadPoolBuilder};
+use serde::Serialize;
+
+use crate::assess::assess;
+use crate::evidence::Evidence;
+use crate::expectation::{Scene, localise, maximise, pulls};
+use crate::gaussians::{Gaussians, Verdict};
+use crate::history::{History, Past, look_of, novelty, past_of};
+use crate::profile::Levels;
+use crate::shape::align;
+use crate::{ConfigError, MapperConfig};
+
+/// Half the beam's width at the far end is resolved; voxels stay within these bounds.
+const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
+/// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
+const DROP_EVIDENCE: f32 = 0.0;
+/// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
+/// does not make darkness infinitely telling.
+const LEAST_NOISE: f32 = 1e-4;
+/// Newest and older pings of one optimisation step.
+const NEWEST_PINGS: usize = 64;
+const OLDER_PINGS: usize = 64;
+/// Most pings a running assessment looks at.
+const ASSESSED_PINGS: usize = 768;
+/// A new Gaussian starts below what a typical echo needs and is raised by what it explains.
+const NEWBORN_STRENGTH: f32 = 0.2;
+/// Steps of the multiplicative rule for gamma speckle, whole and on part of the pings.
+const FULL_STEP: f32 = 0.5;
+const PART_STEP: f32 = 0.25;
+
+/// Work allowed, counted in Gaussian–bin pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Budget {
+    /// The step that passes this many pairs is the last.
+    pub pairs: u64,
+}
+
+/// What one ping did.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct InsertReport {
+    /// Whether a slice of pings was taken in with this one.
+    pub slice_taken_in: bool,
+    /// Gaussians born.
+    pub added: u64,
+    /// Gaussians that darkness took.
+    pub pruned: u64,
+    /// Whether the ping was left out since its pose or settings are not finite.
+    pub rejected: bool,
+}
+
+/// What an optimisation did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct OptimizeReport {
+    /// Multiplicative steps made.
+    pub iterations: u64,
+    /// Gaussian–bin pairs done.
+    pub pairs: u64,
+}
+
+/// Where the mapper stands.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct MapperStatus {
+    /// Pings taken in.
+    pub pings: u64,
+    /// Pings left out as not finite.
+    pub pings_rejected: u64,
+    /// Pings let go from memory to make room.
+    pub pings_thinned: u64,
+    /// Gaussians that the map asserts as surface, as of the last snapshot.
+    pub confident: u64,
+    /// Gaussians published as ambiguous, as of the last snapshot.
+    pub ambiguous: u64,
+    /// All Gaussians held, published or not.
+    pub candidates: u64,
+    /// Blocks of evidence held.
+    pub evidence_blocks: u64,
+    /// Edge of an evidence voxel, metres.
+    pub voxel_m: f32,
+    /// Voxel looks done so far.
+    pub voxel_looks: u64,
+    /// Gaussian–bin pairs done so far.
+    pub pairs: u64,
+    /// Multiplicative steps made so far.
+    pub iterations: u64,
+    /// Mean power of the noise in the newest ping over the strongest echo, decibels.
+    pub noise_db: f32,
+}
+
+/// From posed pings to a map.
+#[derive(Debug)]
+pub struct Mapper {
+    config: MapperConfig,
+    pool: ThreadPool,
+    world: Option<World>,
+    levels: Levels,
+    history: History,
+    gaussians: Gaussians,
+    pending: usize,
+    last_look: Option<Look>,
+    /// Which of the older pings the next step takes.
+    cursor: usize,
+    sequence: u64,
+    unit_strength: f32,
+    status: MapperStatus,
+}
+
+/// What the first ping fixes.
+#[derive(Debug)]
+struct World {
+    origin_m: DVec3,
+    evidence: Evidence,
+}
+
+impl Mapper {
+    /// # Errors
+    /// If a setting is out of range or the threads cannot be started.
+    pub fn new(config: MapperConfig) -> Result<Self, ConfigError> {
+        config.check()?;
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(config.threads)
+            .thread_name(|index| format!("mapper-{index}"))
+            .build()
+            .map_err(|error| ConfigError::Threads(error.to_string()))?;
+        Ok(Self {
+            history: History::new(config.history_pings.max(2 * config.slice_pings)),
+            config,
+            pool,
+            world: None,
+            levels: Levels::default(),
+            gaussians: Gaussians::default(),
+            pending: 0,
+            last_look: None,
+            cursor: 0,
+            sequence: 0,
+            unit_strength: 0.0,
+            status: MapperStatus::default(),
+        })
+    }
+
+    /// Takes in one ping: its noise and echoes, then, with a slice complete, evidence along the
+    /// arcs and Gaussians where the evidence now says so.
+    pub fn insert(&mut self, posed: &PosedPing) -> InsertReport {
+        if !is_usable(posed) {
+            self.status.pings_rejected += 1;
+            return InsertReport {
+                rejected: true,
+                ..InsertReport::default()
+            };
+        }
+        let past = self.listen(posed);
+        self.history.push(past);
+        self.status.pings += 1;
+        self.pending += 1;
+        if self.pending < self.config.slice_pings {
+            return InsertReport::default();
+        }
+        self.take_in_slice()
+    }
+
+    /// What the ping measured, before anything of the map.
+    fn listen(&mut self, posed: &PosedPing) -> Past {
+        let config = &self.config;
+        let world = self.world.get_or_insert_with(|| World {
+            origin_m: posed.world_from_sensor.translation_m,
+            evidence: Evidence::new(voxel_m(posed, config)),
+        });
+        let look = look_of(posed, world.origin_m, config);
+        let tolerance_m = 0.45 * world.evidence.voxel_m() + 1.5 * look.range_variance_m2.sqrt();
+        let profile = self.levels.profile(&posed.ping, tolerance_m.into(), config);
+        self.learn_unit_strength(&look, &profile.intensity, &profile.echoes);
+        let weight = match posed.ping.view() {
+            Some(_) => 1.0,
+            None => novelty(&look, self.last_look.as_ref()),
+        };
+        self.last_look = Some(look);
+        self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
+        past_of(look, profile, weight, posed)
+    }
+
+    /// The strength at which a Gaussian of one voxel would make the ping's strongest echo.
+    fn learn_unit_strength(&mut self, look: &Look, intensity: &[f32], echoes: &[(u32, u32)]) {
+        let Some(world) = &self.world else { return };
+        let bins = echoes.iter().flat_map(|&(start, end)| start..end);
+        let strongest =
+            bins.max_by(|&a, &b| intensity[a as usize].total_cmp(&intensity[b as usize]));
+        let Some(bin) = strongest else { return };
+        let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+        let ahead = look.pose.position_m + look.pose.axes.x_axis * range_m;
+        let round = SymmetricMat3::isotropic(0.5 * world.evidence.voxel_m());
+        if let Some(splat) = look.project(ahead, &round) {
+            let needed = intensity[bin as usize] / splat.energy;
+            let before = if self.unit_strength > 0.0 {
+                self.unit_strength
+            } else {
+                needed
+            };
+            self.unit_strength = before + 0.05 * (needed - before);
+        }
+    }
+
+    fn take_in_slice(&mut self) -> InsertReport {
+        let Some(world) = &mut self.world else {
+            return InsertReport::default();
+        };
+        let pings = self.history.pings();
+        let start = pings.len() - self.pending.min(pings.len());
+        self.pending = 0;
+        let evidence = &mut world.evidence;
+        self.status.voxel_looks += self.pool.install(|| evidence.integrate(pings, start));
+        let strength = NEWBORN_STRENGTH * self.unit_strength;
+        let (added, pruned) = follow_evidence(
+            evidence,
+            &mut self.gaussians,
+            self.config.spawn_evidence,
+            strength,
+        );
+        InsertReport {
+            slice_taken_in: true,
+            added,
+            pruned,
+            rejected: false,
+        }
+    }
+
+    /// Refines the map on the newest pings and some of the older ones, step by step, until the
+    /// budget is used.
+    pub fn optimize(&mut self, budget: Budget) -> OptimizeReport {
+        let mut report = OptimizeReport::default();
+        while report.pairs < budget.pairs && self.gaussians.alive_count() > 0 {
+            let pairs = self.step();
+            if pairs == 0 {
+                break;
+            }
+            report.pairs += pairs;
+            report.iterations += 1;
+        }
+        self.status.pairs += report.pairs;
+        self.status.iterations += report.iterations;
+        report
+    }
+
+    fn step(&mut self) -> u64 {
+        let Some(world) = &self.world else { return 0 };
+        let pings = self.history.pings();
+        let newest = pings.len().saturating_sub(NEWEST_PINGS);
+        let stride = (newest / OLDER_PINGS).max(1);
+        self.cursor += 1;
+        let offset = self.cursor.wrapping_mul(7) % stride;
+        let older = pings[..newest].iter().skip(offset).step_by(stride);
+        let subset: Vec<&Past> = older.chain(&pings[newest..]).collect();
+        let floor = LEAST_NOISE * self.levels.strongest();
+        let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
+        self.pool
+            .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP))
+    }
+
+    /// The map as it stands.
+    pub fn snapshot(&mut self) -> Snapshot {
+        let pings = self.history.pings().len();
+        self.assess_every(pings.div_ceil(ASSESSED_PINGS).max(1));
+        self.publish()
+    }
+
+    /// Ends a dive: what is pending is taken in, and the whole history is gone through
+    /// `finish_passes` times.
+    pub fn finish(&mut self) -> Snapshot {
+        if self.pending > 0 {
+            self.take_in_slice();
+        }
+        self.full_passes(self.config.finish_passes);
+        for _ in 0..2 {
+            self.localise_all();
+            self.full_passes(self.config.finish_passes / 6);
+        }
+        self.assess_every(1);
+        if let Some(world) = &self.world {
+            align(&mut self.gaussians, world.evidence.voxel_m());
+        }
+        self.full_passes(self.config.finish_passes / 6);
+        self.assess_every(1);
+        self.publish()
+    }
+
+    fn full_passes(&mut self, passes: usize) {
+        let Some(world) = &self.world else { return };
+        let pings: Vec<&Past> = self.history.pings().iter().collect();
+        let floor = LEAST_NOISE * self.levels.strongest();
+        let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
+        for _ in 0..passes {
+            self.status.pairs += self
+                .pool
+                .install(|| maximise(evidence, gaussians, &pings, floor, FULL_STEP));
+            self.status.iterations += 1;
+        }
+    }
+
+    fn localise_all(&mut self) {
+        let Some(world) = &self.world else { return };
+        let pings: Vec<&Past> = self.history.pings().iter().collect();
+        let voxel_m = world.evidence.voxel_m();
+        let scene = Scene {
+            evidence: &world.evidence,
+            gaussians: &self.gaussians,
+            floor: LEAST_NOISE * self.levels.strongest(),
+        };
+        let (pulls, pairs) = self.pool.install(|| pulls(scene, &pings));
+        self.status.pairs += pairs;
+        localise(&mut self.gaussians, &pulls, 0.5 * voxel_m, voxel_m);
+    }
+
+    fn assess_every(&mut self, stride: usize) {
+        let Some(world) = &self.world else { return };
+        let pings: Vec<&Past> = self.history.pings().iter().step_by(stride).collect();
+        let floor = LEAST_NOISE * self.levels.strongest();
+        let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
+        let config = &self.config;
+        self.status.pairs += self
+            .pool
+            .install(|| assess(evidence, gaussians, &pings, floor, config));
+    }
+
+    fn publish(&mut self) -> Snapshot {
+        self.sequence += 1;
+        let newest = self.history.pings().last();
+        let gaussians = published(&self.gaussians, self.unit_strength);
+        let confident = gaussians
+            .iter()
+            .filter(|g| g.standing == Standing::Confident)
+            .count() as u64;
+        self.status.confident = confident;
+        self.status.ambiguous = gaussians.len() as u64 - confident;
+        Snapshot {
+            epoch: 1,
+            sequence: self.sequence,
+            time: newest.map_or(Timestamp::ZERO, |past| past.time),
+            through_ping: newest.map_or(0, |past| past.sequence),
+            origin_m: self.world.as_ref().map_or(DVec3::ZERO, |w| w.origin_m),
+            gaussians,
+        }
+    }
+
+    /// Where the mapper stands.
+    #[must_use]
+    pub fn status(&self) -> MapperStatus {
+        MapperStatus {
+            pings_thinned: self.history.thinned(),
+            candidates: self.gaussians.alive_count() as u64,
+            evidence_blocks: self
+                .world
+                .as_ref()
+                .map_or(0, |w| w.evidence.block_count() as u64),
+            voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
+            ..self.status
+        }
+    }
+}
+
+/// Whether nothing about a ping's pose could make the map not finite.
+fn is_usable(posed: &PosedPing) -> bool {
+    posed.world_from_sensor.is_finite()
+        && posed.twist.linear_mps.is_finite()
+        && posed.twist.angular_radps.is_finite()
+        && posed.reference_range_m.is_finite()
+        && posed.uncertainty.is_none_or(|u| {
+            u.position_m >= 0.0
+                && u.position_m < 1e3
+                && u.attitude_rad >= 0.0
+                && u.attitude_rad < 3.2
+        })
+}
+
+fn voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {
+    if config.resolution_m > 0.0 {
+        return config.resolution_m as f32;
+    }
+    let width = f64::from(config.beam.azimuth_width_deg.to_radians());
+    let resolved_m = 0.35 * width * first.ping.settings().range_end_m();
+    resolved_m.clamp(VOXEL_LIMITS_M.0, VOXEL_LIMITS_M.1) as f32
+}
+
+/// Births and deaths where evidence changed.
+fn follow_evidence(
+    evidence: &mut Evidence,
+    gaussians: &mut Gaussians,
+    spawn_evidence: f32,
+    strength: f32,
+) -> (u64, u64) {
+    let (mut added, mut pruned) = (0, 0);
+    for index in evidence.take_touched() {
+        let scale_m = 0.5 * evidence.voxel_m();
+        let block = evidence.block_mut(index);
+        let before = block.gaussians.len();
+        let sums = &block.evidence;
+        block.gaussians.retain(|&(voxel, slot)| {
+            let stays = sums[voxel as usize] > DROP_EVIDENCE;
+            if !stays {
+                gaussians.remove(slot);
+            }
+            stays
+        });
+        pruned += (before - block.gaussians.len()) as u64;
+        for (voxel, center_m) in births(evidence, index, spawn_evidence) {
+            let slot = gaussians.spawn(center_m, (index, voxel), scale_m, strength);
+            evidence.block_mut(index).gaussians.push((voxel, slot));
+            added += 1;
+        }
+    }
+    (added, pruned)
+}
+
+/// Voxels of a block that the evidence now fills and that hold no Gaussian yet.
+fn births(evidence: &Evidence, index: u32, spawn_evidence: f32) -> Vec<(u16, Vec3)> {
+    let block = evidence.block(index);
+    let sums = block.evidence.iter().enumerate();
+    let full = sums.filter(|&(_, &sum)| sum >= spawn_evidence);
+    let free = full.filter(|&(voxel, _)| {
+        let held = |&(other, _): &(u16, u32)| usize::from(other) == voxel;
+        !block.gaussians.iter().any(held)
+    });
+    free.map(|(voxel, _)| (voxel as u16, evidence.center_m(block.key, voxel)))
+        .collect()
+}
+
+/// Published Gaussians in order of id. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
+fn published(gaussians: &Gaussians, unit_strength: f32) -> Vec<Gaussian> {
+    // A power of two, so that the unit does not creep and every Gaussian with it.
+    let unit = (4.0 * unit_strength.max(f32::MIN_POSITIVE))
+        .log2()
+        .ceil()
+        .exp2();
+    let mut published: Vec<Gaussian> = gaussians
+        .slots()
+        .filter_map(|slot| {
+            let Verdict::Published(standing) = gaussians.verdict[slot] else {
+                return None;
+            };
+            let product = (gaussians.strength[slot] / unit).clamp(1e-12, 1.0);
+            let gaussian = Gaussian {
+                id: gaussians.id[slot],
+                mean_m: gaussians.mean_m[slot],
+                rotation: gaussians.rotation[slot],
+                scale_m: gaussians.scale_m[slot],
+                opacity: product.cbrt(),
+                reflectivity: product.cbrt() * product.cbrt(),
+                sigma_m: gaussians.sigma_m[slot],
+                standing,
+            };
+            gaussian.is_sound().then_some(gaussian)
+        })
+        .collect();
+    published.sort_unstable_by_key(|gaussian| gaussian.id);
+    published
+}

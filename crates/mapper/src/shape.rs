@@ -1,0 +1,173 @@
+//! Scale and orientation of each Gaussian from the surface its neighbours make.
+
+use std::collections::HashMap;
+
+use echosplat_model::glam::{IVec3, Mat3, Quat, Vec3};
+
+use crate::gaussians::{Gaussians, Verdict};
+
+/// Published Gaussians by voxel of their mean, for questions about neighbours.
+pub(crate) struct Neighbours {
+    cell_m: f32,
+    cells: HashMap<IVec3, Vec<u32>>,
+}
+
+impl Neighbours {
+    /// Of the Gaussians that `keep` lets in; cells of `cell_m`.
+    pub(crate) fn new(gaussians: &Gaussians, cell_m: f32, keep: impl Fn(usize) -> bool) -> Self {
+        let mut cells: HashMap<IVec3, Vec<u32>> = HashMap::new();
+        for slot in gaussians.slots().filter(|&slot| keep(slot)) {
+            let cell = cell_of(gaussians.mean_m[slot], cell_m);
+            cells.entry(cell).or_default().push(slot as u32);
+        }
+        Self { cell_m, cells }
+    }
+
+    /// Slots within one cell's edge of `point_m`, in a fixed order.
+    pub(crate) fn within_cell(
+        &self,
+        gaussians: &Gaussians,
+        point_m: Vec3,
+        mut each: impl FnMut(usize),
+    ) {
+        let center = cell_of(point_m, self.cell_m);
+        for z in -1..=1 {
+            for y in -1..=1 {
+                for x in -1..=1 {
+                    let cell = center + IVec3::new(x, y, z);
+                    for &slot in self.cells.get(&cell).map_or(&[][..], Vec::as_slice) {
+                        let distance = gaussians.mean_m[slot as usize].distance(point_m);
+                        if distance <= self.cell_m {
+                            each(slot as usize);
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn cell_of(point_m: Vec3, cell_m: f32) -> IVec3 {
+    (point_m / cell_m).floor().as_ivec3()
+}
+
+/// Lays every published Gaussian along its neighbours: axes from the scatter of their means,
+/// weighted by strength, the shortest across the surface. `voxel_m` is the spacing they were born
+/// with. Keeps the energy each sends back when seen along its shortest axis.
+pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
+    let published = |slot: usize| matches!(gaussians.verdict[slot], Verdict::Published(_));
+    let neighbours = Neighbours::new(gaussians, 2.5 * voxel_m, published);
+    let mut shapes = Vec::new();
+    for slot in gaussians.slots().filter(|&slot| published(slot)) {
+        let scatter = scatter_around(gaussians, &neighbours, slot);
+        let (axes, variances_m2) = eigen(scatter);
+        let shortest = variances_m2.x.max(0.0).sqrt();
+        let middle = variances_m2.y.max(0.0).sqrt();
+        let thin = shortest.clamp(0.12 * voxel_m, 0.5 * voxel_m);
+        let wide = middle.clamp(thin, 0.6 * voxel_m).max(0.3 * voxel_m);
+        let scale = Vec3::new(thin, wide, 0.6 * voxel_m);
+        shapes.push((slot, Quat::from_mat3(&axes), scale));
+    }
+    for (slot, rotation, scale) in shapes {
+        let before = gaussians.scale_m[slot];
+        let area = |s: Vec3| s.element_product() / s.min_element();
+        gaussians.strength[slot] *= area(before) / area(scale);
+        gaussians.set_shape(slot, rotation, scale);
+    }
+}
+
+fn scatter_around(gaussians: &Gaussians, neighbours: &Neighbours, slot: usize) -> Mat3 {
+    let center = gaussians.mean_m[slot];
+    let (mut weight, mut sum, mut scatter) = (0.0f32, Vec3::ZERO, Mat3::ZERO);
+    neighbours.within_cell(gaussians, center, |other| {
+        let d = gaussians.mean_m[other] - center;
+        let w = gaussians.strength[other];
+        weight += w;
+        sum += d * w;
+        scatter += Mat3::from_cols(d * d.x, d * d.y, d * d.z) * w;
+    });
+    if !(weight > 0.0) {
+        return Mat3::ZERO;
+    }
+    let mean = sum / weight;
+    scatter * weight.recip() - Mat3::from_cols(mean * mean.x, mean * mean.y, mean * mean.z)
+}
+
+/// Eigenvectors (right-handed, as columns) and eigenvalues in growing order, by Jacobi rotations.
+pub(crate) fn eigen(matrix: Mat3) -> (Mat3, Vec3) {
+    let mut a = matrix.to_cols_array_2d();
+    let mut v = Mat3::IDENTITY.to_cols_array_2d();
+    for _ in 0..12 {
+        for (p, q) in [(0, 1), (0, 2), (1, 2)] {
+            rotate(&mut a, &mut v, p, q);
+        }
+    }
+    let mut order = [0, 1, 2];
+    order.sort_by(|&i, &j| a[i][i].total_cmp(&a[j][j]));
+    let column = |i: usize| Vec3::from_array(v[order[i]]);
+    let (first, second) = (column(0), column(1));
+    let axes = Mat3::from_cols(first, second, first.cross(second));
+    let values = order.map(|i| a[i][i]);
+    (axes, Vec3::from_array(values))
+}
+
+/// One Jacobi rotation that makes `a[p][q]` zero; `v` holds eigenvectors as rows of columns.
+fn rotate(a: &mut [[f32; 3]; 3], v: &mut [[f32; 3]; 3], p: usize, q: usize) {
+    if a[p][q].abs() <= 1e-12 * (a[p][p].abs() + a[q][q].abs()) {
+        return;
+    }
+    let theta = 0.5 * (a[q][q] - a[p][p]) / a[p][q];
+    let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
+    let c = (t * t + 1.0).sqrt().recip();
+    let s = t * c;
+    for k in 0..3 {
+        let (akp, akq) = (a[k][p], a[k][q]);
+        a[k][p] = c * akp - s * akq;
+        a[k][q] = s * akp + c * akq;
+    }
+    for k in 0..3 {
+        let (apk, aqk) = (a[p][k], a[q][k]);
+        a[p][k] = c * apk - s * aqk;
+        a[q][k] = s * apk + c * aqk;
+    }
+    for k in 0..3 {
+        let (vp, vq) = (v[p][k], v[q][k]);
+        v[p][k] = c * vp - s * vq;
+        v[q][k] = s * vp + c * vq;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn eigenvectors_rebuild_the_matrix() {
+        let rotation = Mat3::from_quat(Quat::from_euler(
+            echosplat_model::glam::EulerRot::XYZ,
+            0.3,
+            -1.1,
+            2.0,
+        ));
+        let values = Vec3::new(0.01, 0.2, 3.0);
+        let matrix = rotation * Mat3::from_diagonal(values) * rotation.transpose();
+        let (axes, found) = eigen(matrix);
+        assert!((found - values).length() < 1e-5, "{found}");
+        let rebuilt = axes * Mat3::from_diagonal(found) * axes.transpose();
+        assert!(rebuilt.abs_diff_eq(matrix, 1e-5));
+        assert!((axes.determinant() - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn gaussians_on_a_plane_lie_in_it() {
+        let mut gaussians = Gaussians::default();
+        for i in 0..25 {
+            let (x, z) = ((i % 5) as f32 * 0.05, (i / 5) as f32 * 0.05);
+            gaussians.spawn(Vec3::new(x, 0.0, z), (0, 0), 0.025, 1.0);
+        }
+        align(&mut gaussians, 0.05);
+        let normal = gaussians.rotation[12] * Vec3::X;
+        assert!(normal.y.abs() > 0.99, "{normal}");
+        assert!(gaussians.scale_m[12].x < 0.01 && gaussians.scale_m[12].z > 0.02);
+    }
+}

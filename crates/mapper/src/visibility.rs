@@ -1,0 +1,116 @@
+//! Which Gaussians a ping sees, and how much of each falls into which bin: its rows of the
+//! system matrix A of the measurement.
+
+use std::ops::Range;
+
+use echosplat_acoustics::Splat;
+
+use crate::evidence::Evidence;
+use crate::gaussians::Gaussians;
+use crate::history::Past;
+use crate::profile::BinState;
+
+/// One Gaussian in one ping.
+#[derive(Debug, Clone)]
+pub(crate) struct Row {
+    pub(crate) slot: u32,
+    pub(crate) splat: Splat,
+    /// Bins it reaches, never empty.
+    pub(crate) bins: Range<u32>,
+    energies_from: u32,
+}
+
+/// Everything one ping sees, and what it should measure. Reused from ping to ping.
+#[derive(Debug, Default)]
+pub(crate) struct Sight {
+    rows: Vec<Row>,
+    energies: Vec<f32>,
+    /// Predicted intensity per bin, noise included.
+    pub(crate) predicted: Vec<f32>,
+    /// What each bin counts: 0 in the blanking, little in a shadow.
+    pub(crate) bin_weight: Vec<f32>,
+}
+
+/// Darkness behind an echo may be its shadow and counts this little.
+const SHADOWED_WEIGHT: f32 = 0.15;
+
+impl Sight {
+    /// Fills in what `past` sees; `floor` is the least noise power to reckon with.
+    pub(crate) fn look(
+        &mut self,
+        past: &Past,
+        evidence: &Evidence,
+        gaussians: &Gaussians,
+        floor: f32,
+    ) {
+        self.rows.clear();
+        self.energies.clear();
+        evidence.blocks_in(past, |block| {
+            for &(_, slot) in &block.gaussians {
+                self.add(past, slot, gaussians);
+            }
+        });
+        self.predict(past, gaussians, floor);
+    }
+
+    fn add(&mut self, past: &Past, slot: u32, gaussians: &Gaussians) {
+        let s = slot as usize;
+        let look = &past.look;
+        let Some(splat) = look.project(gaussians.mean_m[s], &gaussians.covariance_m2[s]) else {
+            return;
+        };
+        let bins = look.bins_of(&splat);
+        if bins.is_empty() {
+            return;
+        }
+        let energies_from = self.energies.len() as u32;
+        look.spread(&splat, bins.clone(), |_, energy| self.energies.push(energy));
+        self.rows.push(Row {
+            slot,
+            splat,
+            bins: bins.start as u32..bins.end as u32,
+            energies_from,
+        });
+    }
+
+    fn predict(&mut self, past: &Past, gaussians: &Gaussians, floor: f32) {
+        let profile = &past.profile;
+        self.predicted.clear();
+        self.predicted
+            .resize(profile.intensity.len(), profile.noise.max(floor));
+        for row in &self.rows {
+            let strength = gaussians.strength[row.slot as usize];
+            let energies = energies_of(&self.energies, row);
+            let bins = row.bins.start as usize..row.bins.end as usize;
+            for (predicted, energy) in self.predicted[bins].iter_mut().zip(energies) {
+                *predicted += strength * energy;
+            }
+        }
+        self.bin_weight.clear();
+        self.bin_weight
+            .extend(profile.state.iter().map(|state| match state {
+                BinState::Blank => 0.0,
+                BinState::Shadowed => SHADOWED_WEIGHT,
+                BinState::Dark | BinState::Lit => 1.0,
+            }));
+    }
+
+    pub(crate) fn rows(&self) -> &[Row] {
+        &self.rows
+    }
+
+    /// Energy of a row per bin of `row.bins`, for strength 1.
+    pub(crate) fn energies(&self, row: &Row) -> &[f32] {
+        energies_of(&self.energies, row)
+    }
+
+    /// Gaussian–bin pairs in this ping: the unit of work.
+    pub(crate) fn pair_count(&self) -> u64 {
+        self.energies.len() as u64
+    }
+}
+
+fn energies_of<'a>(energies: &'a [f32], row: &Row) -> &'a [f32] {
+    let from = row.energies_from as usize;
+    &energies[from..from + row.bins.len()]
+}
