@@ -1,0 +1,108 @@
+//! The map in formats of other programs: `.splat` for web viewers, PCD for point cloud tools.
+
+use std::io::{self, Write};
+
+use echosplat_model::Gaussian;
+use echosplat_model::glam::DVec3;
+
+use crate::ply::MapFile;
+use crate::ramp::color_of_reflectivity;
+
+/// Writes `.splat`: 32-byte records of position (f32 × 3), scale (f32 × 3), colour and opacity
+/// (u8 × 4) and rotation (w x y z, u8 × 4, 128 + 128·q), relative to the map's origin.
+///
+/// # Errors
+/// Of the writer.
+pub fn write_splat(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
+    for gaussian in map.gaussians.iter().filter(|g| g.is_sound()) {
+        let (mean, scale) = (gaussian.mean_m.to_array(), gaussian.scale_m.to_array());
+        for value in mean.into_iter().chain(scale) {
+            writer.write_all(&value.to_le_bytes())?;
+        }
+        let [r, g, b] = color_of_reflectivity(gaussian.reflectivity);
+        writer.write_all(&[r, g, b, gaussian.opacity].map(|c| (255.0 * c).round() as u8))?;
+        let q = gaussian.rotation;
+        writer.write_all(&[q.w, q.x, q.y, q.z].map(|c| (128.0 + 128.0 * c).round() as u8))?;
+    }
+    writer.flush()
+}
+
+/// Writes PCD 0.7, binary: `x y z` in world coordinates (f64, so that the origin is kept), and
+/// `intensity` (reflectivity, dB), `opacity`, `sigma` (metres) as f32.
+///
+/// # Errors
+/// Of the writer.
+pub fn write_pcd(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
+    let sound = || map.gaussians.iter().filter(|g| g.is_sound());
+    let count = sound().count();
+    writeln!(
+        writer,
+        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n\
+         FIELDS x y z intensity opacity sigma\nSIZE 8 8 8 4 4 4\nTYPE F F F F F F\n\
+         COUNT 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n\
+         POINTS {count}\nDATA binary"
+    )?;
+    for gaussian in sound() {
+        let world_m: DVec3 = map.origin_m + gaussian.mean_m.as_dvec3();
+        for value in world_m.to_array() {
+            writer.write_all(&value.to_le_bytes())?;
+        }
+        for value in [
+            reflectivity_db(gaussian),
+            gaussian.opacity,
+            gaussian.sigma_m,
+        ] {
+            writer.write_all(&value.to_le_bytes())?;
+        }
+    }
+    writer.flush()
+}
+
+fn reflectivity_db(gaussian: &Gaussian) -> f32 {
+    10.0 * gaussian.reflectivity.max(f32::MIN_POSITIVE).log10()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use echosplat_model::Standing;
+    use echosplat_model::glam::{Quat, Vec3};
+
+    fn map() -> MapFile {
+        let gaussian = Gaussian {
+            id: 0,
+            mean_m: Vec3::new(1.0, 2.0, 3.0),
+            rotation: Quat::IDENTITY,
+            scale_m: Vec3::splat(0.5),
+            opacity: 1.0,
+            reflectivity: 0.1,
+            sigma_m: 0.25,
+            standing: Standing::Confident,
+        };
+        MapFile {
+            origin_m: DVec3::new(1e6, 0.0, 0.0),
+            gaussians: vec![gaussian],
+        }
+    }
+
+    #[test]
+    fn a_splat_has_32_bytes() {
+        let mut bytes = Vec::new();
+        write_splat(&map(), &mut bytes).unwrap();
+        assert_eq!(bytes.len(), 32);
+        assert_eq!(bytes[..4], 1.0_f32.to_le_bytes());
+        assert_eq!(bytes[12..16], 0.5_f32.to_le_bytes());
+        assert_eq!(bytes[27..], [255, 255, 128, 128, 128]);
+    }
+
+    #[test]
+    fn a_point_cloud_is_in_world_coordinates() {
+        let mut bytes = Vec::new();
+        write_pcd(&map(), &mut bytes).unwrap();
+        let head = b"POINTS 1\nDATA binary\n";
+        let at = bytes.windows(head.len()).position(|w| w == head).unwrap() + head.len();
+        assert_eq!(bytes.len() - at, 3 * 8 + 3 * 4);
+        assert_eq!(bytes[at..at + 8], 1_000_001.0_f64.to_le_bytes());
+        assert_eq!(bytes[at + 24..at + 28], (-10.0_f32).to_le_bytes());
+    }
+}

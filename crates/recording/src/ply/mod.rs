@@ -1,0 +1,138 @@
+//! Maps as 3DGS PLY: binary little-endian, every property a float, in the order of
+//! [`PROPERTIES`].
+//!
+//! `opacity` is a logit, `scale_*` are natural logarithms of metres, `rot_*` is w x y z, the colour
+//! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels; `nx ny nz` is the shortest axis.
+//! `reflectivity` (linear) and `sigma` (metres, may be infinite) come last. Added to x y z, the
+//! header's `comment origin_m X Y Z` gives the world's coordinates.
+
+mod header;
+mod read;
+mod write;
+
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Write};
+use std::path::{Path, PathBuf};
+
+use echosplat_model::glam::DVec3;
+use echosplat_model::{Gaussian, Standing};
+
+pub use read::{PlyError, read};
+pub use write::write;
+
+/// The properties of a vertex in the order they are written.
+pub const PROPERTIES: [&str; 19] = [
+    "x",
+    "y",
+    "z",
+    "nx",
+    "ny",
+    "nz",
+    "f_dc_0",
+    "f_dc_1",
+    "f_dc_2",
+    "opacity",
+    "scale_0",
+    "scale_1",
+    "scale_2",
+    "rot_0",
+    "rot_1",
+    "rot_2",
+    "rot_3",
+    "reflectivity",
+    "sigma",
+];
+
+/// What one map file holds.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MapFile {
+    /// Added to every mean gives the world's coordinates, metres.
+    pub origin_m: DVec3,
+    /// In the file's order; read ones are numbered from 0 and taken as confident.
+    pub gaussians: Vec<Gaussian>,
+}
+
+/// What a map of two files got.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct WrittenMap {
+    /// In the file asked for.
+    pub confident_count: usize,
+    /// In the file beside it.
+    pub ambiguous_count: usize,
+    /// Not finite, so in neither.
+    pub left_out_count: usize,
+}
+
+/// `OUT.ambiguous.ply` of an `OUT.ply`.
+#[must_use]
+pub fn ambiguous_path(path: &Path) -> PathBuf {
+    path.with_extension("ambiguous.ply")
+}
+
+/// Writes what the map asserts to `path` and the ambiguous rest beside it; each file is replaced
+/// whole, so that a reader or a crash never meets half a map.
+///
+/// # Errors
+/// Of the file system.
+pub fn write_map(path: &Path, origin_m: DVec3, gaussians: &[Gaussian]) -> io::Result<WrittenMap> {
+    let of = |standing| -> Vec<Gaussian> {
+        let sound = gaussians.iter().filter(|g| g.is_sound());
+        sound.filter(|g| g.standing == standing).copied().collect()
+    };
+    let map = |gaussians| MapFile {
+        origin_m,
+        gaussians,
+    };
+    let confident = map(of(Standing::Confident));
+    let ambiguous = map(of(Standing::Ambiguous));
+    replace_file(&ambiguous_path(path), |w| write(&ambiguous, w))?;
+    replace_file(path, |w| write(&confident, w))?;
+    let written = confident.gaussians.len() + ambiguous.gaussians.len();
+    Ok(WrittenMap {
+        confident_count: confident.gaussians.len(),
+        ambiguous_count: ambiguous.gaussians.len(),
+        left_out_count: gaussians.len() - written,
+    })
+}
+
+/// Reads a map and, if there is one beside it, its ambiguous part, numbered on.
+///
+/// # Errors
+/// Says what in which file is wrong.
+pub fn read_map(path: &Path) -> Result<MapFile, PlyError> {
+    let mut map = read(BufReader::new(File::open(path)?))?;
+    let beside = match File::open(ambiguous_path(path)) {
+        Ok(file) => read(BufReader::new(file))?,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(map),
+        Err(error) => return Err(error.into()),
+    };
+    let shift_m = (beside.origin_m - map.origin_m).as_vec3();
+    for gaussian in beside.gaussians {
+        let id = u32::try_from(map.gaussians.len()).unwrap_or(u32::MAX);
+        map.gaussians.push(Gaussian {
+            id,
+            mean_m: gaussian.mean_m + shift_m,
+            standing: Standing::Ambiguous,
+            ..gaussian
+        });
+    }
+    Ok(map)
+}
+
+/// Writes beside `path` first and renames when all is on disk.
+pub(crate) fn replace_file(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
+) -> io::Result<()> {
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".part");
+    let part = path.with_file_name(name);
+    let mut writer = BufWriter::new(File::create(&part)?);
+    write(&mut writer)?;
+    writer.flush()?;
+    writer.get_ref().sync_all()?;
+    std::fs::rename(&part, path)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,224 @@
+use super::*;
+use echosplat_model::glam::{Quat, Vec3};
+use proptest::prelude::*;
+
+fn gaussian(id: u32, mean_m: Vec3) -> Gaussian {
+    Gaussian {
+        id,
+        mean_m,
+        rotation: Quat::from_rotation_y(0.3) * Quat::from_rotation_x(1.0),
+        scale_m: Vec3::new(0.1, 0.02, 0.3),
+        opacity: 0.7,
+        reflectivity: 0.01,
+        sigma_m: 0.05,
+        standing: Standing::Confident,
+    }
+}
+
+fn map(gaussians: Vec<Gaussian>) -> MapFile {
+    MapFile {
+        origin_m: DVec3::new(500_000.125, -6_000_000.1, 1e-17),
+        gaussians,
+    }
+}
+
+fn bytes_of(map: &MapFile) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    write(map, &mut bytes).unwrap();
+    bytes
+}
+
+fn assert_close(a: &Gaussian, b: &Gaussian) {
+    let near =
+        |a: f32, b: f32| (a - b).abs() <= 1e-5 * b.abs() + 1e-7 || a.to_bits() == b.to_bits();
+    assert_eq!(a.mean_m, b.mean_m);
+    assert!(a.rotation.angle_between(b.rotation) < 2e-3, "{a:?} {b:?}");
+    assert!(
+        a.scale_m
+            .abs_diff_eq(b.scale_m, 1e-4 * b.scale_m.max_element())
+    );
+    assert!(near(a.opacity, b.opacity), "{} {}", a.opacity, b.opacity);
+    assert_eq!(a.reflectivity.to_bits(), b.reflectivity.to_bits());
+    assert_eq!(a.sigma_m.to_bits(), b.sigma_m.to_bits());
+}
+
+/// A file with the given header lines and rows of floats.
+fn file(header: &[&str], floats: &[f32]) -> Vec<u8> {
+    let mut bytes = b"ply\nformat binary_little_endian 1.0\n".to_vec();
+    for line in header {
+        bytes.extend_from_slice(line.as_bytes());
+        bytes.push(b'\n');
+    }
+    bytes.extend_from_slice(b"end_header\n");
+    bytes.extend(floats.iter().flat_map(|f| f.to_le_bytes()));
+    bytes
+}
+
+#[test]
+fn the_header_is_the_documented_one() {
+    let bytes = bytes_of(&map(vec![gaussian(0, Vec3::X)]));
+    let text = String::from_utf8_lossy(&bytes);
+    assert!(text.starts_with(
+        "ply\nformat binary_little_endian 1.0\ncomment origin_m 500000.125 -6000000.1 1e-17\n\
+         element vertex 1\nproperty float x\nproperty float y\n"
+    ));
+    let end = b"property float reflectivity\nproperty float sigma\nend_header\n";
+    let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
+    assert_eq!(bytes.len() - at - end.len(), 19 * 4);
+}
+
+#[test]
+fn a_row_holds_logit_logarithms_and_w_first() {
+    let mut one = gaussian(0, Vec3::new(1.0, 2.0, 3.0));
+    one.opacity = 0.5;
+    one.scale_m = Vec3::new(1.0, 0.5, 2.0);
+    one.rotation = Quat::IDENTITY;
+    let bytes = bytes_of(&map(vec![one]));
+    let row: Vec<f32> = bytes[bytes.len() - 76..]
+        .chunks_exact(4)
+        .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
+        .collect();
+    assert_eq!(row[..6], [1.0, 2.0, 3.0, 0.0, 1.0, 0.0]);
+    assert_eq!(row[9..11], [0.0, 0.0]);
+    assert_eq!(row[13..17], [1.0, 0.0, 0.0, 0.0]);
+    assert_eq!(row[17..], [0.01, 0.05]);
+}
+
+#[test]
+fn extremes_survive_and_nan_is_left_out() {
+    let mut all = Vec::new();
+    for (opacity, scale, sigma) in [
+        (0.0, 1e-30, f32::INFINITY),
+        (1.0, 1e30, 0.0),
+        (1e-9, 1e-3, 1e-9),
+        (0.999_999, 1.0, f32::MAX),
+    ] {
+        let mut g = gaussian(all.len() as u32, Vec3::splat(-1e30));
+        (g.opacity, g.scale_m, g.sigma_m) = (opacity, Vec3::splat(scale), sigma);
+        all.push(g);
+    }
+    let mut bad = gaussian(9, Vec3::ZERO);
+    bad.mean_m.x = f32::NAN;
+    let mut with_bad = all.clone();
+    with_bad.insert(1, bad);
+    let back = read(&bytes_of(&map(with_bad))[..]).unwrap();
+    assert_eq!(back.origin_m, map(vec![]).origin_m);
+    assert_eq!(back.gaussians.len(), 4);
+    for (a, b) in back.gaussians.iter().zip(&all) {
+        assert_close(a, b);
+    }
+}
+
+#[test]
+fn other_orders_and_more_properties_are_read() {
+    let mut header = vec![
+        "comment made elsewhere",
+        "element camera 1",
+        "property double d",
+    ];
+    header.push("element vertex 1");
+    let names = [
+        "rot_3", "rot_2", "rot_1", "rot_0", "extra", "z", "y", "x", "scale_2", "scale_1",
+        "scale_0", "opacity",
+    ];
+    let lines: Vec<String> = names
+        .iter()
+        .map(|n| format!("property float {n}"))
+        .collect();
+    header.extend(lines.iter().map(String::as_str));
+    header.push("property uchar flag");
+    header.push("element face 7");
+    header.push("property list uchar int vertex_indices");
+    let mut bytes = file(&header, &[0.0, 0.0]);
+    for value in [
+        0.0, 0.0, 0.0, 2.0, 9.0, 3.0, 2.0, 1.0, 0.0, 0.0, 0.0, 0.0_f32,
+    ] {
+        bytes.extend(value.to_le_bytes());
+    }
+    bytes.push(7);
+    let back = read(&bytes[..]).unwrap();
+    assert_eq!(back.gaussians[0].mean_m, Vec3::new(1.0, 2.0, 3.0));
+    assert_eq!(back.gaussians[0].rotation, Quat::IDENTITY);
+    assert_eq!(back.gaussians[0].scale_m, Vec3::ONE);
+    assert!(back.gaussians[0].sigma_m.is_infinite());
+}
+
+#[test]
+fn a_claimed_size_is_not_believed() {
+    let mut bytes = bytes_of(&map(vec![gaussian(0, Vec3::X)]));
+    let at = bytes.windows(8).position(|w| w == b"vertex 1").unwrap();
+    bytes.splice(at + 7..at + 8, b"18446744073709551615".iter().copied());
+    let error = read(&bytes[..]).unwrap_err();
+    assert!(matches!(error, PlyError::Cut { found: 1, .. }), "{error}");
+}
+
+#[test]
+fn errors_say_what_was_found_and_what_is_needed() {
+    let error = |bytes: &[u8]| read(bytes).unwrap_err().to_string();
+    assert_eq!(error(b""), "the file is empty");
+    assert!(error(b"BR\x01\x00").contains("not a PLY: starts with `BR`"));
+    assert!(error(b"ply\nformat ascii 1.0\nend_header\n").contains("format is ascii"));
+    assert!(error(b"ply\nformat").contains("not a PLY") || error(b"ply\n").contains("end_header"));
+    let no_opacity = file(
+        &[
+            "element vertex 1",
+            "property float x",
+            "property float y",
+            "property float z",
+        ],
+        &[],
+    );
+    assert!(error(&no_opacity).contains("no property `opacity`"));
+    let no_bytes = file(&["element vertex 18446744073709551615"], &[]);
+    assert!(error(&no_bytes).contains("no property `x`"));
+    let mut zero_rotation = gaussian(0, Vec3::ZERO);
+    zero_rotation.rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+    assert!(error(&bytes_of(&map(vec![zero_rotation]))).starts_with("vertex 0: rot_0..3"));
+}
+
+#[test]
+fn every_cut_is_an_error_that_says_so() {
+    let bytes = bytes_of(&map(vec![gaussian(0, Vec3::X), gaussian(1, Vec3::Y)]));
+    for end in 0..bytes.len() {
+        assert!(read(&bytes[..end]).is_err(), "cut at {end}");
+    }
+}
+
+#[test]
+fn a_map_is_two_files_and_reads_back_as_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("out.ply");
+    let mut all = vec![
+        gaussian(4, Vec3::X),
+        gaussian(7, Vec3::Y),
+        gaussian(9, Vec3::Z),
+    ];
+    all[1].standing = Standing::Ambiguous;
+    all[2].scale_m.x = f32::NAN;
+    let written = write_map(&path, DVec3::X, &all).unwrap();
+    let counts = (
+        written.confident_count,
+        written.ambiguous_count,
+        written.left_out_count,
+    );
+    assert_eq!(counts, (1, 1, 1));
+    assert_eq!(read(File::open(&path).unwrap()).unwrap().gaussians.len(), 1);
+    let back = read_map(&path).unwrap();
+    assert_eq!(back.origin_m, DVec3::X);
+    assert_eq!(back.gaussians[1].standing, Standing::Ambiguous);
+    assert_eq!(back.gaussians[1].mean_m, Vec3::Y);
+    assert!(folder.path().join("out.ambiguous.ply").exists());
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2);
+}
+
+proptest! {
+    #[test]
+    fn damage_never_panics(at in 0..600usize, value in any::<u8>(), junk in proptest::collection::vec(any::<u8>(), 0..200)) {
+        let mut bytes = bytes_of(&map(vec![gaussian(0, Vec3::X)]));
+        if let Some(byte) = bytes.get_mut(at) {
+            *byte = value;
+        }
+        let _ = read(&bytes[..]);
+        let _ = read(&junk[..]);
+    }
+}

@@ -1,0 +1,148 @@
+//! The session packet: who recorded what, and from when device time counts.
+
+use echosplat_model::Timestamp;
+use serde::{Deserialize, Serialize};
+
+/// The session packet of a log.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SessionHeader {
+    /// Number of the session.
+    pub session_id: u64,
+    /// Unix time of the session's start: that of its first profile.
+    pub timestamp: Timestamp,
+    /// The sonars in it.
+    pub devices: Vec<SessionDevice>,
+    /// What recorded it.
+    pub platform: String,
+}
+
+/// One sonar of a session.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct SessionDevice {
+    /// Where it was reached.
+    #[serde(default)]
+    pub url: String,
+    /// `os450` for the `OmniScan` 450.
+    #[serde(default)]
+    pub product_id: String,
+    /// Source of its packets.
+    #[serde(default)]
+    pub device_id: u8,
+    /// What its owner calls it.
+    #[serde(default)]
+    pub nickname: String,
+}
+
+/// Why a session packet was not understood.
+#[derive(Debug, thiserror::Error)]
+pub enum HeaderError {
+    /// Not JSON, or of another shape.
+    #[error("not a session packet: {0}")]
+    Json(#[from] serde_json::Error),
+    /// Its time is no time.
+    #[error("`timestamp` is `{found}`, expected ISO 8601 as in 2024-05-01T12:00:00.000Z")]
+    Timestamp {
+        /// What it says.
+        found: String,
+    },
+    /// Longer than a frame.
+    #[error("{0}")]
+    Encode(echosplat_firmware_protocol::EncodeError),
+}
+
+/// The keys of the JSON as logs have them; everything but the time may be missing or `null`.
+#[derive(Serialize, Deserialize)]
+struct Packet {
+    #[serde(default)]
+    session_id: serde_json::Value,
+    #[serde(default)]
+    session_uptime: serde_json::Value,
+    #[serde(default)]
+    session_devices: serde_json::Value,
+    #[serde(default)]
+    session_platform: serde_json::Value,
+    timestamp: String,
+    #[serde(default)]
+    timestamp_timezone_offset: serde_json::Value,
+    #[serde(default)]
+    os_uptime: serde_json::Value,
+}
+
+impl SessionHeader {
+    /// Of a simulated or newly recorded dive with one `OmniScan` 450.
+    #[must_use]
+    pub fn new(timestamp: Timestamp, device_id: u8, url: &str) -> Self {
+        Self {
+            session_id: 1,
+            timestamp,
+            devices: vec![SessionDevice {
+                url: url.to_owned(),
+                product_id: "os450".to_owned(),
+                device_id,
+                nickname: String::new(),
+            }],
+            platform: concat!("echosplat ", env!("CARGO_PKG_VERSION")).to_owned(),
+        }
+    }
+
+    /// As the packet's JSON.
+    #[must_use]
+    pub fn to_json(&self) -> String {
+        let packet = Packet {
+            session_id: self.session_id.into(),
+            session_uptime: 0.into(),
+            session_devices: serde_json::json!(self.devices),
+            session_platform: self.platform.as_str().into(),
+            timestamp: format_timestamp(self.timestamp),
+            timestamp_timezone_offset: 0.into(),
+            os_uptime: serde_json::Value::Null,
+        };
+        // Numbers and strings only: nothing here can fail to become JSON.
+        serde_json::to_string(&packet).unwrap_or_default()
+    }
+
+    /// From the packet's JSON: devices may be a list or an object by any key, everything but the
+    /// time may be missing.
+    ///
+    /// # Errors
+    /// If it is no JSON object, or has no readable `timestamp`.
+    pub fn parse(json: &[u8]) -> Result<Self, HeaderError> {
+        let packet: Packet = serde_json::from_slice(json)?;
+        let devices = match packet.session_devices {
+            serde_json::Value::Array(list) => list,
+            serde_json::Value::Object(object) => object.into_values().collect(),
+            _ => Vec::new(),
+        };
+        let device = |value| serde_json::from_value::<SessionDevice>(value).ok();
+        Ok(Self {
+            session_id: packet.session_id.as_u64().unwrap_or(0),
+            timestamp: parse_timestamp(&packet.timestamp)?,
+            devices: devices.into_iter().filter_map(device).collect(),
+            platform: packet.session_platform.as_str().unwrap_or("").to_owned(),
+        })
+    }
+}
+
+/// To the millisecond as the vendor writes it, or to the nanosecond where that says more.
+fn format_timestamp(timestamp: Timestamp) -> String {
+    let time = jiff::Timestamp::from_nanosecond(timestamp.nanos().into());
+    // The calendar's range holds every i64 of nanoseconds.
+    let time = time.unwrap_or(jiff::Timestamp::UNIX_EPOCH);
+    match timestamp.nanos() % 1_000_000 {
+        0 => format!("{time:.3}"),
+        _ => format!("{time:.9}"),
+    }
+}
+
+/// A time without zone is taken as UTC.
+fn parse_timestamp(text: &str) -> Result<Timestamp, HeaderError> {
+    let wrong = || HeaderError::Timestamp {
+        found: text.chars().take(40).collect(),
+    };
+    let time: jiff::Timestamp = text
+        .parse()
+        .or_else(|_| format!("{text}Z").parse())
+        .map_err(|_| wrong())?;
+    let nanos = i64::try_from(time.as_nanosecond()).map_err(|_| wrong())?;
+    Ok(Timestamp::from_nanos(nanos))
+}
