@@ -1,0 +1,189 @@
+//! Where the simulated sonar is sensitive, and how a ping is cut into rays.
+
+use echosplat_model::PingSettings;
+use glam::DVec3;
+
+use crate::random::Random;
+
+/// Full width at half maximum over one sigma of a Gaussian.
+const FWHM_PER_SIGMA: f64 = 2.354_820_045;
+/// One sigma of the beam across, ε_a of (7): 0.8° wide at half maximum.
+pub const AZIMUTH_SIGMA_RAD: f64 = 0.8 * DEGREE / FWHM_PER_SIGMA;
+/// Half the fan along: where its sensitivity has fallen to one half.
+pub const ELEVATION_HALF_WIDTH_RAD: f64 = 25.0 * DEGREE;
+
+const DEGREE: f64 = std::f64::consts::PI / 180.0;
+
+/// Beyond this the fan's sensitivity is below 10⁻³.
+const ELEVATION_LIMIT_RAD: f64 = 33.5 * DEGREE;
+const ELEVATION_CELL_COUNT: usize = 256;
+const AZIMUTH_LIMIT_SIGMAS: f64 = 3.0;
+const AZIMUTH_CELL_COUNT: usize = 5;
+
+/// First side lobes: one and a half widths off the axis, as narrow as the beam, 20 dB down.
+const SIDE_LOBE_OFFSET_SIGMAS: f64 = 1.5 * FWHM_PER_SIGMA;
+const SIDE_LOBE_POWER: f64 = 0.01;
+
+/// (7): sensitivity across, 1 on the axis. Power, two-way.
+#[must_use]
+pub fn azimuth_weight(offset_rad: f64) -> f64 {
+    let sigmas = offset_rad / AZIMUTH_SIGMA_RAD;
+    (-0.5 * sigmas * sigmas).exp()
+}
+
+/// Sensitivity along, 1 in the middle: `g(φ) = 2^(−(φ/25°)⁸)`, flat inside the fan of 50° full
+/// width at half maximum and soft at its edge. Power, two-way.
+#[must_use]
+pub fn elevation_weight(elevation_rad: f64) -> f64 {
+    (-(elevation_rad / ELEVATION_HALF_WIDTH_RAD).powi(8)).exp2()
+}
+
+/// One sigma in range of a sharp echo: a Gaussian as wide at half maximum as the pulse is long.
+#[must_use]
+pub fn pulse_sigma_m(settings: &PingSettings) -> f64 {
+    settings.pulse_length_m() / FWHM_PER_SIGMA
+}
+
+/// Unit vector at an azimuth and elevation of the sensor's frame (17).
+pub(crate) fn direction(azimuth_rad: f64, elevation_rad: f64) -> DVec3 {
+    let (sin_azimuth, cos_azimuth) = azimuth_rad.sin_cos();
+    let (sin_elevation, cos_elevation) = elevation_rad.sin_cos();
+    DVec3::new(
+        cos_elevation * cos_azimuth,
+        cos_elevation * sin_azimuth,
+        sin_elevation,
+    )
+}
+
+/// An interval of angle and what of the beam's power falls into it.
+#[derive(Debug, Clone, Copy)]
+struct Stratum {
+    low_rad: f64,
+    high_rad: f64,
+    weight: f64,
+}
+
+impl Stratum {
+    fn middle_rad(&self) -> f64 {
+        0.5 * (self.low_rad + self.high_rad)
+    }
+
+    fn at(&self, fraction: f64) -> f64 {
+        self.low_rad + (self.high_rad - self.low_rad) * fraction
+    }
+}
+
+/// The beam cut into cells of azimuth and elevation: (6) with one ray per cell, placed at random
+/// inside it, that stands for all of the cell's weighted solid angle.
+pub(crate) struct Fan {
+    azimuths: Vec<Stratum>,
+    elevations: Vec<Stratum>,
+}
+
+/// One cell of the fan and a ray inside it, in the sensor's frame.
+pub(crate) struct Cell {
+    /// Solid angle times sensitivity, steradian.
+    pub(crate) weight: f64,
+    pub(crate) ray: DVec3,
+    /// Directions of the middles of the cell's lower, upper, right and left edges.
+    pub(crate) edges: [DVec3; 4],
+}
+
+impl Fan {
+    pub(crate) fn new(with_side_lobes: bool) -> Self {
+        let (limit_sigmas, count) = if with_side_lobes {
+            (SIDE_LOBE_OFFSET_SIGMAS + AZIMUTH_LIMIT_SIGMAS, 11)
+        } else {
+            (AZIMUTH_LIMIT_SIGMAS, AZIMUTH_CELL_COUNT)
+        };
+        let across = |azimuth_rad: f64| {
+            let lobe = SIDE_LOBE_OFFSET_SIGMAS * AZIMUTH_SIGMA_RAD;
+            let lobes = azimuth_weight(azimuth_rad - lobe) + azimuth_weight(azimuth_rad + lobe);
+            let lobe_power = if with_side_lobes {
+                SIDE_LOBE_POWER
+            } else {
+                0.0
+            };
+            azimuth_weight(azimuth_rad) + lobe_power * lobes
+        };
+        let along = |elevation_rad: f64| elevation_weight(elevation_rad) * elevation_rad.cos();
+        Self {
+            azimuths: strata(limit_sigmas * AZIMUTH_SIGMA_RAD, count, across),
+            elevations: strata(ELEVATION_LIMIT_RAD, ELEVATION_CELL_COUNT, along),
+        }
+    }
+
+    /// Calls `visit` for every cell, elevation by elevation.
+    pub(crate) fn for_each(&self, random: &mut Random, mut visit: impl FnMut(&Cell)) {
+        for elevation in &self.elevations {
+            let middle_rad = elevation.middle_rad();
+            for azimuth in &self.azimuths {
+                let [u, v] = random.unit_pair();
+                let across_rad = azimuth.middle_rad();
+                visit(&Cell {
+                    weight: azimuth.weight * elevation.weight,
+                    ray: direction(azimuth.at(u), elevation.at(v)),
+                    edges: [
+                        direction(across_rad, elevation.low_rad),
+                        direction(across_rad, elevation.high_rad),
+                        direction(azimuth.low_rad, middle_rad),
+                        direction(azimuth.high_rad, middle_rad),
+                    ],
+                });
+            }
+        }
+    }
+}
+
+fn strata(limit_rad: f64, count: usize, sensitivity: impl Fn(f64) -> f64) -> Vec<Stratum> {
+    let width_rad = 2.0 * limit_rad / count as f64;
+    let stratum = |index: usize| {
+        let low_rad = -limit_rad + width_rad * index as f64;
+        let high_rad = low_rad + width_rad;
+        // Simpson's rule; a cell is far narrower than the pattern.
+        let ends = sensitivity(low_rad) + sensitivity(high_rad);
+        let weight = (ends + 4.0 * sensitivity(0.5 * (low_rad + high_rad))) * width_rad / 6.0;
+        Stratum {
+            low_rad,
+            high_rad,
+            weight,
+        }
+    };
+    (0..count).map(stratum).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::random::Purpose;
+
+    fn total_weight(fan: &Fan) -> f64 {
+        let mut total = 0.0;
+        fan.for_each(&mut Random::new(0, Purpose::Rays, 0), |cell| {
+            total += cell.weight;
+        });
+        total
+    }
+
+    #[test]
+    fn the_patterns_halve_at_their_half_widths() {
+        assert!((azimuth_weight(0.4 * DEGREE) - 0.5).abs() < 1e-9);
+        assert!((elevation_weight(25.0 * DEGREE) - 0.5).abs() < 1e-12);
+        assert!(elevation_weight(ELEVATION_LIMIT_RAD) < 1.1e-3);
+    }
+
+    #[test]
+    fn the_cells_hold_the_whole_beam() {
+        // ∫ exp(−θ²/2σ²) dθ = σ√2π; ∫ g cos φ dφ by a fine sum.
+        let step = 1e-4 * DEGREE;
+        let along: f64 = (-400_000..400_000)
+            .map(|i| f64::from(i) * step)
+            .map(|e| elevation_weight(e) * e.cos() * step)
+            .sum();
+        let expected = AZIMUTH_SIGMA_RAD * std::f64::consts::TAU.sqrt() * along;
+        let share = total_weight(&Fan::new(false)) / expected;
+        assert!((share - 0.9973).abs() < 2e-3, "{share}");
+        let with_lobes = total_weight(&Fan::new(true)) / expected;
+        assert!((with_lobes - 1.02).abs() < 3e-3, "{with_lobes}");
+    }
+}

@@ -1,0 +1,105 @@
+//! What the device adds to the echoes: speckle, background, ring-down, ghosts, gain, dropouts.
+
+use echosplat_model::PingSettings;
+
+use super::NoiseLevel;
+use crate::random::{Purpose, Random};
+
+/// Noise floor of a real unit at gain step 0, dB.
+const FLOOR_DB: f64 = -16.0;
+/// The strongest echo of a dive stands this far above the floor.
+const STRONGEST_OVER_FLOOR_DB: f64 = 45.0;
+/// Ring-down at range 0 above the floor, and the range in which it falls by a factor e.
+const RING_DOWN_OVER_FLOOR_DB: f64 = 61.0;
+const RING_DOWN_E_FOLD_M: f64 = 0.03;
+/// Gain per step of the gain index, of echoes and floor alike.
+const GAIN_STEP_DB: f64 = 3.0;
+/// A ghost lies at this many times the range of a strong echo, this much weaker.
+const GHOST_RANGE_RATIO: f64 = 1.5;
+const GHOST_POWER: f64 = 0.1;
+/// An echo is strong if within 20 dB of the strongest.
+const STRONG_SHARE: f64 = 0.01;
+const DROPOUT_SHARE: f64 = 0.05;
+/// Automatic gain over its first pings, as on a real unit; then it walks every eight seconds.
+const GAIN_START: [i16; 5] = [0, 4, 5, 6, 7];
+const GAIN_HOLD_S: f64 = 8.0;
+
+/// Turns echoes into the power the device reports.
+pub(super) struct DeviceSide {
+    pub(super) level: NoiseLevel,
+    pub(super) seed: u64,
+    /// Power of the strongest echo of the dive, as echoes are computed.
+    pub(super) strongest: f64,
+}
+
+impl DeviceSide {
+    /// Linear power per bin on the device's scale. `gain_index` multiplies echoes and floor.
+    pub(super) fn heard(
+        &self,
+        sequence: u64,
+        settings: &PingSettings,
+        mut echoes: Vec<f64>,
+    ) -> Vec<f64> {
+        let mut random = Random::new(self.seed, Purpose::Noise, sequence);
+        if self.level.is_harsh() {
+            add_ghosts(&mut echoes, settings, STRONG_SHARE * self.strongest);
+            // A dropout is a ping that came back without its echoes.
+            if random.unit() < DROPOUT_SHARE {
+                echoes.fill(0.0);
+            }
+        }
+        let gain = power(GAIN_STEP_DB * f64::from(settings.gain_index.max(0)));
+        let scale = gain * power(FLOOR_DB + STRONGEST_OVER_FLOOR_DB) / self.strongest;
+        let Some(looks) = self.level.looks() else {
+            return echoes.into_iter().map(|echo| echo * scale).collect();
+        };
+        let floor = gain * power(FLOOR_DB);
+        let ring_down = gain * power(FLOOR_DB + RING_DOWN_OVER_FLOOR_DB);
+        let mut bin_power = |(bin, echo): (usize, f64)| {
+            let speckled = echo * scale * random.speckle(looks);
+            let ringing = ring_down * (-settings.bin_center_m(bin) / RING_DOWN_E_FOLD_M).exp();
+            speckled + floor * random.exponential() + ringing
+        };
+        echoes.into_iter().enumerate().map(&mut bin_power).collect()
+    }
+
+    /// The gain index the device reports `time_s` into the dive.
+    pub(super) fn gain_index(&self, sequence: u64, time_s: f64, asked: i16) -> i16 {
+        if !self.level.is_harsh() {
+            return asked.max(0);
+        }
+        if let Some(&index) = GAIN_START.get(sequence as usize) {
+            return index;
+        }
+        let held = (time_s.max(0.0) / GAIN_HOLD_S) as u64;
+        let draw = Random::new(self.seed, Purpose::GainWalk, held).unit();
+        5 + (draw * 3.0) as i16
+    }
+}
+
+fn power(decibels: f64) -> f64 {
+    10f64.powf(0.1 * decibels)
+}
+
+/// Adds each strong bin once more, weaker and at a longer range, spread over the bins its
+/// stretched interval covers.
+fn add_ghosts(echoes: &mut [f64], settings: &PingSettings, strong: f64) {
+    let bin_m = settings.bin_length_m();
+    let sources: Vec<(usize, f64)> = echoes
+        .iter()
+        .copied()
+        .enumerate()
+        .filter(|&(_, echo)| echo > strong)
+        .collect();
+    for (bin, echo) in sources {
+        let position = |edge: usize| {
+            (GHOST_RANGE_RATIO * settings.bin_edge_m(edge) - settings.range_start_m) / bin_m
+        };
+        let (from, to) = (position(bin), position(bin + 1));
+        let end = (to.ceil() as usize).min(echoes.len());
+        for (ghost, power) in echoes.iter_mut().enumerate().take(end).skip(from as usize) {
+            let overlap = to.min((ghost + 1) as f64) - from.max(ghost as f64);
+            *power += GHOST_POWER * echo * overlap.max(0.0) / (to - from);
+        }
+    }
+}

@@ -1,0 +1,12 @@
+//! The simulated sonar: power over range for a scene, a dive and a moment.
+
+mod device_side;
+mod echo;
+mod level;
+mod profile;
+mod simulated;
+
+pub use level::NoiseLevel;
+pub(crate) use level::PoseNoise;
+pub use profile::{Profile, SimulatedPing};
+pub use simulated::SimulatedSonar;
