@@ -1,0 +1,215 @@
+//! The decoder on streams: how they are cut does not matter, time-outs let go of what they should.
+
+use echosplat_firmware_protocol::{Decoder, Message, OsMonoProfile, PowerResults, SkipReason, id};
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+use crate::damage_stream::{Damage, DamagedStream};
+use crate::reference::{Found, decode, expected};
+
+fn request() -> Vec<u8> {
+    let mut bytes = vec![0; 12];
+    let message = Message::GeneralRequest {
+        requested_id: id::DEVICE_INFORMATION,
+    };
+    message.encode(0, 0, &mut bytes).unwrap();
+    bytes
+}
+
+fn skipped(found: &[Found]) -> Vec<(usize, SkipReason)> {
+    let skipped = found.iter().filter_map(|found| match found {
+        Found::Skipped(skipped) => Some((skipped.byte_count, skipped.reason)),
+        Found::Frame(_) => None,
+    });
+    skipped.collect()
+}
+
+fn frame_count(found: &[Found]) -> usize {
+    found
+        .iter()
+        .filter(|found| matches!(found, Found::Frame(_)))
+        .count()
+}
+
+/// The start of a JSON packet of 60000 bytes that never comes.
+const FALSE_HEADER: [u8; 8] = [b'B', b'R', 0x60, 0xea, 10, 0, 0, 255];
+
+#[test]
+fn pieces_of_every_size_give_the_same_events() {
+    let stream = DamagedStream::new(7, 24, 100, &Damage::ALL).bytes();
+    let events = expected(&stream);
+    assert!(frame_count(&events) >= 24);
+    for size in 1..=stream.len() {
+        assert_eq!(
+            decode(stream.chunks(size)),
+            events,
+            "pieces of {size} bytes"
+        );
+    }
+}
+
+#[test]
+fn pieces_of_random_size_give_the_events_of_the_slow_twin() {
+    let mut rng = ChaCha8Rng::seed_from_u64(8);
+    for seed in 0..40 {
+        let stream = DamagedStream::new(seed, 60, 20, &Damage::ALL).bytes();
+        let mut pieces = Vec::new();
+        let mut rest = stream.as_slice();
+        while !rest.is_empty() {
+            let (piece, left) = rest.split_at(rng.random_range(1..=rest.len().min(3000)));
+            pieces.push(piece);
+            rest = left;
+        }
+        assert_eq!(decode(pieces), expected(&stream), "seed {seed}");
+    }
+}
+
+#[test]
+fn a_time_out_frees_the_intact_frames_behind_a_false_header() {
+    let mut decoder = Decoder::new();
+    let mut found: Vec<Found> = Vec::new();
+    let stream = [&FALSE_HEADER[..], &request(), &request()].concat();
+    decoder.feed(&stream, &mut |event| found.push(event.into()));
+    assert_eq!(
+        (found.len(), decoder.pending_byte_count()),
+        (0, stream.len())
+    );
+    decoder.expire(&mut |event| found.push(event.into()));
+    assert_eq!(frame_count(&found), 2);
+    assert_eq!(skipped(&found), [(8, SkipReason::TimedOut)]);
+    assert_eq!(decoder.pending_byte_count(), 0);
+}
+
+#[test]
+fn a_time_out_spares_the_half_frame_behind_a_false_header() {
+    let mut decoder = Decoder::new();
+    let mut found: Vec<Found> = Vec::new();
+    let whole = request();
+    let (first, second) = whole.split_at(7);
+    decoder.feed(&[&FALSE_HEADER[..], first].concat(), &mut |event| {
+        found.push(event.into());
+    });
+    decoder.expire(&mut |event| found.push(event.into()));
+    assert_eq!(decoder.pending_byte_count(), first.len());
+    decoder.feed(second, &mut |event| found.push(event.into()));
+    assert_eq!(frame_count(&found), 1);
+    assert_eq!(skipped(&found), [(8, SkipReason::TimedOut)]);
+}
+
+#[test]
+fn a_time_out_reports_noise_and_does_nothing_on_silence() {
+    let mut decoder = Decoder::new();
+    let mut found: Vec<Found> = Vec::new();
+    decoder.expire(&mut |event| found.push(event.into()));
+    assert!(found.is_empty());
+    decoder.feed(&[0; 5], &mut |event| found.push(event.into()));
+    assert_eq!((found.len(), decoder.pending_byte_count()), (0, 5));
+    decoder.expire(&mut |event| found.push(event.into()));
+    assert_eq!(skipped(&found), [(5, SkipReason::Noise)]);
+    assert_eq!(decoder.pending_byte_count(), 0);
+}
+
+#[test]
+fn the_end_of_a_stream_leaves_nothing_behind() {
+    let mut decoder = Decoder::new();
+    let mut found: Vec<Found> = Vec::new();
+    // Three unfinished candidates, one inside the other, and a frame inside the second.
+    let stream = [
+        &FALSE_HEADER[..],
+        &FALSE_HEADER,
+        &request(),
+        &FALSE_HEADER,
+        b"B",
+    ]
+    .concat();
+    decoder.feed(&stream, &mut |event| found.push(event.into()));
+    decoder.finish(&mut |event| found.push(event.into()));
+    assert_eq!(frame_count(&found), 1);
+    assert_eq!(
+        skipped(&found),
+        [(16, SkipReason::TimedOut), (9, SkipReason::TimedOut)]
+    );
+    found.clear();
+    decoder.feed(&request(), &mut |event| found.push(event.into()));
+    assert_eq!(found, [Found::Frame(request())]);
+}
+
+#[test]
+fn the_longest_frame_passes_and_a_false_one_gives_back_its_bytes() {
+    let text = "x".repeat(65535);
+    let mut long = vec![0; 65545];
+    Message::Json(text.as_str().into())
+        .encode(0, 255, &mut long)
+        .unwrap();
+    let broken: Vec<u8> = [&long[..65544], &[!long[65544]]].concat();
+    // Behind the broken frame's first byte lies a candidate as long as the buffer again.
+    let stream = [
+        &b"B"[..],
+        &long,
+        &broken[..20000],
+        &request(),
+        &broken,
+        &request(),
+    ]
+    .concat();
+    for size in [1, 1000, 65545, stream.len()] {
+        let found = decode(stream.chunks(size));
+        assert_eq!(frame_count(&found), 3, "pieces of {size} bytes");
+        assert_eq!(found, expected(&stream), "pieces of {size} bytes");
+    }
+}
+
+#[test]
+fn a_profile_says_its_power_in_decibels() {
+    let raw: Vec<u8> = [0_u16, 13107, 65535]
+        .iter()
+        .flat_map(|raw| raw.to_le_bytes())
+        .collect();
+    let profile = OsMonoProfile {
+        ping_number: 0,
+        start_mm: 0,
+        length_mm: 1000,
+        timestamp_ms: 0,
+        ping_hz: 451_127,
+        gain_index: 0,
+        sos_dmps: 15000,
+        channel_number: 0,
+        pulse_duration_sec: 0.0,
+        analog_gain: 1.0,
+        max_pwr_db: 70.0,
+        min_pwr_db: -30.0,
+        transducer_heading_deg: 0.0,
+        vehicle_heading_deg: 0.0,
+        pwr_results: PowerResults::from_bytes(&raw).unwrap(),
+    };
+    assert_eq!(
+        profile.pwr_results.iter().collect::<Vec<_>>(),
+        [0, 13107, 65535]
+    );
+    assert_eq!(
+        [0, 1, 2, 3].map(|i| profile.power_db(i)),
+        [Some(-30.0), Some(-10.0), Some(70.0), None]
+    );
+    assert!(PowerResults::from_bytes(&raw[1..]).is_err());
+    assert!(PowerResults::from_bytes(&[0; 8194]).is_err());
+}
+
+#[test]
+fn what_no_reader_would_take_is_not_written() {
+    let mut out = vec![0; 70000];
+    let long = "x".repeat(65536);
+    let too_long = [
+        Message::AsciiText(long[..1025].into()),
+        Message::Json(long.as_str().into()),
+        Message::Unknown {
+            message_id: id::ACK,
+            payload: &[1, 2, 3],
+        },
+        Message::SetDeviceId { device_id: 0 },
+        Message::SetDeviceId { device_id: 255 },
+    ];
+    for message in too_long {
+        assert!(message.encode(0, 0, &mut out).is_err());
+        assert!(out.iter().all(|&byte| byte == 0));
+    }
+}
