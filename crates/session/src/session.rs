@@ -1,0 +1,385 @@
+//! The session: frames to messages, messages to events, time-outs to requests.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use echosplat_firmware_protocol::{
+    Decoder, DeviceInformation, Event, Frame, Message, OsMonoProfile, SkipReason, Skipped, id,
+};
+use echosplat_model::{Ping, Timestamp};
+
+use crate::config::SessionConfig;
+use crate::counters::SessionCounters;
+use crate::handshake::{Confirmation, Handshake};
+use crate::log_header::{self, LogJson};
+use crate::stream::Stream;
+
+/// A half frame that has not grown for so long will not be completed.
+const HALF_FRAME_S: f64 = 0.25;
+/// Requests that nobody fetches: the oldest go first.
+const MAX_OUTGOING: usize = 16;
+/// Device types seen on real units and in the vendor's list.
+const KNOWN_DEVICE_TYPES: [u8; 2] = [101, 104];
+/// A device's own words are cut to so many characters.
+const MAX_TEXT_CHARS: usize = 200;
+
+/// What happened.
+#[derive(Debug, Clone, PartialEq)]
+pub enum SessionEvent {
+    /// The device said what it is.
+    Identified {
+        /// 101 in the vendor's list, 104 on a real `OmniScan` 450 FS.
+        device_type: u8,
+        /// Hardware revision.
+        device_revision: u8,
+        /// Firmware version: major, minor, patch.
+        firmware: [u8; 3],
+    },
+    /// Profiles show the settings asked for.
+    Configured,
+    /// One ping.
+    Ping {
+        /// Checked, on the clock asked for.
+        ping: Arc<Ping>,
+        /// The whole Ping frame it was made of.
+        frame: Arc<[u8]>,
+    },
+    /// The device was restarted: its numbers and its clock begin anew, sequence and time go on.
+    Rebooted,
+    /// The device refused a request.
+    Nack {
+        /// Message id of the request.
+        id: u16,
+        /// The device's words, at most 200 characters.
+        text: String,
+    },
+    /// Something a person should know; each is said once.
+    Warning(String),
+}
+
+/// One conversation with a device, or one log.
+#[derive(Debug)]
+pub struct Session {
+    decoder: Box<Decoder>,
+    core: Core,
+}
+
+/// All but the decoder, which lends its frames while this handles them.
+#[derive(Debug)]
+struct Core {
+    config: SessionConfig,
+    /// None when only listening.
+    handshake: Option<Handshake>,
+    stream: Stream,
+    events: VecDeque<SessionEvent>,
+    outgoing: VecDeque<Vec<u8>>,
+    counters: SessionCounters,
+    identity: Option<DeviceInformation>,
+    newest_log_time: Option<Timestamp>,
+    warned: Vec<&'static str>,
+    /// When bytes last came, and the latest time told.
+    last_bytes: Timestamp,
+    now: Timestamp,
+}
+
+impl Session {
+    /// Begins to ask for identity and settings. `config` is one that `check` accepts.
+    #[must_use]
+    pub fn new(config: SessionConfig, now: Timestamp) -> Self {
+        let handshake = Handshake::new(&config, now);
+        let mut session = Self::with(config, Some(handshake), now);
+        session.core.send_what_is_due(now);
+        session
+    }
+
+    /// Sends nothing: the bytes are those of a log (`.svlog`), whose session packets give the base
+    /// of time. Transmit times are on the log's clock whatever `config.clock` says; where a
+    /// session gives no time, they are the device's own.
+    #[must_use]
+    pub fn listening(config: SessionConfig, now: Timestamp) -> Self {
+        Self::with(config, None, now)
+    }
+
+    fn with(config: SessionConfig, handshake: Option<Handshake>, now: Timestamp) -> Self {
+        let stream = Stream::new(&config, handshake.is_none());
+        Self {
+            decoder: Box::default(),
+            core: Core {
+                config,
+                handshake,
+                stream,
+                events: VecDeque::new(),
+                outgoing: VecDeque::new(),
+                counters: SessionCounters::default(),
+                identity: None,
+                newest_log_time: None,
+                warned: Vec::new(),
+                last_bytes: now,
+                now,
+            },
+        }
+    }
+
+    /// Takes the next bytes of the link, which came at `now`, cut anywhere. Queues at most one
+    /// event or two per frame in them: fetch the events before giving more.
+    pub fn receive(&mut self, bytes: &[u8], now: Timestamp) {
+        let core = &mut self.core;
+        core.clock_is(now);
+        core.last_bytes = now;
+        core.counters.bytes_received += bytes.len() as u64;
+        self.decoder
+            .feed(bytes, &mut |event| core.handle(&event, now));
+    }
+
+    /// Does what is due at `now`: asks again, gives up a half frame. May be called at any time.
+    pub fn handle_timeout(&mut self, now: Timestamp) {
+        let core = &mut self.core;
+        core.clock_is(now);
+        if self.decoder.pending_byte_count() > 0 && core.half_frame_expires_at() <= now {
+            core.last_bytes = now;
+            self.decoder.expire(&mut |event| core.handle(&event, now));
+        }
+        core.send_what_is_due(now);
+    }
+
+    /// When [`Session::handle_timeout`] next has something to do.
+    #[must_use]
+    pub fn poll_timeout(&self) -> Option<Timestamp> {
+        let core = &self.core;
+        let half_frame =
+            (self.decoder.pending_byte_count() > 0).then(|| core.half_frame_expires_at());
+        let handshake = core.handshake.as_ref();
+        let asking = handshake.and_then(|handshake| handshake.poll_timeout(&core.config));
+        half_frame.into_iter().chain(asking).min()
+    }
+
+    /// The next frame to send.
+    pub fn poll_transmit(&mut self) -> Option<Vec<u8>> {
+        self.core.outgoing.pop_front()
+    }
+
+    /// The next event.
+    pub fn poll_event(&mut self) -> Option<SessionEvent> {
+        self.core.events.pop_front()
+    }
+
+    /// The link is gone: what was half received or not yet sent is forgotten, nothing is asked.
+    pub fn link_lost(&mut self, now: Timestamp) {
+        self.end_stream(now);
+        self.core.outgoing.clear();
+        if let Some(handshake) = &mut self.core.handshake {
+            handshake.suspend();
+        }
+    }
+
+    /// The link is back: identity and settings are asked for again.
+    pub fn link_restored(&mut self, now: Timestamp) {
+        let core = &mut self.core;
+        core.clock_is(now);
+        core.outgoing.clear();
+        if core.handshake.is_some() {
+            core.handshake = Some(Handshake::new(&core.config, now));
+        }
+        core.send_what_is_due(now);
+    }
+
+    /// Queues `enable = 0` and asks nothing any more. Does nothing when only listening.
+    pub fn stop(&mut self, now: Timestamp) {
+        let core = &mut self.core;
+        core.clock_is(now);
+        if let Some(handshake) = &mut core.handshake {
+            core.outgoing.clear();
+            core.outgoing.extend(handshake.stop(&core.config));
+        }
+    }
+
+    /// The bytes end here: the pending half frame is let go and counted, a profile that waited for
+    /// the next is settled.
+    pub fn finish(&mut self, now: Timestamp) {
+        self.end_stream(now);
+    }
+
+    /// What came and what became of it, since the session was made.
+    #[must_use]
+    pub fn counters(&self) -> SessionCounters {
+        self.core.counters
+    }
+
+    /// What the device said it is, once it has.
+    #[must_use]
+    pub fn identity(&self) -> Option<DeviceInformation> {
+        self.core.identity
+    }
+
+    fn end_stream(&mut self, now: Timestamp) {
+        let core = &mut self.core;
+        core.clock_is(now);
+        self.decoder.finish(&mut |event| core.handle(&event, now));
+        core.release_held();
+    }
+}
+
+impl Core {
+    /// Waits move along when the host's clock goes back; forward they only end early.
+    fn clock_is(&mut self, now: Timestamp) {
+        let back_s = self.now.seconds_since(now);
+        if back_s > 1.0 {
+            self.last_bytes = self.last_bytes.offset_by(-back_s);
+            if let Some(handshake) = &mut self.handshake {
+                handshake.shift(back_s);
+            }
+        }
+        self.now = now;
+    }
+
+    fn half_frame_expires_at(&self) -> Timestamp {
+        self.last_bytes.offset_by(HALF_FRAME_S)
+    }
+
+    fn send_what_is_due(&mut self, now: Timestamp) {
+        let Some(handshake) = &mut self.handshake else {
+            return;
+        };
+        let outgoing = &mut self.outgoing;
+        let resends = handshake.handle_timeout(&self.config, now, &mut |frame| {
+            if outgoing.len() >= MAX_OUTGOING {
+                outgoing.pop_front();
+            }
+            if !frame.is_empty() {
+                outgoing.push_back(frame);
+            }
+        });
+        self.counters.resends += resends;
+        if self.counters.resends >= 3 && self.counters.pings == 0 {
+            self.warn_once(
+                "the device does not answer with profiles; asking again with growing waits",
+            );
+        }
+    }
+
+    fn handle(&mut self, event: &Event<'_>, now: Timestamp) {
+        match event {
+            Event::Frame(frame) => self.handle_frame(frame, now),
+            Event::Skipped(Skipped { byte_count, reason }) => {
+                self.counters.bytes_skipped += *byte_count as u64;
+                self.counters.frames_bad += u64::from(*reason != SkipReason::Noise);
+            }
+        }
+    }
+
+    fn handle_frame(&mut self, frame: &Frame<'_>, now: Timestamp) {
+        self.counters.frames_good += 1;
+        let Ok(message) = Message::parse(frame) else {
+            let is_profile = frame.message_id() == id::OS_MONO_PROFILE;
+            self.counters.profiles += u64::from(is_profile);
+            self.counters.profiles_rejected.payload += u64::from(is_profile);
+            self.counters.frames_unknown += u64::from(!is_profile);
+            return;
+        };
+        match message {
+            Message::OsMonoProfile(profile) => self.handle_profile(&profile, frame, now),
+            Message::DeviceInformation(information) => self.identified(information),
+            Message::Ack { .. } => self.counters.acks += 1,
+            Message::Nack { nacked_id, text } => self.refused(nacked_id, &text.to_string()),
+            Message::Json(text) if self.handshake.is_none() => self.log_json(text.as_bytes()),
+            Message::Nmea(_) => self.counters.nmea += 1,
+            Message::Mavlink(_) => self.counters.mavlink += 1,
+            Message::Status(_) => self.counters.status += 1,
+            Message::Unknown { .. } => self.counters.frames_unknown += 1,
+            _ => self.counters.frames_unused += 1,
+        }
+    }
+
+    fn handle_profile(&mut self, profile: &OsMonoProfile<'_>, frame: &Frame<'_>, now: Timestamp) {
+        self.counters.profiles += 1;
+        if !self.stream.is_heard(profile) {
+            self.counters.profiles_rejected.other_channel += 1;
+            self.warn_once("profiles of another channel are left out; `channel` chooses one");
+            return;
+        }
+        if let Some(handshake) = &mut self.handshake {
+            match handshake.profile(profile, &self.config, now) {
+                Confirmation::Confirmed => self.events.push_back(SessionEvent::Configured),
+                Confirmation::AsBefore => {}
+                Confirmation::Mismatch => self.counters.settings_mismatched += 1,
+            }
+        }
+        let events = &mut self.events;
+        self.stream.insert(
+            profile,
+            frame,
+            (&self.config, now),
+            &mut self.counters,
+            &mut |event| events.push_back(event),
+        );
+    }
+
+    fn identified(&mut self, information: DeviceInformation) {
+        self.identity = Some(information);
+        let DeviceInformation {
+            device_type,
+            device_revision,
+            firmware,
+        } = information;
+        if let Some(handshake) = &mut self.handshake {
+            handshake.identity_answered();
+        }
+        if !KNOWN_DEVICE_TYPES.contains(&device_type) {
+            self.warn_once("the device says it is of a type that is not known; it is used as is");
+        }
+        self.events.push_back(SessionEvent::Identified {
+            device_type,
+            device_revision,
+            firmware,
+        });
+    }
+
+    fn refused(&mut self, nacked_id: u16, text: &str) {
+        self.counters.nacks += 1;
+        let is_identity = matches!(nacked_id, id::GENERAL_REQUEST | id::DEVICE_INFORMATION);
+        if let Some(handshake) = self.handshake.as_mut().filter(|_| is_identity) {
+            handshake.identity_answered();
+        }
+        self.events.push_back(SessionEvent::Nack {
+            id: nacked_id,
+            text: text.chars().take(MAX_TEXT_CHARS).collect(),
+        });
+    }
+
+    fn log_json(&mut self, json: &[u8]) {
+        match log_header::read(json) {
+            LogJson::Session { timestamp } => self.begin_log_session(timestamp),
+            LogJson::Other => self.counters.frames_unused += 1,
+            LogJson::Bad => self.counters.json_bad += 1,
+        }
+    }
+
+    fn begin_log_session(&mut self, timestamp: Option<Timestamp>) {
+        self.release_held();
+        self.counters.log_sessions += 1;
+        if timestamp.is_none() {
+            self.warn_once("a session of the log gives no time; its pings are on device time");
+        }
+        if timestamp < self.newest_log_time {
+            self.warn_once("a session of the log begins before the one ahead of it");
+        }
+        self.newest_log_time = timestamp.max(self.newest_log_time);
+        self.stream.begin_log_session(timestamp, &self.config);
+    }
+
+    fn release_held(&mut self) {
+        let events = &mut self.events;
+        let emit = &mut |event| events.push_back(event);
+        self.stream.release(&self.config, &mut self.counters, emit);
+    }
+
+    fn warn_once(&mut self, text: &'static str) {
+        if !self.warned.contains(&text) {
+            self.warned.push(text);
+            self.events.push_back(SessionEvent::Warning(text.into()));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;
