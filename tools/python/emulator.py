@@ -3,8 +3,8 @@
     python emulator.py --pty /tmp/sonar --count 1000      makes a pseudo-terminal with that link
     python emulator.py --port /dev/ttyUSB0                speaks over a real line
 
-Prints one JSON line when it is ready and one when it is done: after the host's enable = 0 once
-`--count` profiles are out, at SIGTERM or SIGINT, or after `--timeout` seconds.
+Prints a JSON line when it is ready, when `--count` profiles are out, and when it is done: at the
+host's enable = 0 after that, at SIGTERM or SIGINT, or after `--timeout` seconds.
 
 Profile k (from 0 at power-up) holds, whatever was lost before it:
 
@@ -30,7 +30,6 @@ import os
 import random
 import signal
 import struct
-import sys
 import threading
 import time
 import tty
@@ -217,6 +216,12 @@ def serve(device, port, pace_ms=None, deadline=math.inf):
             pace = interval_ms(device.params) if pace_ms is None else pace_ms
             due += pace / 1000
             port.write(device.next_profile())
+            if not device.is_pinging:
+                announce({"event": "sent", "profiles_sent": device.profiles_sent})
+
+
+def announce(event):
+    print(json.dumps(event), flush=True)
 
 
 def main():
@@ -240,16 +245,15 @@ def main():
     deadline = time.monotonic() + arguments.timeout
     try:
         with serial.Serial(path, arguments.baudrate) as port:
-            print(json.dumps({"event": "ready", "port": arguments.port or arguments.pty}), flush=True)
+            announce({"event": "ready", "port": arguments.port or arguments.pty})
             serve(device, port, arguments.pace_ms, deadline)
     except KeyboardInterrupt:
         pass
     finally:
         if arguments.pty and os.path.islink(arguments.pty):
             os.unlink(arguments.pty)
-    print(json.dumps(device.report()), flush=True)
-    return 0
+    announce(device.report())
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

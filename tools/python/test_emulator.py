@@ -105,6 +105,7 @@ class OverALine(unittest.TestCase):
             expected = emulator.known_profile(number, PARAMS)
             self.assertEqual(wire.Profile.unpack(frame.payload).pack(), expected.pack())
         self.assertTrue(drive_emulate.stops(sonar, float("inf")))
+        self.assertEqual(json.loads(process.stdout.readline())["event"], "sent")
         report = json.loads(process.stdout.readline())
         self.assertEqual((report["profiles_sent"], report["disables"]), (200, 1))
         # The client sends a `U` so that the unit can find its speed.
