@@ -1,1 +1,56 @@
-//! The map, pings and poses over zenoh
+//! The map, pings, poses and status over zenoh.
+//!
+//! Keys, `<prefix>` being `echosplat` and `<node>` the vehicle's name unless configured:
+//!
+//! | key | kind | payload |
+//! |---|---|---|
+//! | `<prefix>/<node>/pose` | subscribed | see [`pose_message`] |
+//! | `<prefix>/<node>/sonar/ping` | published | the raw Ping frame; attachment `{"host_time_ns": …}` |
+//! | `<prefix>/<node>/map/delta/<tile>` | published | see [`point_cloud`] and [`map_message`] |
+//! | `<prefix>/<node>/map/snapshot` | queryable | the same; `?bbox=x0,y0,z0,x1,y1,z1;since=N;epoch=E`. Ask with consolidation `None`: all replies bear one key |
+//! | `<prefix>/<node>/status` | published | JSON |
+//! | `<prefix>/<node>/alive` | liveliness token | |
+//!
+//! Live deltas are sent with congestion control Drop and below a bandwidth, so one can be lost.
+//! A subscriber therefore buffers deltas, asks for the snapshot, applies deltas with a larger
+//! sequence, and asks again after a gap, a new epoch, or a while of silence; its answer says
+//! `final` once the publisher has flushed, and then both ends hold the same map bit for bit.
+//!
+//! Everything here is called from ordinary threads, none of it from inside a runtime; own threads
+//! are named. Deliberately absent: async functions, storage plugins, zenoh's unstable features,
+//! and any reading of the clock for the data's sake (pacing and time limits aside).
+
+mod bus;
+mod cdr;
+mod config;
+pub mod delta;
+mod endpoints;
+mod error;
+mod keys;
+pub mod map_message;
+pub mod point_cloud;
+pub mod pose_message;
+mod publisher;
+mod ros;
+mod streams;
+mod subscriber;
+mod zenoh_config;
+
+pub use bus::{AliveToken, Bus};
+pub use cdr::CdrError;
+pub use config::BusConfig;
+pub use endpoints::Endpoints;
+pub use error::BusError;
+pub use keys::Keys;
+pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters};
+pub use streams::{
+    PingCounters, PingSubscription, PoseCounters, PoseSubscription, ReceivedPing,
+    StatusSubscription,
+};
+pub use subscriber::{Liveliness, MapSubscriber, MapSubscriberCounters, MapWaitError};
+pub use zenoh_config::LOOPBACK;
+
+#[cfg(test)]
+mod end_to_end;
+#[cfg(test)]
+mod test_support;

@@ -1,0 +1,232 @@
+//! What the bus is told.
+
+use std::path::PathBuf;
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use crate::BusError;
+use crate::keys::Keys;
+
+/// Configuration of the bus; [`BusConfig::check`] says what each key may hold.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct BusConfig {
+    /// First part of every key.
+    pub prefix: String,
+    /// The vehicle's name, second part of every key.
+    pub node: String,
+    /// zenoh configuration (`.json5`, `.json`, `.yaml`) in place of the safe default; also named
+    /// by the environment variable `ZENOH_CONFIG`, which this goes before.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub zenoh_config_file: Option<PathBuf>,
+    /// Single settings on top: path separated by slashes, and value in JSON5.
+    pub zenoh: Vec<(String, String)>,
+    /// Name of the map's frame in point clouds and poses.
+    pub frame_id: String,
+    /// Most bytes of one map message, payload and attachment.
+    pub max_message_bytes: usize,
+    /// Largest message that is received.
+    pub max_received_bytes: usize,
+    /// Most that live deltas take of the link, bits per second.
+    pub bandwidth_bps: u64,
+    /// Shortest time between two rounds of deltas, seconds.
+    pub publish_interval_s: f64,
+    /// Side of a map tile, metres.
+    pub tile_edge_m: f64,
+    /// Poses that wait to be taken; beyond that the newest is dropped and counted.
+    pub pose_queue_len: usize,
+    /// Pings that wait to be sent or taken; beyond that the newest is dropped and counted.
+    pub ping_queue_len: usize,
+    /// Most Gaussians a subscriber holds.
+    pub max_gaussians: usize,
+    /// How long a query for the map may take, seconds.
+    pub query_timeout_s: f64,
+    /// A subscriber that heard nothing for this long asks whether it still is up to date, seconds.
+    pub idle_check_s: f64,
+    /// How long opening may take, seconds.
+    pub open_timeout_s: f64,
+    /// How long closing may take, seconds.
+    pub close_timeout_s: f64,
+}
+
+impl Default for BusConfig {
+    fn default() -> Self {
+        Self {
+            prefix: "echosplat".to_owned(),
+            node: "vehicle".to_owned(),
+            zenoh_config_file: None,
+            zenoh: Vec::new(),
+            frame_id: "map".to_owned(),
+            // One zenoh batch of 65,535 bytes holds it, so that it goes or is lost as one.
+            max_message_bytes: 64_000,
+            max_received_bytes: 1 << 20,
+            bandwidth_bps: 4_000_000,
+            publish_interval_s: 0.25,
+            tile_edge_m: 4.0,
+            pose_queue_len: 65_536,
+            ping_queue_len: 256,
+            max_gaussians: 2_000_000,
+            query_timeout_s: 10.0,
+            idle_check_s: 1.0,
+            open_timeout_s: 15.0,
+            close_timeout_s: 3.0,
+        }
+    }
+}
+
+impl BusConfig {
+    /// # Errors
+    /// Names the first key out of range and what it may hold.
+    pub fn check(&self) -> Result<(), BusError> {
+        Keys::new(&self.prefix, &self.node)?;
+        let count = |key, found: usize, low: usize, high: usize, allowed| {
+            within(
+                key,
+                found.to_string(),
+                (low..=high).contains(&found),
+                allowed,
+            )
+        };
+        let number = |key, found: f64, low: f64, high: f64, allowed| {
+            within(
+                key,
+                found.to_string(),
+                found >= low && found <= high,
+                allowed,
+            )
+        };
+        let message = self.max_message_bytes;
+        count(
+            "max_message_bytes",
+            message,
+            4096,
+            262_144,
+            "4096 to 262144",
+        )?;
+        let received = self.max_received_bytes;
+        count(
+            "max_received_bytes",
+            received,
+            262_144,
+            1 << 26,
+            "262144 to 67108864",
+        )?;
+        let bandwidth_fits = (10_000..=10_000_000_000).contains(&self.bandwidth_bps);
+        let bandwidth = self.bandwidth_bps.to_string();
+        within(
+            "bandwidth_bps",
+            bandwidth,
+            bandwidth_fits,
+            "10000 to 10000000000",
+        )?;
+        number(
+            "publish_interval_s",
+            self.publish_interval_s,
+            0.01,
+            10.0,
+            "0.01 to 10",
+        )?;
+        number("tile_edge_m", self.tile_edge_m, 0.1, 1000.0, "0.1 to 1000")?;
+        count(
+            "pose_queue_len",
+            self.pose_queue_len,
+            1,
+            1 << 20,
+            "1 to 1048576",
+        )?;
+        count(
+            "ping_queue_len",
+            self.ping_queue_len,
+            1,
+            65_536,
+            "1 to 65536",
+        )?;
+        count(
+            "max_gaussians",
+            self.max_gaussians,
+            1,
+            1 << 26,
+            "1 to 67108864",
+        )?;
+        number(
+            "query_timeout_s",
+            self.query_timeout_s,
+            0.1,
+            600.0,
+            "0.1 to 600",
+        )?;
+        number(
+            "idle_check_s",
+            self.idle_check_s,
+            0.05,
+            600.0,
+            "0.05 to 600",
+        )?;
+        number(
+            "open_timeout_s",
+            self.open_timeout_s,
+            0.5,
+            600.0,
+            "0.5 to 600",
+        )?;
+        number(
+            "close_timeout_s",
+            self.close_timeout_s,
+            0.1,
+            60.0,
+            "0.1 to 60",
+        )?;
+        let frame = &self.frame_id;
+        let frame_fits = frame.len() <= 255 && !frame.contains('\0');
+        within(
+            "frame_id",
+            format!("{frame:?}"),
+            frame_fits,
+            "at most 255 bytes without NUL",
+        )
+    }
+
+    pub(crate) fn close_timeout(&self) -> Duration {
+        Duration::from_secs_f64(self.close_timeout_s)
+    }
+}
+
+fn within(
+    key: &'static str,
+    found: String,
+    fits: bool,
+    allowed: &'static str,
+) -> Result<(), BusError> {
+    match fits {
+        true => Ok(()),
+        false => Err(BusError::Config {
+            key,
+            found,
+            allowed,
+        }),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_defaults_are_allowed() {
+        assert!(BusConfig::default().check().is_ok());
+    }
+
+    #[test]
+    fn what_is_out_of_range_is_named() {
+        let refusal = |change: &dyn Fn(&mut BusConfig)| {
+            let mut config = BusConfig::default();
+            change(&mut config);
+            config.check().unwrap_err().to_string()
+        };
+        assert!(refusal(&|c| c.tile_edge_m = f64::NAN).contains("tile_edge_m"));
+        assert!(refusal(&|c| c.bandwidth_bps = 0).contains("bandwidth_bps"));
+        assert!(refusal(&|c| c.max_message_bytes = 1 << 30).contains("4096 to 262144"));
+        assert!(refusal(&|c| c.node = "a/b".to_owned()).contains("node"));
+    }
+}

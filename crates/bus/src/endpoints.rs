@@ -1,0 +1,153 @@
+//! Which endpoints a zenoh configuration amounts to, and whether they are safe.
+
+use serde_json::Value;
+
+/// Where the session connects to and listens, after everything is applied.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Endpoints {
+    /// Endpoints it connects to.
+    pub connect: Vec<String>,
+    /// Endpoints it listens on.
+    pub listen: Vec<String>,
+    /// What whoever starts the program should know; one sentence each.
+    pub warnings: Vec<String>,
+}
+
+/// What zenoh assumes for a peer that was not told where to listen.
+const PEER_DEFAULT_LISTEN: &str = "tcp/[::]:0";
+
+/// Reads them from the configuration as JSON, `setting` giving the value at a path or null.
+pub(crate) fn effective(setting: impl Fn(&str) -> Value) -> Endpoints {
+    let mode = match setting("mode") {
+        Value::String(mode) => mode,
+        _ => "peer".to_owned(),
+    };
+    let connect = of_mode(&setting("connect/endpoints"), &mode);
+    let mut listen = of_mode(&setting("listen/endpoints"), &mode);
+    if listen.is_empty() && mode != "client" && setting("listen/endpoints").is_null() {
+        listen.push(PEER_DEFAULT_LISTEN.to_owned());
+    }
+    let asks = asks_for_credentials(&setting);
+    let has = asks || shows_credentials(&setting);
+    let mut warnings = Vec::new();
+    for endpoint in listen
+        .iter()
+        .filter(|endpoint| !asks && !is_local(endpoint))
+    {
+        warnings.push(format!(
+            "listening on {endpoint} beyond this machine without authentication: anyone who \
+             reaches it reads the map and can send poses; set \
+             transport/auth/usrpwd/dictionary_file or listen on tcp/127.0.0.1:7447"
+        ));
+    }
+    for endpoint in connect
+        .iter()
+        .filter(|endpoint| !has && !is_local(endpoint))
+    {
+        warnings.push(format!(
+            "connecting to {endpoint} beyond this machine without authentication; set \
+             transport/auth/usrpwd/user and password if its router asks for them"
+        ));
+    }
+    if mode != "client" && setting("scouting/multicast/enabled") != Value::Bool(false) {
+        warnings.push(
+            "multicast scouting is on: peers on the network are found and connected to; set \
+             scouting/multicast/enabled=false to keep to the endpoints given"
+                .to_owned(),
+        );
+    }
+    Endpoints {
+        connect,
+        listen,
+        warnings,
+    }
+}
+
+/// zenoh gives endpoints as a list, or as one list for each mode; an entry may be an object with
+/// several locators.
+fn of_mode(endpoints: &Value, mode: &str) -> Vec<String> {
+    match endpoints {
+        Value::String(endpoint) => vec![endpoint.clone()],
+        Value::Array(list) => list.iter().flat_map(|item| of_mode(item, mode)).collect(),
+        Value::Object(members) => {
+            let inner = members.get("locators").or_else(|| members.get(mode));
+            inner.map_or_else(Vec::new, |inner| of_mode(inner, mode))
+        }
+        _ => Vec::new(),
+    }
+}
+
+/// Whether whoever connects must say who they are: by name and password, or by certificate.
+fn asks_for_credentials(setting: &impl Fn(&str) -> Value) -> bool {
+    is_text(&setting("transport/auth/usrpwd/dictionary_file"))
+        || is_text(&setting("transport/auth/pubkey/known_keys_file"))
+        || setting("transport/link/tls/enable_mtls") == Value::Bool(true)
+}
+
+/// Whether this side says who it is when it connects.
+fn shows_credentials(setting: &impl Fn(&str) -> Value) -> bool {
+    is_text(&setting("transport/auth/usrpwd/user"))
+        && is_text(&setting("transport/auth/usrpwd/password"))
+}
+
+fn is_text(value: &Value) -> bool {
+    value.as_str().is_some_and(|text| !text.is_empty())
+}
+
+/// Whether only this machine reaches `proto/address#options`. A name other than localhost is
+/// taken as not: what it means may change.
+fn is_local(endpoint: &str) -> bool {
+    let Some((protocol, rest)) = endpoint.split_once('/') else {
+        return false;
+    };
+    if protocol.starts_with("unix") {
+        return true;
+    }
+    let address = rest.split(['?', '#']).next().unwrap_or_default();
+    let host = address.rsplit_once(':').map_or(address, |(host, _)| host);
+    let host = host.trim_start_matches('[').trim_end_matches(']');
+    let loopback = host.parse::<std::net::IpAddr>();
+    host == "localhost" || loopback.is_ok_and(|ip| ip.to_canonical().is_loopback())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_this_machine_is_local() {
+        for local in [
+            "tcp/127.0.0.1:7447",
+            "tcp/[::1]:7447#so_sndbuf=65000",
+            "tcp/localhost:7447?rel=1",
+            "tcp/127.8.9.1:0",
+            "tcp/[::ffff:127.0.0.1]:7447",
+            "unixsock-stream//tmp/z.sock",
+        ] {
+            assert!(is_local(local), "{local}");
+        }
+        for remote in [
+            "tcp/0.0.0.0:7447",
+            "tcp/[::]:0",
+            "tcp/192.168.2.1:7447#iface=lo",
+            "tcp/vehicle.local:7447",
+            "tcp/127.0.0.1.example.com:7447",
+            "nonsense",
+        ] {
+            assert!(!is_local(remote), "{remote}");
+        }
+    }
+
+    #[test]
+    fn lists_for_each_mode_and_groups_of_locators_are_read() {
+        let by_mode = serde_json::json!({
+            "router": ["tcp/0.0.0.0:1"],
+            "peer": ["tcp/127.0.0.1:2", {"strategy": "allOf", "locators": ["tcp/127.0.0.1:3"]}],
+        });
+        assert_eq!(
+            of_mode(&by_mode, "peer"),
+            ["tcp/127.0.0.1:2", "tcp/127.0.0.1:3"]
+        );
+        assert!(of_mode(&by_mode, "client").is_empty());
+    }
+}

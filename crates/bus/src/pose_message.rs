@@ -1,0 +1,296 @@
+//! Poses as JSON or as one of three ROS messages, checked.
+//!
+//! | encoding | payload |
+//! |---|---|
+//! | `application/json` | `{stamp_ns, frame_id, child_frame_id, position: [x, y, z], orientation_xyzw: [x, y, z, w], covariance: [36 numbers]?, epoch: number?}` |
+//! | `application/cdr;nav_msgs/msg/Odometry` | pose with covariance; the twist is not used |
+//! | `application/cdr;geometry_msgs/msg/PoseStamped` | |
+//! | `application/cdr;geometry_msgs/msg/PoseWithCovarianceStamped` | |
+//!
+//! Position in metres, world ENU; orientation world from vehicle, the vehicle forward-left-up.
+//! Covariance is row by row over (x, y, z, rotation about x, y, z); all zeros means unknown.
+//! `epoch` changes when the estimator resets (0 if left out).
+
+use echosplat_model::{Pose, PoseUncertainty, StampedPose, Timestamp};
+use glam::{DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use crate::cdr::{CdrError, CdrReader};
+use crate::ros::{Header, MAX_FRAME_ID_BYTES};
+
+/// Longest payload that is read; an Odometry message has some 720 bytes.
+pub const MAX_POSE_BYTES: usize = 16 * 1024;
+
+/// Encoding of the poses this crate publishes.
+pub const JSON: &str = "application/json";
+/// `nav_msgs/msg/Odometry`.
+pub const ODOMETRY: &str = "application/cdr;nav_msgs/msg/Odometry";
+/// `geometry_msgs/msg/PoseStamped`.
+pub const POSE_STAMPED: &str = "application/cdr;geometry_msgs/msg/PoseStamped";
+/// `geometry_msgs/msg/PoseWithCovarianceStamped`.
+pub const POSE_WITH_COVARIANCE: &str =
+    "application/cdr;geometry_msgs/msg/PoseWithCovarianceStamped";
+
+/// Farther from the world's origin than any place on Earth is in UTM, ten times over.
+const MAX_COORDINATE_M: f64 = 1e8;
+
+/// How far a quaternion's length may be from 1.
+const LENGTH_TOLERANCE: f64 = 0.01;
+
+/// Beyond this a quaternion is normalised; below, its bits are kept.
+const LENGTH_ROUNDING: f64 = 1e-9;
+
+/// A pose as received.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PoseMessage {
+    /// Checked and finite, with a unit quaternion.
+    pub pose: StampedPose,
+    /// There was a covariance, but with a variance that is no finite positive number.
+    pub covariance_ignored: bool,
+}
+
+/// Why a message is no pose.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum PoseMessageError {
+    /// An encoding other than the four.
+    #[error(
+        "pose has encoding {0:?}; read are {JSON}, {ODOMETRY}, {POSE_STAMPED} and {POSE_WITH_COVARIANCE}"
+    )]
+    Encoding(String),
+    /// Longer than any pose.
+    #[error("pose message has {0} bytes; at most {MAX_POSE_BYTES} are read")]
+    Size(usize),
+    /// Not the JSON object that is documented.
+    #[error("pose is not the JSON object it should be: {0}")]
+    Json(String),
+    /// Not the bytes of the message its encoding names.
+    #[error("pose: {0}")]
+    Cdr(#[from] CdrError),
+    /// A number is NaN or infinite.
+    #[error("pose: {0} is not finite")]
+    NotFinite(&'static str),
+    /// The position cannot be one.
+    #[error("pose: position is more than 1e8 m from the origin")]
+    TooFar,
+    /// The quaternion is none of a rotation.
+    #[error("pose: quaternion has length {0}; it must be 1 ± 0.01")]
+    Quaternion(f64),
+    /// A frame with z down.
+    #[error(
+        "pose: frame {0:?} is north-east-down or forward-right-down; send ENU and forward-left-up"
+    )]
+    Frame(String),
+}
+
+/// Reads a pose by its encoding. An empty schema on JSON, or any, is taken.
+///
+/// # Errors
+/// Says what is wrong with it; nothing is guessed.
+pub fn decode(encoding: &str, payload: &[u8]) -> Result<PoseMessage, PoseMessageError> {
+    if payload.len() > MAX_POSE_BYTES {
+        return Err(PoseMessageError::Size(payload.len()));
+    }
+    let raw = match encoding {
+        ODOMETRY => RawPose::odometry(payload)?,
+        POSE_STAMPED => RawPose::pose_stamped(payload)?,
+        POSE_WITH_COVARIANCE => RawPose::pose_with_covariance(payload)?,
+        other if other.split(';').next() == Some(JSON) => RawPose::json(payload)?,
+        other => return Err(PoseMessageError::Encoding(other.chars().take(80).collect())),
+    };
+    raw.checked()
+}
+
+/// The JSON of a pose, to the last bit of every coordinate.
+#[must_use]
+pub fn encode_json(pose: &StampedPose, frame_id: &str, child_frame_id: &str) -> Vec<u8> {
+    let covariance = pose.uncertainty.map(|uncertainty| {
+        let position = uncertainty.position_m.powi(2);
+        let attitude = uncertainty.attitude_rad.powi(2);
+        let mut covariance = vec![0.0; 36];
+        for axis in 0..3 {
+            covariance[axis * 7] = position;
+            covariance[(axis + 3) * 7] = attitude;
+        }
+        covariance
+    });
+    let document = Document {
+        stamp_ns: pose.time.nanos(),
+        frame_id: frame_id.to_owned(),
+        child_frame_id: child_frame_id.to_owned(),
+        position: pose.world_from_vehicle.translation_m.to_array(),
+        orientation_xyzw: pose.world_from_vehicle.rotation.to_array(),
+        covariance,
+        epoch: pose.epoch,
+    };
+    // Numbers and texts: this cannot fail.
+    serde_json::to_vec(&document).unwrap_or_default()
+}
+
+/// The JSON object, member by member.
+#[derive(Debug, Serialize, Deserialize)]
+struct Document {
+    stamp_ns: i64,
+    #[serde(default)]
+    frame_id: String,
+    #[serde(default)]
+    child_frame_id: String,
+    position: [f64; 3],
+    orientation_xyzw: [f64; 4],
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    covariance: Option<Vec<f64>>,
+    #[serde(default)]
+    epoch: u32,
+}
+
+/// Any of the four, before it is judged.
+#[derive(Debug)]
+struct RawPose {
+    time: Timestamp,
+    frame_id: String,
+    child_frame_id: String,
+    position_m: [f64; 3],
+    orientation_xyzw: [f64; 4],
+    covariance: Option<[f64; 36]>,
+    epoch: u32,
+}
+
+impl RawPose {
+    fn json(payload: &[u8]) -> Result<Self, PoseMessageError> {
+        let document: Document = serde_json::from_slice(payload)
+            .map_err(|reason| PoseMessageError::Json(reason.to_string()))?;
+        let covariance = document.covariance.map(<[f64; 36]>::try_from).transpose();
+        let covariance = covariance.map_err(|found| {
+            let found = found.len();
+            PoseMessageError::Json(format!("covariance has {found} numbers instead of 36"))
+        })?;
+        Ok(Self {
+            time: Timestamp::from_nanos(document.stamp_ns),
+            frame_id: document.frame_id,
+            child_frame_id: document.child_frame_id,
+            position_m: document.position,
+            orientation_xyzw: document.orientation_xyzw,
+            covariance,
+            epoch: document.epoch,
+        })
+    }
+
+    fn odometry(payload: &[u8]) -> Result<Self, CdrError> {
+        let mut reader = CdrReader::new(payload)?;
+        let header = Header::read(&mut reader)?;
+        let child = reader.string("child_frame_id", MAX_FRAME_ID_BYTES)?;
+        let mut raw = Self::pose(&header, &mut reader)?;
+        raw.child_frame_id = child.to_owned();
+        raw.covariance = Some(reader.f64s("pose.covariance")?);
+        reader.f64s::<6>("twist.twist")?;
+        reader.f64s::<36>("twist.covariance")?;
+        reader.finish()?;
+        Ok(raw)
+    }
+
+    fn pose_stamped(payload: &[u8]) -> Result<Self, CdrError> {
+        let mut reader = CdrReader::new(payload)?;
+        let header = Header::read(&mut reader)?;
+        let raw = Self::pose(&header, &mut reader)?;
+        reader.finish()?;
+        Ok(raw)
+    }
+
+    fn pose_with_covariance(payload: &[u8]) -> Result<Self, CdrError> {
+        let mut reader = CdrReader::new(payload)?;
+        let header = Header::read(&mut reader)?;
+        let mut raw = Self::pose(&header, &mut reader)?;
+        raw.covariance = Some(reader.f64s("pose.covariance")?);
+        reader.finish()?;
+        Ok(raw)
+    }
+
+    /// `geometry_msgs/Pose`: position, then orientation x, y, z, w.
+    fn pose(header: &Header<'_>, reader: &mut CdrReader<'_>) -> Result<Self, CdrError> {
+        Ok(Self {
+            time: header.stamp,
+            frame_id: header.frame_id.to_owned(),
+            child_frame_id: String::new(),
+            position_m: reader.f64s("pose.position")?,
+            orientation_xyzw: reader.f64s("pose.orientation")?,
+            covariance: None,
+            epoch: 0,
+        })
+    }
+
+    fn checked(&self) -> Result<PoseMessage, PoseMessageError> {
+        for frame in [&self.frame_id, &self.child_frame_id] {
+            if points_down(frame) {
+                return Err(PoseMessageError::Frame(frame.chars().take(80).collect()));
+            }
+        }
+        let translation_m = DVec3::from_array(self.position_m);
+        if !translation_m.is_finite() {
+            return Err(PoseMessageError::NotFinite("position"));
+        }
+        if !(translation_m.abs().max_element() <= MAX_COORDINATE_M) {
+            return Err(PoseMessageError::TooFar);
+        }
+        let rotation = unit(DQuat::from_array(self.orientation_xyzw))?;
+        let given = self
+            .covariance
+            .filter(|c| c.iter().any(|&value| value != 0.0));
+        let uncertainty = given.as_ref().and_then(uncertainty_of);
+        Ok(PoseMessage {
+            pose: StampedPose {
+                time: self.time,
+                world_from_vehicle: Pose {
+                    rotation,
+                    translation_m,
+                },
+                uncertainty,
+                epoch: self.epoch,
+            },
+            covariance_ignored: given.is_some() && uncertainty.is_none(),
+        })
+    }
+}
+
+/// The suffixes that MAVROS gives its frames with z down.
+fn points_down(frame_id: &str) -> bool {
+    let name = frame_id.to_ascii_lowercase();
+    ["ned", "frd"]
+        .iter()
+        .any(|suffix| name == *suffix || name.ends_with(&format!("_{suffix}")))
+}
+
+/// The quaternion, normalised if its length is off by more than rounding.
+fn unit(rotation: DQuat) -> Result<DQuat, PoseMessageError> {
+    if !rotation.is_finite() {
+        return Err(PoseMessageError::NotFinite("orientation"));
+    }
+    let length = rotation.length();
+    let off = (length - 1.0).abs();
+    if !(off <= LENGTH_TOLERANCE) {
+        return Err(PoseMessageError::Quaternion(length));
+    }
+    Ok(if off > LENGTH_ROUNDING {
+        rotation / length
+    } else {
+        rotation
+    })
+}
+
+/// One sigma along the worst axis of each kind; `None` if a variance is no positive number.
+fn uncertainty_of(covariance: &[f64; 36]) -> Option<PoseUncertainty> {
+    let variance = |axis: usize| covariance[axis * 7];
+    let usable = |v: f64| v >= 0.0 && v.is_finite();
+    if !(0..6).all(|axis| usable(variance(axis))) {
+        return None;
+    }
+    let sigma = |first: usize| {
+        let worst = variance(first).max(variance(first + 1));
+        worst.max(variance(first + 2)).sqrt()
+    };
+    Some(PoseUncertainty {
+        position_m: sigma(0),
+        attitude_rad: sigma(3),
+    })
+}
+
+#[cfg(test)]
+mod tests;

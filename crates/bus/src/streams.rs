@@ -1,0 +1,302 @@
+//! Poses, pings and status as they come in: bounded, checked, counted.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+use echosplat_model::{StampedPose, Timestamp};
+use serde::Serialize;
+use zenoh::Wait;
+use zenoh::pubsub::Subscriber;
+use zenoh::sample::Sample;
+
+use crate::BusError;
+use crate::bus::Link;
+use crate::pose_message::{self, MAX_POSE_BYTES, PoseMessage, PoseMessageError};
+
+/// Largest frame that the Ping protocol's lengths allow, header and checksum included.
+const MAX_FRAME_BYTES: usize = 65_535 + 10;
+
+const MAX_STATUS_BYTES: usize = 256 * 1024;
+const MAX_PING_ATTACHMENT_BYTES: usize = 1024;
+
+/// What became of the poses that came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct PoseCounters {
+    /// Messages that came.
+    pub received: u64,
+    /// Poses handed on.
+    pub accepted: u64,
+    /// With a number that is NaN or infinite.
+    pub not_finite: u64,
+    /// With a quaternion of the wrong length.
+    pub bad_quaternion: u64,
+    /// Of a wrong size, encoding, layout, frame, or too far off.
+    pub malformed: u64,
+    /// Accepted without their covariance, which was unusable.
+    pub covariance_ignored: u64,
+    /// Newest dropped because the queue was full.
+    pub dropped_full: u64,
+}
+
+#[derive(Debug, Default)]
+struct PoseTally {
+    received: AtomicU64,
+    accepted: AtomicU64,
+    not_finite: AtomicU64,
+    bad_quaternion: AtomicU64,
+    malformed: AtomicU64,
+    covariance_ignored: AtomicU64,
+    dropped_full: AtomicU64,
+}
+
+fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
+}
+
+/// Poses in the order they came, in a bounded queue; when it is full the newest is dropped.
+#[derive(Debug)]
+pub struct PoseSubscription {
+    poses: Receiver<StampedPose>,
+    tally: Arc<PoseTally>,
+    _subscriber: Subscriber<()>,
+}
+
+impl PoseSubscription {
+    pub(crate) fn start(link: &Arc<Link>) -> Result<Self, BusError> {
+        let (sender, poses) = bounded(link.config.pose_queue_len);
+        let tally = Arc::new(PoseTally::default());
+        let in_callback = Arc::clone(&tally);
+        let subscriber = link
+            .session
+            .declare_subscriber(link.keys.pose())
+            .callback(move |sample| in_callback.take(&sample, &sender))
+            .wait()
+            .map_err(BusError::zenoh("subscribe to poses"))?;
+        Ok(Self {
+            poses,
+            tally,
+            _subscriber: subscriber,
+        })
+    }
+
+    /// The next pose, if one waits.
+    #[must_use]
+    pub fn try_next(&self) -> Option<StampedPose> {
+        self.poses.try_recv().ok()
+    }
+
+    /// The next pose, waiting for it no longer than `limit`.
+    #[must_use]
+    pub fn next_within(&self, limit: Duration) -> Option<StampedPose> {
+        self.poses.recv_timeout(limit).ok()
+    }
+
+    /// The queue itself, to select on.
+    #[must_use]
+    pub fn receiver(&self) -> &Receiver<StampedPose> {
+        &self.poses
+    }
+
+    /// What became of the poses that came.
+    #[must_use]
+    pub fn counters(&self) -> PoseCounters {
+        let tally = &self.tally;
+        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        PoseCounters {
+            received: read(&tally.received),
+            accepted: read(&tally.accepted),
+            not_finite: read(&tally.not_finite),
+            bad_quaternion: read(&tally.bad_quaternion),
+            malformed: read(&tally.malformed),
+            covariance_ignored: read(&tally.covariance_ignored),
+            dropped_full: read(&tally.dropped_full),
+        }
+    }
+}
+
+impl PoseTally {
+    fn take(&self, sample: &Sample, poses: &Sender<StampedPose>) {
+        count(&self.received);
+        match decode_pose(sample) {
+            Ok(message) => self.hand_on(message, poses),
+            Err(error) => {
+                tracing::debug!("pose left out: {error}");
+                count(self.counter_of(&error));
+            }
+        }
+    }
+
+    fn hand_on(&self, message: PoseMessage, poses: &Sender<StampedPose>) {
+        if message.covariance_ignored {
+            count(&self.covariance_ignored);
+        }
+        match poses.try_send(message.pose) {
+            Ok(()) => count(&self.accepted),
+            Err(_) => count(&self.dropped_full),
+        }
+    }
+
+    fn counter_of(&self, error: &PoseMessageError) -> &AtomicU64 {
+        match error {
+            PoseMessageError::NotFinite(_) => &self.not_finite,
+            PoseMessageError::Quaternion(_) => &self.bad_quaternion,
+            _ => &self.malformed,
+        }
+    }
+}
+
+fn decode_pose(sample: &Sample) -> Result<PoseMessage, PoseMessageError> {
+    let payload = sample.payload();
+    if payload.len() > MAX_POSE_BYTES {
+        return Err(PoseMessageError::Size(payload.len()));
+    }
+    pose_message::decode(&sample.encoding().to_string(), &payload.to_bytes())
+}
+
+/// A raw Ping frame from the bus; not decoded, not judged.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReceivedPing {
+    /// When the host beside the sonar received it.
+    pub host_time: Timestamp,
+    /// The whole frame.
+    pub frame: Vec<u8>,
+}
+
+/// What became of the pings that came.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct PingCounters {
+    /// Messages that came.
+    pub received: u64,
+    /// Without host time, or of a wrong size.
+    pub malformed: u64,
+    /// Newest dropped because the queue was full.
+    pub dropped_full: u64,
+}
+
+#[derive(Debug, Default)]
+struct PingTally {
+    received: AtomicU64,
+    malformed: AtomicU64,
+    dropped_full: AtomicU64,
+}
+
+/// Raw Ping frames in the order they came, in a bounded queue; when full the newest is dropped.
+#[derive(Debug)]
+pub struct PingSubscription {
+    pings: Receiver<ReceivedPing>,
+    tally: Arc<PingTally>,
+    _subscriber: Subscriber<()>,
+}
+
+impl PingSubscription {
+    pub(crate) fn start(link: &Arc<Link>) -> Result<Self, BusError> {
+        let (sender, pings) = bounded(link.config.ping_queue_len);
+        let tally = Arc::new(PingTally::default());
+        let in_callback = Arc::clone(&tally);
+        let subscriber = link
+            .session
+            .declare_subscriber(link.keys.ping())
+            .callback(move |sample| in_callback.take(&sample, &sender))
+            .wait()
+            .map_err(BusError::zenoh("subscribe to pings"))?;
+        Ok(Self {
+            pings,
+            tally,
+            _subscriber: subscriber,
+        })
+    }
+
+    /// The next ping, waiting for it no longer than `limit`.
+    #[must_use]
+    pub fn next_within(&self, limit: Duration) -> Option<ReceivedPing> {
+        self.pings.recv_timeout(limit).ok()
+    }
+
+    /// The queue itself, to select on.
+    #[must_use]
+    pub fn receiver(&self) -> &Receiver<ReceivedPing> {
+        &self.pings
+    }
+
+    /// What became of the pings that came.
+    #[must_use]
+    pub fn counters(&self) -> PingCounters {
+        PingCounters {
+            received: self.tally.received.load(Ordering::Relaxed),
+            malformed: self.tally.malformed.load(Ordering::Relaxed),
+            dropped_full: self.tally.dropped_full.load(Ordering::Relaxed),
+        }
+    }
+}
+
+impl PingTally {
+    fn take(&self, sample: &Sample, pings: &Sender<ReceivedPing>) {
+        count(&self.received);
+        let Some(ping) = read_ping(sample) else {
+            count(&self.malformed);
+            return;
+        };
+        if pings.try_send(ping).is_err() {
+            count(&self.dropped_full);
+        }
+    }
+}
+
+fn read_ping(sample: &Sample) -> Option<ReceivedPing> {
+    let attachment = sample.attachment()?;
+    let sizes_fit =
+        sample.payload().len() <= MAX_FRAME_BYTES && attachment.len() <= MAX_PING_ATTACHMENT_BYTES;
+    if !sizes_fit {
+        return None;
+    }
+    let json: serde_json::Value = serde_json::from_slice(&attachment.to_bytes()).ok()?;
+    Some(ReceivedPing {
+        host_time: Timestamp::from_nanos(json.get("host_time_ns")?.as_i64()?),
+        frame: sample.payload().to_bytes().into_owned(),
+    })
+}
+
+/// The service's newest status.
+#[derive(Debug)]
+pub struct StatusSubscription {
+    newest: Arc<Mutex<Option<serde_json::Value>>>,
+    _subscriber: Subscriber<()>,
+}
+
+impl StatusSubscription {
+    pub(crate) fn start(link: &Arc<Link>) -> Result<Self, BusError> {
+        let newest = Arc::new(Mutex::new(None));
+        let in_callback = Arc::clone(&newest);
+        let subscriber = link
+            .session
+            .declare_subscriber(link.keys.status())
+            .callback(move |sample| {
+                if let Some(status) = read_status(&sample) {
+                    *in_callback.lock().unwrap_or_else(PoisonError::into_inner) = Some(status);
+                }
+            })
+            .wait()
+            .map_err(BusError::zenoh("subscribe to the status"))?;
+        Ok(Self {
+            newest,
+            _subscriber: subscriber,
+        })
+    }
+
+    /// The newest status, once: a second call gives `None` until another came.
+    #[must_use]
+    pub fn take_newest(&self) -> Option<serde_json::Value> {
+        let mut newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        newest.take()
+    }
+}
+
+fn read_status(sample: &Sample) -> Option<serde_json::Value> {
+    let payload = sample.payload();
+    if payload.len() > MAX_STATUS_BYTES {
+        return None;
+    }
+    serde_json::from_slice(&payload.to_bytes()).ok()
+}

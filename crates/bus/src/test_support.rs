@@ -1,0 +1,43 @@
+//! Gaussians and maps for the tests of this crate.
+
+use std::sync::Arc;
+
+use echosplat_model::{Gaussian, Snapshot, Standing, Timestamp};
+use glam::{DVec3, Quat, Vec3};
+
+pub(crate) use crate::delta::bits;
+
+/// One that differs from every other by its id in every field.
+pub(crate) fn gaussian(id: u32) -> Gaussian {
+    let t = (id % 10_007) as f32;
+    Gaussian {
+        id,
+        mean_m: Vec3::new(t * 0.013 - 20.0, (t * 0.7).sin() * 9.0, -t * 0.001),
+        rotation: Quat::from_rotation_z(t * 0.1),
+        scale_m: Vec3::new(0.01, 0.02, 0.03) + t * 1e-5,
+        opacity: 0.5 + 0.4 * (t * 0.3).cos(),
+        reflectivity: 0.25 + 1e-5 * t,
+        sigma_m: 0.05 + 1e-4 * t,
+        standing: match id % 3 {
+            0 => Standing::Confident,
+            1 => Standing::Ambiguous,
+            _ => Standing::Confident,
+        },
+    }
+}
+
+pub(crate) fn snapshot(epoch: u64, sequence: u64, gaussians: Vec<Gaussian>) -> Arc<Snapshot> {
+    Arc::new(Snapshot {
+        epoch,
+        sequence,
+        time: Timestamp::from_millis(sequence as i64 * 100),
+        through_ping: sequence * 10,
+        origin_m: DVec3::new(500_000.125, 0.1, -3.0),
+        gaussians,
+    })
+}
+
+/// Bit for bit the same Gaussians in the same order.
+pub(crate) fn same(a: &[Gaussian], b: &[Gaussian]) -> bool {
+    a.iter().map(bits).eq(b.iter().map(bits))
+}

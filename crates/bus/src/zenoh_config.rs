@@ -1,0 +1,232 @@
+//! The zenoh configuration: the safe default, what a user puts in its place, what must hold.
+//!
+//! Order: the file of [`BusConfig::zenoh_config_file`], else that of the environment variable
+//! `ZENOH_CONFIG`, else the safe default; then each setting of [`BusConfig::zenoh`]; then what
+//! must hold whatever the user said.
+//!
+//! The safe default keeps to this machine: no multicast, no gossip, connect to and listen on
+//! [`LOOPBACK`], neither being an error if it fails. So the first program on a machine listens,
+//! and the second connects to it, or both connect to a router that is there already.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::Value;
+use zenoh::Config;
+
+use crate::endpoints::{self, Endpoints};
+use crate::{BusConfig, BusError};
+
+/// Where programs on one machine meet.
+pub const LOOPBACK: &str = "tcp/127.0.0.1:7447";
+
+const SAFE_DEFAULT: [(&str, &str); 9] = [
+    ("mode", "\"peer\""),
+    ("scouting/multicast/enabled", "false"),
+    ("scouting/gossip/enabled", "false"),
+    ("connect/endpoints", "[\"tcp/127.0.0.1:7447\"]"),
+    ("connect/timeout_ms", "0"),
+    ("connect/exit_on_failure", "false"),
+    ("listen/endpoints", "[\"tcp/127.0.0.1:7447\"]"),
+    ("listen/timeout_ms", "0"),
+    ("listen/exit_on_failure", "false"),
+];
+
+const MAX_MESSAGE_SIZE: &str = "transport/link/rx/max_message_size";
+
+/// A configuration to open a session with, and where it leads.
+#[derive(Debug)]
+pub(crate) struct Plan {
+    pub(crate) config: Config,
+    pub(crate) endpoints: Endpoints,
+}
+
+impl Plan {
+    /// `environment` is what `ZENOH_CONFIG` holds, if it holds something.
+    pub(crate) fn new(config: &BusConfig, environment: Option<PathBuf>) -> Result<Self, BusError> {
+        config.check()?;
+        let mut plan = match (&config.zenoh_config_file, environment) {
+            (Some(path), _) => from_file(path, "--zenoh-config")?,
+            (None, Some(path)) => from_file(&path, "ZENOH_CONFIG")?,
+            (None, None) => safe_default()?,
+        };
+        for (key, value) in &config.zenoh {
+            insert(&mut plan, key, value)?;
+        }
+        apply_what_must_hold(&mut plan, config)?;
+        Ok(Self {
+            endpoints: endpoints::effective(|key| setting(&plan, key)),
+            config: plan,
+        })
+    }
+}
+
+fn from_file(path: &Path, source_name: &'static str) -> Result<Config, BusError> {
+    Config::from_file(path).map_err(|reason| BusError::ConfigFile {
+        path: path.to_owned(),
+        source_name,
+        reason: reason.to_string(),
+    })
+}
+
+fn safe_default() -> Result<Config, BusError> {
+    let mut config = Config::default();
+    for (key, value) in SAFE_DEFAULT {
+        insert(&mut config, key, value)?;
+    }
+    Ok(config)
+}
+
+/// Timestamps order what comes from several machines; a message no larger than needed is all
+/// that a stranger can make this process hold.
+fn apply_what_must_hold(config: &mut Config, ours: &BusConfig) -> Result<(), BusError> {
+    insert(config, "timestamping/enabled", "true")?;
+    let theirs = setting(config, MAX_MESSAGE_SIZE)
+        .as_u64()
+        .unwrap_or(u64::MAX);
+    let least = theirs.min(ours.max_received_bytes as u64);
+    insert(config, MAX_MESSAGE_SIZE, &least.to_string())
+}
+
+fn insert(config: &mut Config, key: &str, value: &str) -> Result<(), BusError> {
+    config
+        .insert_json5(key, value)
+        .map_err(|reason| BusError::ZenohSetting {
+            key: key.to_owned(),
+            value: value.to_owned(),
+            reason: reason.to_string(),
+        })
+}
+
+fn setting(config: &Config, key: &str) -> Value {
+    let json = config.get_json(key).ok();
+    let value = json.and_then(|json| serde_json::from_str(&json).ok());
+    value.unwrap_or(Value::Null)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::Write;
+
+    fn plan(config: &BusConfig) -> Plan {
+        Plan::new(config, None).unwrap()
+    }
+
+    fn with(settings: &[(&str, &str)]) -> BusConfig {
+        let owned = |(key, value): &(&str, &str)| ((*key).to_owned(), (*value).to_owned());
+        BusConfig {
+            zenoh: settings.iter().map(owned).collect(),
+            ..BusConfig::default()
+        }
+    }
+
+    fn file(text: &str) -> tempfile::NamedTempFile {
+        let mut file = tempfile::Builder::new()
+            .suffix(".json5")
+            .tempfile()
+            .unwrap();
+        file.write_all(text.as_bytes()).unwrap();
+        file
+    }
+
+    #[test]
+    fn the_default_keeps_to_this_machine() {
+        let plan = plan(&BusConfig::default());
+        assert_eq!(plan.endpoints.connect, [LOOPBACK]);
+        assert_eq!(plan.endpoints.listen, [LOOPBACK]);
+        assert_eq!(plan.endpoints.warnings, Vec::<String>::new());
+        for (key, value) in SAFE_DEFAULT {
+            let expected: Value = serde_json::from_str(value).unwrap();
+            assert_eq!(setting(&plan.config, key), expected, "{key}");
+        }
+        assert_eq!(
+            setting(&plan.config, "timestamping/enabled"),
+            Value::Bool(true)
+        );
+        assert_eq!(
+            setting(&plan.config, MAX_MESSAGE_SIZE),
+            Value::from(1 << 20)
+        );
+    }
+
+    #[test]
+    fn listening_beyond_this_machine_is_warned_about_unless_it_asks_for_a_password() {
+        let open = ("listen/endpoints", "['tcp/0.0.0.0:7447']");
+        let warnings = plan(&with(&[open])).endpoints.warnings;
+        assert_eq!(warnings.len(), 1);
+        assert!(warnings[0].contains("tcp/0.0.0.0:7447"), "{warnings:?}");
+        let own_name = ("transport/auth/usrpwd/user", "'rov'");
+        let own_word = ("transport/auth/usrpwd/password", "'secret'");
+        let warnings = plan(&with(&[open, own_name, own_word])).endpoints.warnings;
+        assert_eq!(warnings.len(), 1, "its own password keeps nobody out");
+        let asks = ("transport/auth/usrpwd/dictionary_file", "'/etc/users'");
+        assert!(plan(&with(&[open, asks])).endpoints.warnings.is_empty());
+
+        let out = ("connect/endpoints", "['tcp/192.168.2.2:7447']");
+        assert_eq!(plan(&with(&[out])).endpoints.warnings.len(), 1);
+        assert!(
+            plan(&with(&[out, own_name, own_word]))
+                .endpoints
+                .warnings
+                .is_empty()
+        );
+    }
+
+    #[test]
+    fn a_users_file_that_says_nothing_listens_everywhere_and_is_told_so() {
+        let file = file("{ timestamping: { enabled: false } }");
+        let config = BusConfig {
+            zenoh_config_file: Some(file.path().to_owned()),
+            ..BusConfig::default()
+        };
+        let plan = plan(&config);
+        assert_eq!(plan.endpoints.listen, ["tcp/[::]:0"]);
+        assert_eq!(plan.endpoints.warnings.len(), 2);
+        assert_eq!(
+            setting(&plan.config, "timestamping/enabled"),
+            Value::Bool(true)
+        );
+    }
+
+    #[test]
+    fn the_option_goes_before_the_environment_and_settings_before_both() {
+        let first = file("{ mode: 'client', connect: { endpoints: ['tcp/127.0.0.1:1'] } }");
+        let second = file("{ mode: 'client', connect: { endpoints: ['tcp/127.0.0.1:2'] } }");
+        let mut config = BusConfig::default();
+        let from_environment = Plan::new(&config, Some(second.path().to_owned())).unwrap();
+        assert_eq!(from_environment.endpoints.connect, ["tcp/127.0.0.1:2"]);
+        config.zenoh_config_file = Some(first.path().to_owned());
+        let both = Plan::new(&config, Some(second.path().to_owned())).unwrap();
+        assert_eq!(both.endpoints.connect, ["tcp/127.0.0.1:1"]);
+        config.zenoh = with(&[("connect/endpoints", "['tcp/127.0.0.1:3']")]).zenoh;
+        let all = Plan::new(&config, Some(second.path().to_owned())).unwrap();
+        assert_eq!(all.endpoints.connect, ["tcp/127.0.0.1:3"]);
+        assert!(all.endpoints.listen.is_empty());
+    }
+
+    #[test]
+    fn a_smaller_message_size_of_the_user_stays() {
+        let plan = plan(&with(&[(MAX_MESSAGE_SIZE, "300000")]));
+        assert_eq!(
+            setting(&plan.config, MAX_MESSAGE_SIZE),
+            Value::from(300_000)
+        );
+    }
+
+    #[test]
+    fn what_zenoh_does_not_take_is_named() {
+        let refused = Plan::new(&with(&[("no/such/key", "1")]), None).unwrap_err();
+        assert!(refused.to_string().contains("no/such/key=1"), "{refused}");
+        let refused = Plan::new(&with(&[("mode", "'nonsense'")]), None).unwrap_err();
+        assert!(refused.to_string().contains("mode="), "{refused}");
+        let config = BusConfig {
+            zenoh_config_file: Some("/no/such/file.json5".into()),
+            ..BusConfig::default()
+        };
+        let refused = Plan::new(&config, None).unwrap_err();
+        assert!(
+            refused.to_string().contains("/no/such/file.json5"),
+            "{refused}"
+        );
+    }
+}
