@@ -8,11 +8,14 @@ mod beam;
 mod dive;
 mod random;
 mod scene;
+mod seen;
 mod sonar;
 
 pub use beam::{
-    AZIMUTH_SIGMA_RAD, ELEVATION_HALF_WIDTH_RAD, azimuth_weight, elevation_weight, pulse_sigma_m,
+    AZIMUTH_SIGMA_RAD, ELEVATION_HALF_WIDTH_RAD, HALF_POWER_AZIMUTH_RAD, azimuth_weight,
+    elevation_weight, pulse_sigma_m,
 };
 pub use dive::{BEAMS_PER_VIEW, Dive, DiveError, DiveKind, DiveOptions};
 pub use scene::{BUILT_IN_SCENES, Hit, Scene, SceneError, SurfacePoint, SurveyPath};
+pub use seen::seen_surface;
 pub use sonar::{NoiseLevel, Profile, SimulatedPing, SimulatedSonar};

@@ -9,7 +9,7 @@ use toml::Spanned;
 use super::file::{BlockEntry, HeightFieldEntry, MeshEntry, RodEntry, SceneFile};
 use super::shape::{Rod, Shape};
 use super::tree::Tree;
-use super::{Material, Part, Plane, Scene, SceneError, mesh};
+use super::{Material, Part, Plane, Scene, SceneError, SurveyHints, ViewpointHints, mesh};
 
 /// Names that [`Scene::named`] knows, each a file under `config/scenes/`.
 pub const BUILT_IN_SCENES: [(&str, &str); 8] = [
@@ -83,28 +83,28 @@ impl Scene {
         Self::build(toml, base_dir, "scene")
     }
 
+    /// A scene of nothing but the triangles of an STL, OBJ or PLY file, in metres.
+    ///
+    /// # Errors
+    /// Names the file and what is wrong with it.
+    pub fn from_mesh(path: impl AsRef<Path>) -> Result<Self, SceneError> {
+        let path = path.as_ref();
+        let origin = path.display().to_string();
+        let mut builder = Builder::new("", None, &origin);
+        for triangle in mesh::load(path)? {
+            builder.push_triangle(triangle, solid(1.0, 0.0));
+        }
+        Ok(builder.finish(&origin, SurveyHints::default(), ViewpointHints::default()))
+    }
+
     fn build(text: &str, base_dir: Option<&Path>, origin: &str) -> Result<Self, SceneError> {
         let file: SceneFile = toml::from_str(text).map_err(|error| SceneError::Toml {
             origin: origin.to_owned(),
             message: error.to_string(),
         })?;
-        let mut builder = Builder {
-            text,
-            base_dir,
-            origin,
-            parts: Vec::new(),
-            planes: Vec::new(),
-        };
+        let mut builder = Builder::new(text, base_dir, origin);
         builder.add_all(&file)?;
-        let boxes: Vec<_> = builder.parts.iter().map(|p| p.shape.bounds()).collect();
-        Ok(Self {
-            name: file.name,
-            tree: Tree::build(&boxes),
-            parts: builder.parts,
-            planes: builder.planes,
-            survey: file.survey,
-            viewpoints: file.viewpoints,
-        })
+        Ok(builder.finish(&file.name, file.survey, file.viewpoints))
     }
 }
 
@@ -116,7 +116,29 @@ struct Builder<'a> {
     planes: Vec<Plane>,
 }
 
-impl Builder<'_> {
+impl<'a> Builder<'a> {
+    fn new(text: &'a str, base_dir: Option<&'a Path>, origin: &'a str) -> Self {
+        Self {
+            text,
+            base_dir,
+            origin,
+            parts: Vec::new(),
+            planes: Vec::new(),
+        }
+    }
+
+    fn finish(self, name: &str, survey: SurveyHints, viewpoints: ViewpointHints) -> Scene {
+        let boxes: Vec<_> = self.parts.iter().map(|part| part.shape.bounds()).collect();
+        Scene {
+            name: name.to_owned(),
+            tree: Tree::build(&boxes),
+            parts: self.parts,
+            planes: self.planes,
+            survey,
+            viewpoints,
+        }
+    }
+
     fn add_all(&mut self, file: &SceneFile) -> Result<(), SceneError> {
         let rods = file.capsule.len() + file.cylinder.len();
         let count = rods + file.sphere.len() + file.block.len() + file.plane.len();

@@ -103,6 +103,12 @@ impl Scene {
         union(self.parts.iter().map(|part| part.shape.bounds()))
     }
 
+    /// Surface of all bounded structure, buried pieces included.
+    pub(crate) fn structure_area_m2(&self) -> f64 {
+        let structure = self.parts.iter().filter(|part| !part.material.is_seabed);
+        structure.map(|part| part.shape.area()).sum()
+    }
+
     pub(crate) fn survey_hints(&self) -> &SurveyHints {
         &self.survey
     }
@@ -158,9 +164,12 @@ impl Scene {
     /// scene.
     #[must_use]
     pub fn nearest(&self, point: DVec3) -> (f64, DVec3, bool) {
-        let bare = self.nearest_where(point, |place| !self.is_buried(place));
-        if bare.0.is_finite() {
-            return bare;
+        // The place nearest from outside of everything is never buried.
+        if self.contains(point, 0.0) {
+            let bare = self.nearest_where(point, |place| !self.is_buried(place));
+            if bare.0.is_finite() {
+                return bare;
+            }
         }
         self.nearest_where(point, |_| true)
     }
@@ -180,8 +189,7 @@ impl Scene {
             if !(distance_m < best.0) {
                 return best.0.min(distance_m);
             }
-            // A place nearest from outside is never buried, so most calls end before the test.
-            if closest.signed < 0.0 && !counts(closest.place) {
+            if !counts(closest.place) {
                 return f64::INFINITY;
             }
             best = (distance_m, closest.normal, part.material.is_seabed);

@@ -162,17 +162,23 @@ fn sample_tube(rod: &Rod, spacing: f64, random: &mut Random, emit: &mut impl FnM
     });
 }
 
-/// Equal areas: uniform in height and in azimuth (Archimedes).
+/// Bands of equal width from pole to pole, each with points by its area; uniform in height within
+/// a band is uniform in area (Archimedes).
 fn sample_ball(radius: f64, spacing: f64, random: &mut Random, mut emit: impl FnMut(DVec3)) {
-    let size = [TAU * radius, 2.0 * radius];
-    grid(size, spacing, random, |u, v| {
-        let z = 2.0 * v - 1.0;
-        let across = (1.0 - z * z).max(0.0).sqrt();
-        let (sin, cos) = (TAU * u).sin_cos();
-        emit(DVec3::new(across * cos, across * sin, z));
+    let height = |share: f64| (PI * share).cos();
+    bands(PI * radius, spacing, |from, to| {
+        let (top, bottom) = (height(from), height(to));
+        let area = TAU * radius * radius * (top - bottom);
+        ring(area, spacing, random, |turn, share| {
+            let z = top + (bottom - top) * share;
+            let across = (1.0 - z * z).max(0.0).sqrt();
+            let (sin, cos) = (TAU * turn).sin_cos();
+            emit(DVec3::new(across * cos, across * sin, z));
+        });
     });
 }
 
+/// Rings of equal width, uniform in area within each.
 fn sample_disc(
     center: DVec3,
     normal: DVec3,
@@ -182,14 +188,33 @@ fn sample_disc(
     emit: &mut impl FnMut(DVec3, DVec3),
 ) {
     let (side, other) = normal.any_orthonormal_pair();
-    let size = [PI * radius, radius];
-    grid(size, spacing, random, |u, v| {
-        let (sin, cos) = (TAU * u).sin_cos();
-        emit(
-            center + (side * cos + other * sin) * (radius * v.sqrt()),
-            normal,
-        );
+    bands(radius, spacing, |from, to| {
+        let (inner, outer) = (from * from, to * to);
+        let area = PI * radius * radius * (outer - inner);
+        ring(area, spacing, random, |turn, share| {
+            let from_center = radius * (inner + (outer - inner) * share).sqrt();
+            let (sin, cos) = (TAU * turn).sin_cos();
+            emit(center + (side * cos + other * sin) * from_center, normal);
+        });
     });
+}
+
+/// Cuts 0 to 1, `length` long, into bands about `spacing` wide.
+fn bands(length: f64, spacing: f64, mut band: impl FnMut(f64, f64)) {
+    let count = (length / spacing).round().max(1.0) as u32;
+    for index in 0..count {
+        let edge = |index: u32| f64::from(index) / f64::from(count);
+        band(edge(index), edge(index + 1));
+    }
+}
+
+/// A point per `spacing`² of a ring's area: its share of a turn, jittered, and its place across.
+fn ring(area: f64, spacing: f64, random: &mut Random, mut place: impl FnMut(f64, f64)) {
+    let count = (area / (spacing * spacing)).round().max(1.0) as u32;
+    for index in 0..count {
+        let turn = (f64::from(index) + random.unit()) / f64::from(count);
+        place(turn, random.unit());
+    }
 }
 
 fn sample_block(

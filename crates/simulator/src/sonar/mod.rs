@@ -10,3 +10,6 @@ pub use level::NoiseLevel;
 pub(crate) use level::PoseNoise;
 pub use profile::{Profile, SimulatedPing};
 pub use simulated::SimulatedSonar;
+
+#[cfg(test)]
+mod tests;

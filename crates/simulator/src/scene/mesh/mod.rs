@@ -1,4 +1,9 @@
-//! Triangles from files and from formulas.
+//! Triangles from files and from formulas. Counts a file claims are held against the bytes it has
+//! before anything is made room for.
+
+mod obj;
+mod ply;
+mod stl;
 
 use std::io::Read;
 use std::path::Path;
@@ -11,7 +16,9 @@ use super::file::HeightFieldEntry;
 /// Corners of a triangle.
 pub(super) type Triangle = [DVec3; 3];
 
-const MAX_MESH_BYTES: u64 = 512 << 20;
+const MAX_MESH_BYTES: u64 = 256 << 20;
+const MAX_TRIANGLE_COUNT: usize = 2_000_000;
+const MAX_COORDINATE: f64 = 1e8;
 
 /// The whole file, if it holds no more than `max_bytes`.
 pub(super) fn read_bounded(path: &Path, max_bytes: u64) -> Result<Vec<u8>, SceneError> {
@@ -35,13 +42,65 @@ pub(super) fn read_bounded(path: &Path, max_bytes: u64) -> Result<Vec<u8>, Scene
     Ok(bytes)
 }
 
-/// Reads an STL, OBJ or PLY file.
+/// Reads an STL, OBJ or PLY file, told apart by what it holds, then by its name.
 pub(super) fn load(path: &Path) -> Result<Vec<Triangle>, SceneError> {
-    let _bytes = read_bounded(path, MAX_MESH_BYTES)?;
-    Err(SceneError::Mesh {
+    let bytes = read_bounded(path, MAX_MESH_BYTES)?;
+    let named_obj = path
+        .extension()
+        .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
+    parse(&bytes, named_obj).map_err(|message| SceneError::Mesh {
         path: path.to_owned(),
-        message: "not an STL, OBJ or PLY file".to_owned(),
+        message,
     })
+}
+
+fn parse(bytes: &[u8], named_obj: bool) -> Result<Vec<Triangle>, String> {
+    let triangles = if bytes.starts_with(b"ply") {
+        ply::parse(bytes)?
+    } else if named_obj {
+        obj::parse(bytes)?
+    } else {
+        stl::parse(bytes)?
+    };
+    if triangles.is_empty() {
+        return Err("holds no triangle".to_owned());
+    }
+    if triangles.len() > MAX_TRIANGLE_COUNT {
+        let count = triangles.len();
+        return Err(format!(
+            "{count} triangles; at most {MAX_TRIANGLE_COUNT} are allowed"
+        ));
+    }
+    let is_usable = |corner: &DVec3| corner.abs().max_element() <= MAX_COORDINATE;
+    match triangles.iter().position(|t| !t.iter().all(is_usable)) {
+        Some(index) => Err(format!(
+            "triangle {index} has a corner that is not finite or beyond {MAX_COORDINATE}"
+        )),
+        None => Ok(triangles),
+    }
+}
+
+/// The triangles of a polygon around its first corner. Indices count from 0.
+fn push_polygon(
+    corners: &[DVec3],
+    polygon: &[usize],
+    triangles: &mut Vec<Triangle>,
+) -> Result<(), String> {
+    let corner = |index: usize| {
+        corners.get(index).copied().ok_or_else(|| {
+            format!(
+                "a face names vertex {index} of {} (counted from 0)",
+                corners.len()
+            )
+        })
+    };
+    let Some((&first, rest)) = polygon.split_first() else {
+        return Ok(());
+    };
+    for pair in rest.windows(2) {
+        triangles.push([corner(first)?, corner(pair[0])?, corner(pair[1])?]);
+    }
+    Ok(())
 }
 
 /// Two triangles per cell, facing up.
@@ -72,3 +131,6 @@ fn height(field: &HeightFieldEntry, x: f64, y: f64) -> f64 {
     };
     field.waves.iter().map(wave).sum()
 }
+
+#[cfg(test)]
+mod tests;
