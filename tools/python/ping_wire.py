@@ -114,6 +114,15 @@ class Decoder:
             del self._pending[:byte_count]
         return frames
 
+    def finish(self):
+        """The frames left when no more bytes come: within what looked like a frame's start."""
+        frames = []
+        while self._pending:
+            self.bad_bytes += 1
+            del self._pending[0]
+            frames += self.feed(b"")
+        return frames
+
     def _next(self):
         """A frame or None for stray bytes, and their count; None when bytes are missing."""
         pending = self._pending
