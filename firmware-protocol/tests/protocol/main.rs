@@ -8,6 +8,7 @@
 mod arbitrary;
 mod damage;
 mod damage_stream;
+mod hammer;
 mod lengths;
 mod reference;
 mod streams;
