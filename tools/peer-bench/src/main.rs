@@ -81,8 +81,7 @@ fn our_frames(stream: &[u8], sink: &mut dyn FnMut(&[u8])) {
     decoder.finish(&mut on_event);
 }
 
-/// Gives the payloads with what identifies a frame before them. A peer that has failed is asked
-/// again with the next byte, as its own examples do.
+/// The peer takes one byte a call, and after an error goes on with the next.
 fn peer_frames(stream: &[u8], sink: &mut dyn FnMut(&bluerobotics_ping::message::ProtocolMessage)) {
     let mut decoder = PeerDecoder::new();
     for byte in stream {
