@@ -1,1 +1,25 @@
-//! Metrics and reports
+//! How good a map is: distances to the truth, error against run time, and reports of both.
+//!
+//! Headline figures are raw: nothing aligned, nothing cropped, no threshold of the evaluator's own.
+//! The paper's protocol stands beside them, marked. An empty map has infinite error, which JSON
+//! shows as `null` and reports say in words. The same input gives the same bits.
+//!
+//! Deliberately absent: a clock (times come in as numbers), running the mapper, and files other
+//! than a truth's.
+
+mod alignment;
+pub mod curve;
+mod map_points;
+mod metrics;
+mod neighbors;
+mod nullable;
+mod point_file;
+pub mod report;
+mod statistics;
+pub mod table;
+mod truth;
+
+pub use map_points::{MapPoint, MapPoints};
+pub use metrics::{Figures, Metrics, Normals, PaperFigures, evaluate, evaluate_raw};
+pub use statistics::Directed;
+pub use truth::{Truth, TruthError};

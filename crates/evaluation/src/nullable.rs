@@ -1,0 +1,12 @@
+//! Infinite errors in JSON: `null`, both ways.
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+pub(crate) fn serialize<S: Serializer>(value: &f64, serializer: S) -> Result<S::Ok, S::Error> {
+    value.is_finite().then_some(*value).serialize(serializer)
+}
+
+pub(crate) fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<f64, D::Error> {
+    let value = Option::<f64>::deserialize(deserializer)?;
+    Ok(value.unwrap_or(f64::INFINITY))
+}
