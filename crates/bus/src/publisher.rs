@@ -344,23 +344,18 @@ impl AnswerThread {
             let published = lock(&self.shared.published).clone();
             let parameters = query.parameters();
             let request = SnapshotRequest::parse(|name| parameters.get(name));
-            let mut tally = MapPublisherCounters::default();
             match (request, published) {
                 (Ok(request), Some(published)) => {
-                    tally.queries_answered = 1;
+                    lock(&self.shared.counters).queries_answered += 1;
                     self.answer(&query, &published, &request);
                 }
                 (Err(error), _) => {
-                    tally.queries_refused = 1;
+                    lock(&self.shared.counters).queries_refused += 1;
                     // Whoever asked may have gone.
                     let _ = query.reply_err(error.to_string()).wait();
                 }
-                (Ok(_), None) => tally.queries_dropped = 1,
+                (Ok(_), None) => lock(&self.shared.counters).queries_dropped += 1,
             }
-            let mut counters = lock(&self.shared.counters);
-            counters.queries_answered += tally.queries_answered;
-            counters.queries_refused += tally.queries_refused;
-            counters.queries_dropped += tally.queries_dropped;
         }
     }
 

@@ -110,7 +110,8 @@ struct State {
     assembler: MapAssembler,
     counters: MapSubscriberCounters,
     liveliness: Liveliness,
-    /// The map as it was last asked for, so that asking again costs nothing.
+    /// The map as it was last asked for, so that asking again costs nothing; `None` once it
+    /// changed.
     newest: Option<Arc<Snapshot>>,
 }
 
@@ -241,12 +242,9 @@ impl MapSubscriber {
 
 impl State {
     fn newest(&mut self) -> Option<Arc<Snapshot>> {
-        let position = self.assembler.position()?;
-        let fresh = |map: &&Arc<Snapshot>| (map.epoch, map.sequence) == position;
-        if let Some(newest) = self.newest.as_ref().filter(fresh) {
-            return Some(Arc::clone(newest));
+        if self.newest.is_none() {
+            self.newest = self.assembler.to_snapshot().map(Arc::new);
         }
-        self.newest = self.assembler.to_snapshot().map(Arc::new);
         self.newest.clone()
     }
 }
@@ -285,6 +283,7 @@ fn watch_liveliness(
         };
         if is_back {
             state.assembler.restart();
+            state.newest = None;
         }
         shared.changed.notify_all();
         // Full means that it is about to be woken anyway.
@@ -354,8 +353,11 @@ impl Follower {
         // Doubles while nobody answers; an answer sets it back.
         self.next_query = Instant::now() + self.retry;
         self.retry = (self.retry * 2).min(MAX_RETRY);
-        let request = lock(&self.shared).assembler.request();
-        lock(&self.shared).counters.queries += 1;
+        let request = {
+            let mut state = lock(&self.shared);
+            state.counters.queries += 1;
+            state.assembler.request()
+        };
         let selector = format!("{}?{}", self.link.keys.snapshot(), request.to_parameters());
         let (sender, replies) = bounded(REPLY_QUEUE_LEN);
         let asked = self
@@ -395,6 +397,7 @@ impl Follower {
             return;
         };
         let progress = state.assembler.delta(delta, is_final);
+        state.newest = None;
         if matches!(progress, Progress::Gap { .. } | Progress::NewEpoch { .. }) {
             tracing::debug!("map: {progress:?}");
             self.next_query = Instant::now();
@@ -448,6 +451,7 @@ impl Follower {
         };
         self.last_heard = Instant::now();
         self.retry = MIN_RETRY;
+        state.newest = None;
         if state.assembler.snapshot(answer) == Progress::Unusable {
             self.next_query = Instant::now();
         }

@@ -41,6 +41,8 @@ pub struct AssemblerCounters {
     pub deltas_applied: u64,
     /// Deltas whose sequence was in the map already.
     pub deltas_old: u64,
+    /// Buffered deltas that the answer shows to be of another epoch, or never sent.
+    pub deltas_unexplained: u64,
     /// Deltas let go because the buffer for late joiners was full; oldest first.
     pub deltas_overflowed: u64,
     /// Times that a delta was missing.
@@ -70,9 +72,18 @@ pub struct MapAssembler {
     gaussian_count: usize,
     head: Option<Head>,
     needs_snapshot: bool,
-    waiting: VecDeque<(Delta, bool)>,
+    waiting: VecDeque<Waiting>,
     waiting_gaussians: usize,
     counters: AssemblerCounters,
+}
+
+/// A delta that cannot be applied yet.
+#[derive(Debug)]
+struct Waiting {
+    delta: Delta,
+    is_final: bool,
+    /// It was here when the snapshot was asked for, so the answer must reach it.
+    came_before_asking: bool,
 }
 
 /// Where the map stands.
@@ -139,12 +150,16 @@ impl MapAssembler {
 
     fn buffer(&mut self, delta: Delta, is_final: bool) -> Progress {
         self.waiting_gaussians += weight(&delta);
-        self.waiting.push_back((delta, is_final));
+        self.waiting.push_back(Waiting {
+            delta,
+            is_final,
+            came_before_asking: false,
+        });
         while self.waiting_gaussians > self.max_gaussians {
-            let Some((dropped, _)) = self.waiting.pop_front() else {
+            let Some(dropped) = self.waiting.pop_front() else {
                 break;
             };
-            self.waiting_gaussians -= weight(&dropped);
+            self.waiting_gaussians -= weight(&dropped.delta);
             self.counters.deltas_overflowed += 1;
         }
         Progress::Buffered
@@ -239,17 +254,20 @@ impl MapAssembler {
         }
     }
 
-    /// Applies what was buffered, as far as it follows; what lies beyond a new gap is kept. Deltas
-    /// of another epoch are let go: of an older one they are worthless, and a newer one shows
-    /// itself again with its next delta.
+    /// Applies what was buffered, as far as it follows; what lies beyond a new gap is kept. Let go
+    /// are deltas of another epoch (of an older one they are worthless, and a newer one shows
+    /// itself again with its next delta), and those beyond an answer that was asked for after
+    /// they came: the publisher never sent them.
     fn drain_waiting(&mut self) -> Progress {
         self.waiting_gaussians = 0;
-        let epoch = self.head.map(|head| head.epoch);
-        for (delta, is_final) in std::mem::take(&mut self.waiting) {
-            if Some(delta.epoch) == epoch {
-                self.delta(delta, is_final);
+        for waiting in std::mem::take(&mut self.waiting) {
+            let Some(head) = self.head else { break };
+            let next = head.sequence.saturating_add(1);
+            let is_beyond = waiting.delta.sequence > next && waiting.came_before_asking;
+            if waiting.delta.epoch == head.epoch && !is_beyond {
+                self.delta(waiting.delta, waiting.is_final);
             } else {
-                self.counters.deltas_old += 1;
+                self.counters.deltas_unexplained += 1;
             }
         }
         Progress::Applied
@@ -269,9 +287,12 @@ impl MapAssembler {
         self.needs_snapshot
     }
 
-    /// What to ask for: what changed since the map as it stands, or everything.
+    /// What to ask for now: what changed since the map as it stands, or everything.
     #[must_use]
-    pub fn request(&self) -> SnapshotRequest {
+    pub fn request(&mut self) -> SnapshotRequest {
+        for waiting in &mut self.waiting {
+            waiting.came_before_asking = true;
+        }
         SnapshotRequest {
             bbox_m: None,
             epoch: self.head.map(|head| head.epoch),

@@ -228,6 +228,22 @@ fn deltas_of_an_older_epoch_do_not_make_it_ask_for_ever() {
 }
 
 #[test]
+fn a_delta_that_was_never_sent_does_not_make_it_ask_for_ever() {
+    let (mut differ, mut assembler) = joined();
+    let sent = snapshot(5, 1, (0..100).map(gaussian).collect());
+    differ.offer(sent.clone());
+    let deltas = differ.next_deltas(None);
+    resync(&differ, &mut assembler);
+    let mut forged = deltas[0].clone();
+    forged.sequence = 1000;
+    assembler.delta(forged, false);
+    assert!(assembler.needs_snapshot());
+    resync(&differ, &mut assembler);
+    assert_whole(&assembler, &sent);
+    assert_eq!(assembler.counters().deltas_unexplained, 1);
+}
+
+#[test]
 fn a_tile_that_emptied_is_in_what_changed_since() {
     let (mut differ, mut assembler) = joined();
     differ.offer(snapshot(5, 1, (0..3).map(gaussian).collect()));
