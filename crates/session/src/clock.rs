@@ -145,7 +145,7 @@ impl HostClock {
     /// The new least offset, if this one shows that the old one no longer holds.
     fn has_stepped(&mut self, offset: i64, least: i64, device: i64, arrival: i64) -> Option<i64> {
         let excess = offset.saturating_sub(least);
-        if excess > STEP_NANOS || excess < -STEP_NANOS {
+        if !(-STEP_NANOS..=STEP_NANOS).contains(&excess) {
             return Some(offset);
         }
         if excess <= SUSPECT_NANOS {

@@ -79,7 +79,7 @@ pub struct SessionCounters {
     pub json_bad: u64,
     /// NMEA wrappers, counted and not used.
     pub nmea: u64,
-    /// MAVLink wrappers, counted and not used.
+    /// `MAVLink` wrappers, counted and not used.
     pub mavlink: u64,
     /// Status messages of the device.
     pub status: u64,

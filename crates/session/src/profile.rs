@@ -88,7 +88,7 @@ pub(crate) fn intensity(
         f64::from(profile.max_pwr_db) - f64::from(profile.min_pwr_db),
     );
     let raw = profile.pwr_results.iter();
-    if config.spreading == Spreading::None && !(config.absorption_db_per_m > 0.0) {
+    if config.spreading == Spreading::None && config.absorption_db_per_m <= 0.0 {
         return raw.map(|raw| scale.linear(raw) as f32).collect();
     }
     raw.enumerate()

@@ -1,0 +1,92 @@
+//! What a driver tells: events in order, and its status at any time.
+
+use std::sync::Arc;
+
+use echosplat_model::Ping;
+use echosplat_session::SessionCounters;
+use serde::Serialize;
+
+/// What happened, in order.
+#[derive(Debug, Clone, PartialEq)]
+pub enum DriverEvent {
+    /// One ping.
+    Ping {
+        /// Checked, on the clock asked for.
+        ping: Arc<Ping>,
+        /// The whole Ping frame it was made of.
+        frame: Arc<[u8]>,
+    },
+    /// The link is there.
+    LinkUp,
+    /// The link is gone; it is tried again and again.
+    LinkDown {
+        /// What the system said, or how long nothing came.
+        reason: String,
+    },
+    /// The device said what it is.
+    Identified {
+        /// 101 in the vendor's list, 104 on a real `OmniScan` 450 FS.
+        device_type: u8,
+        /// Hardware revision.
+        device_revision: u8,
+        /// Firmware version: major, minor, patch.
+        firmware: [u8; 3],
+    },
+    /// Profiles show the settings asked for.
+    Configured,
+    /// The device was restarted.
+    Rebooted,
+    /// The device refused a request.
+    Nack {
+        /// Message id of the request.
+        id: u16,
+        /// The device's words.
+        text: String,
+    },
+    /// Something a person should know; each is said once.
+    Warning(String),
+    /// The log of a `file://` is at its end.
+    Ended,
+}
+
+/// Where a link stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkState {
+    /// Not yet there.
+    #[default]
+    Connecting,
+    /// Bytes can come.
+    Up,
+    /// Lost; being tried again.
+    Down,
+    /// The log is at its end.
+    Ended,
+    /// Stopped as asked.
+    Stopped,
+}
+
+/// A driver's state, latest value.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct DriverStatus {
+    /// Where the link stands.
+    pub link: LinkState,
+    /// Why the link was last down.
+    pub reason: Option<String>,
+    /// What came and what became of it.
+    pub session: SessionCounters,
+    /// Links that came up.
+    pub connects: u64,
+    /// Links that were lost.
+    pub disconnects: u64,
+    /// Pings given to the events' channel.
+    pub pings_sent: u64,
+    /// Pings left out because the channel was full (only on the host's clock).
+    pub pings_dropped: u64,
+    /// Other events left out because the channel was full.
+    pub events_dropped: u64,
+    /// Bytes that still came while stopping; neither decoded nor shown to the tap.
+    pub bytes_after_stop: u64,
+    /// Whether the device was told to stop, and the link took it.
+    pub stop_sent: bool,
+}

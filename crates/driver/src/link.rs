@@ -1,0 +1,288 @@
+//! A live link: connected again and again, a session on it, an orderly stop.
+
+use std::io;
+use std::time::{Duration, Instant};
+
+use echosplat_session::Session;
+
+use crate::config::DriverConfig;
+use crate::driver::{RawTap, host_time};
+use crate::event::{DriverEvent, LinkState};
+use crate::outlet::{Flow, Outlet};
+use crate::transport::{self, READ_BYTES, Received, Transport};
+use crate::url::SonarUrl;
+
+/// After the request to stop, so long at most is waited for the device to fall silent: what is
+/// unread when a TCP link closes may take the request with it.
+const STOP_DRAIN: Duration = Duration::from_millis(500);
+/// So many reads without a byte are silence.
+const QUIET_READS: u32 = 3;
+/// Bytes of a profile's frame around its bins.
+const PROFILE_OVERHEAD_BYTES: f64 = 62.0;
+/// Start bit, eight data bits, stop bit.
+const LINE_BITS_PER_BYTE: f64 = 10.0;
+
+pub(crate) struct Link {
+    config: DriverConfig,
+    raw: Option<RawTap>,
+    outlet: Outlet,
+    session: Session,
+    state: LinkState,
+    /// Whether the last open link brought nothing.
+    was_silent: bool,
+    buffer: Vec<u8>,
+}
+
+/// Why a link is no longer talked on.
+enum End {
+    Stopped,
+    Lost(String),
+}
+
+impl Link {
+    pub(crate) fn new(config: DriverConfig, raw: Option<RawTap>, outlet: Outlet) -> Self {
+        let session = Session::new(config.session.clone(), host_time());
+        Self {
+            config,
+            raw,
+            outlet,
+            session,
+            state: LinkState::Connecting,
+            was_silent: false,
+            buffer: vec![0; READ_BYTES],
+        }
+    }
+
+    /// Until stopped, or nobody listens.
+    pub(crate) fn run(mut self) {
+        if let Some(warning) = line_warning(&self.config) {
+            self.tell(DriverEvent::Warning(warning));
+        }
+        let mut wait_s = self.config.reconnect_min_s;
+        while !self.outlet.stop.is_set() {
+            let reason = match transport::open(&self.config, self.was_silent) {
+                Ok(mut link) => match self.talk(&mut *link) {
+                    End::Stopped => {
+                        self.stop_device(&mut *link);
+                        break;
+                    }
+                    End::Lost(reason) => reason,
+                },
+                Err(error) => error.to_string(),
+            };
+            if self.state == LinkState::Up {
+                wait_s = self.config.reconnect_min_s;
+            }
+            if self.lost(reason) == Flow::Ends {
+                break;
+            }
+            if self.outlet.stop.wait(Duration::from_secs_f64(wait_s)) {
+                self.stop_unlinked_device();
+            }
+            wait_s = (2.0 * wait_s).min(self.config.reconnect_max_s);
+        }
+        self.session.finish(host_time());
+        self.deliver();
+        self.state = LinkState::Stopped;
+        self.publish();
+    }
+
+    fn talk(&mut self, link: &mut dyn Transport) -> End {
+        self.session.link_restored(host_time());
+        if link.opens_connected() && self.came_up() == Flow::Ends {
+            return End::Stopped;
+        }
+        let silence = self.silence_timeout();
+        let mut heard = Instant::now();
+        self.was_silent = true;
+        loop {
+            if let Err(error) = self.send_requests(link) {
+                return End::Lost(format!("writing failed: {error}"));
+            }
+            if self.outlet.stop.is_set() {
+                return End::Stopped;
+            }
+            // First what has come: a half frame must not expire while its rest waits to be read.
+            match link.read(&mut self.buffer) {
+                Ok(Received::Bytes(byte_count)) => {
+                    heard = Instant::now();
+                    self.was_silent = false;
+                    if self.came_up() == Flow::Ends {
+                        return End::Stopped;
+                    }
+                    self.take(byte_count);
+                }
+                Ok(Received::Nothing) if heard.elapsed() > silence => {
+                    return End::Lost(format!("nothing came for {:.1} s", silence.as_secs_f64()));
+                }
+                Ok(Received::Nothing) => {}
+                Err(error) => return End::Lost(error.to_string()),
+            }
+            self.session.handle_timeout(host_time());
+            let flow = self.deliver();
+            self.publish();
+            if flow == Flow::Ends {
+                return End::Stopped;
+            }
+        }
+    }
+
+    fn take(&mut self, byte_count: usize) {
+        let now = host_time();
+        let bytes = &self.buffer[..byte_count];
+        if let Some(raw) = &mut self.raw {
+            raw(now, bytes);
+        }
+        self.session.receive(bytes, now);
+    }
+
+    fn send_requests(&mut self, link: &mut dyn Transport) -> io::Result<()> {
+        while let Some(frame) = self.session.poll_transmit() {
+            link.write(&frame)?;
+        }
+        Ok(())
+    }
+
+    fn deliver(&mut self) -> Flow {
+        while let Some(event) = self.session.poll_event() {
+            if self.tell(event.into()) == Flow::Ends {
+                return Flow::Ends;
+            }
+        }
+        Flow::GoesOn
+    }
+
+    fn tell(&mut self, event: DriverEvent) -> Flow {
+        match &event {
+            DriverEvent::Warning(text) => tracing::warn!(url = %self.config.url, "sonar: {text}"),
+            DriverEvent::Nack { id, text } => {
+                tracing::warn!(url = %self.config.url, id, "sonar refused a request: {text}");
+            }
+            DriverEvent::Rebooted => tracing::warn!(url = %self.config.url, "sonar was restarted"),
+            _ => {}
+        }
+        self.outlet.send(event)
+    }
+
+    fn came_up(&mut self) -> Flow {
+        if self.state == LinkState::Up {
+            return Flow::GoesOn;
+        }
+        tracing::info!(url = %self.config.url, "sonar link is up");
+        self.state = LinkState::Up;
+        self.outlet.status.update(|status| status.connects += 1);
+        self.publish();
+        self.outlet.send(DriverEvent::LinkUp)
+    }
+
+    fn lost(&mut self, reason: String) -> Flow {
+        self.session.link_lost(host_time());
+        let flow = self.deliver();
+        let was_up = self.state == LinkState::Up;
+        let is_news = self.state != LinkState::Down;
+        self.state = LinkState::Down;
+        self.outlet.status.update(|status| {
+            status.disconnects += u64::from(was_up);
+            status.reason = Some(reason.clone());
+        });
+        self.publish();
+        if flow == Flow::Ends || !is_news {
+            return flow;
+        }
+        tracing::warn!(url = %self.config.url, "sonar link is down, trying again: {reason}");
+        self.outlet.send(DriverEvent::LinkDown { reason })
+    }
+
+    fn publish(&self) {
+        let session = self.session.counters();
+        self.outlet.status.update(|status| {
+            status.link = self.state;
+            status.session = session;
+        });
+    }
+
+    /// Stopped while the link is down: the unit may still be pinging, so one more try.
+    fn stop_unlinked_device(&mut self) {
+        let was_connected = self.outlet.status.read().connects > 0;
+        if !was_connected {
+            return;
+        }
+        if let Ok(mut link) = transport::open(&self.config, false) {
+            self.stop_device(&mut *link);
+        }
+    }
+
+    /// Sends `enable = 0`, again if the device goes on, and reads until it is silent.
+    fn stop_device(&mut self, link: &mut dyn Transport) {
+        self.session.stop(host_time());
+        let mut frames = Vec::new();
+        while let Some(frame) = self.session.poll_transmit() {
+            frames.push(frame);
+        }
+        let began = Instant::now();
+        let mut sent = frames.iter().try_for_each(|frame| link.write(frame));
+        let mut repeated = false;
+        let mut quiet_reads = 0;
+        while sent.is_ok() && quiet_reads < QUIET_READS && began.elapsed() < STOP_DRAIN {
+            match link.read(&mut self.buffer) {
+                Ok(Received::Bytes(byte_count)) => {
+                    quiet_reads = 0;
+                    self.outlet
+                        .status
+                        .update(|status| status.bytes_after_stop += byte_count as u64);
+                }
+                Ok(Received::Nothing) => quiet_reads += 1,
+                Err(_) => break,
+            }
+            if !repeated && began.elapsed() > STOP_DRAIN / 2 {
+                repeated = true;
+                sent = frames.iter().try_for_each(|frame| link.write(frame));
+            }
+        }
+        if let Err(error) = &sent {
+            tracing::warn!(url = %self.config.url, "sonar could not be told to stop: {error}");
+        }
+        self.outlet
+            .status
+            .update(|status| status.stop_sent = sent.is_ok());
+    }
+
+    fn silence_timeout(&self) -> Duration {
+        let intervals_s = 20.0 * self.config.session.expected_interval_s();
+        Duration::try_from_secs_f64(self.config.silence_timeout_s.max(intervals_s))
+            .unwrap_or(Duration::from_secs(600))
+    }
+}
+
+/// Says so if a serial line cannot carry what is asked for.
+fn line_warning(config: &DriverConfig) -> Option<String> {
+    let SonarUrl::Serial { baudrate, .. } = &config.url else {
+        return None;
+    };
+    let profile_bytes = PROFILE_OVERHEAD_BYTES + 2.0 * f64::from(config.session.bin_count);
+    let carried = f64::from(*baudrate) / (LINE_BITS_PER_BYTE * profile_bytes);
+    let asked = 1.0 / config.session.expected_interval_s();
+    (asked > carried).then(|| {
+        format!(
+            "{asked:.1} profiles/s of {} bins are asked for, but {baudrate} baud carry {carried:.1}: \
+             set ping_interval_ms to {:.0} or more, or bin_count lower",
+            config.session.bin_count,
+            (1000.0 / carried).ceil(),
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_line_at_115200_baud_carries_nine_profiles_a_second() {
+        let url = "serial:///dev/ttyUSB0".parse().unwrap();
+        let mut config = DriverConfig::new(url);
+        let warning = line_warning(&config).unwrap();
+        assert!(warning.contains("carry 9.1") && warning.contains("110 or more"));
+        config.session.ping_interval_ms = 110;
+        assert_eq!(line_warning(&config), None);
+    }
+}

@@ -1,0 +1,214 @@
+//! The thread that serves a device: requests in, profiles out when they are due.
+
+use std::io;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+
+use super::{EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus};
+use super::{serial, tcp, udp};
+use crate::pace::Pace;
+use crate::stop::{Stop, Stopper, stop_pair};
+
+/// Requests are looked for this often, however fast profiles go out.
+const REQUESTS_EVERY: Duration = Duration::from_millis(1);
+/// Longest wait while there is nothing to do.
+const IDLE_WAIT: Duration = Duration::from_millis(2);
+/// Wait for a client that takes no more, at rate 0.
+const FULL_WAIT: Duration = Duration::from_micros(200);
+/// Last frames, answers to a request to stop among them, are given so long to go out.
+const FLUSH_ON_STOP: Duration = Duration::from_millis(100);
+/// A pause between two profiles that is longer is passed without a wait.
+const MAX_GAP_S: f64 = 120.0;
+const STOP_WAIT: Duration = Duration::from_secs(5);
+
+/// Where clients come from. Nothing here waits.
+pub(super) trait Port: Send {
+    /// What a client connects to.
+    fn url(&self) -> String;
+    /// Answers the requests that have come; says whether any bytes had.
+    fn serve(&mut self, device: &mut dyn EmulatedDevice, status: &mut ServeStatus) -> bool;
+    /// Queues one frame for every client.
+    fn broadcast(&mut self, frame: &[u8], status: &mut ServeStatus);
+    /// Writes what the clients take.
+    fn flush(&mut self);
+    /// Whether there is a client and none is behind.
+    fn is_ready(&self) -> bool;
+    /// Whether bytes wait for a client to take them.
+    fn has_waiting(&self) -> bool;
+}
+
+/// A device being served. Dropping it stops the thread without waiting.
+#[derive(Debug)]
+pub struct Server {
+    url: String,
+    stopper: Stopper,
+    status: Arc<Mutex<ServeStatus>>,
+    ended: Receiver<()>,
+}
+
+/// Listens, then serves `device` on a thread of its own (`emulator`) until stopped.
+///
+/// # Errors
+/// If the address is taken or cannot be listened on (named in the message), or the rate is
+/// negative.
+pub fn serve(
+    listen: &ListenUrl,
+    device: Box<dyn EmulatedDevice>,
+    options: ServeOptions,
+) -> Result<Server, ServeError> {
+    if !(options.rate >= 0.0 && options.rate.is_finite()) {
+        return Err(ServeError::Rate(options.rate));
+    }
+    let port = open(listen).map_err(|source| {
+        let url = listen.to_string();
+        match serial::is_taken(&source) {
+            true => ServeError::InUse { url },
+            false => ServeError::Listen { url, source },
+        }
+    })?;
+    let url = port.url();
+    let (stopper, stop) = stop_pair();
+    let status = Arc::new(Mutex::new(ServeStatus::default()));
+    let worker = Worker {
+        port,
+        device,
+        pace: Pace::new(options.rate, MAX_GAP_S),
+        as_fast_as_taken: options.rate <= 0.0,
+        on_ping: options.on_ping,
+        stop,
+        shared: Arc::clone(&status),
+        status: ServeStatus::default(),
+    };
+    let (alive, ended) = bounded(0);
+    thread::Builder::new()
+        .name("emulator".to_owned())
+        .spawn(move || {
+            worker.run();
+            drop::<Sender<()>>(alive);
+        })
+        .map_err(ServeError::Thread)?;
+    Ok(Server {
+        url,
+        stopper,
+        status,
+        ended,
+    })
+}
+
+fn open(listen: &ListenUrl) -> io::Result<Box<dyn Port>> {
+    Ok(match listen {
+        ListenUrl::Tcp(address) => Box::new(tcp::Tcp::bind(address)?),
+        ListenUrl::Udp(address) => Box::new(udp::Udp::bind(address)?),
+        ListenUrl::Pty { link } => serial::open_pty(link.as_deref())?,
+        ListenUrl::Serial { path, baudrate } if serial::is_line(path) => {
+            serial::open_line(path, *baudrate)?
+        }
+        ListenUrl::Serial { path, .. } => serial::open_pty(Some(path))?,
+    })
+}
+
+impl Server {
+    /// What a client connects to, with the port or path that was taken.
+    #[must_use]
+    pub fn url(&self) -> &str {
+        &self.url
+    }
+
+    /// The latest state.
+    #[must_use]
+    pub fn status(&self) -> ServeStatus {
+        *self.status.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Ends the thread and all links, in bounded time; returns the last state.
+    #[must_use]
+    pub fn stop(mut self) -> ServeStatus {
+        self.stopper.stop();
+        // Nothing is ever sent: this waits for the thread to drop its end.
+        let _ = self.ended.recv_timeout(STOP_WAIT);
+        self.status()
+    }
+}
+
+struct Worker {
+    port: Box<dyn Port>,
+    device: Box<dyn EmulatedDevice>,
+    pace: Pace,
+    as_fast_as_taken: bool,
+    on_ping: Option<OnPing>,
+    stop: Stop,
+    shared: Arc<Mutex<ServeStatus>>,
+    status: ServeStatus,
+}
+
+impl Worker {
+    fn run(mut self) {
+        let mut served = Instant::now();
+        let mut frame = Vec::new();
+        let mut is_idle = true;
+        while !self.stop.is_set() {
+            let mut was_busy = false;
+            if is_idle || served.elapsed() >= REQUESTS_EVERY {
+                served = Instant::now();
+                was_busy = self.port.serve(&mut *self.device, &mut self.status);
+                self.publish();
+            }
+            let wait = self.wait();
+            if wait.is_zero() {
+                self.ping(&mut frame);
+            }
+            self.port.flush();
+            is_idle = !was_busy && !wait.is_zero();
+            if is_idle {
+                self.stop.wait(wait.min(IDLE_WAIT));
+            }
+        }
+        self.flush_last();
+        self.publish();
+    }
+
+    /// How long until the next profile; zero if it is time for it.
+    fn wait(&mut self) -> Duration {
+        let due = self.device.next_due();
+        self.status.is_pinging = due.is_some();
+        match due {
+            None => {
+                self.pace.reset();
+                IDLE_WAIT
+            }
+            Some(_) if self.as_fast_as_taken => match self.port.is_ready() {
+                true => Duration::ZERO,
+                false => FULL_WAIT,
+            },
+            Some(due) => self.pace.wait(due, Instant::now()),
+        }
+    }
+
+    fn ping(&mut self, frame: &mut Vec<u8>) {
+        if let (Some(on_ping), Some(due)) = (&mut self.on_ping, self.device.next_due()) {
+            on_ping(self.status.pings, due);
+        }
+        self.status.pings += 1;
+        frame.clear();
+        self.device.transmit(frame);
+        if !frame.is_empty() {
+            self.port.broadcast(frame, &mut self.status);
+        }
+    }
+
+    fn flush_last(&mut self) {
+        let began = Instant::now();
+        self.port.flush();
+        while self.port.has_waiting() && began.elapsed() < FLUSH_ON_STOP {
+            thread::sleep(FULL_WAIT);
+            self.port.flush();
+        }
+    }
+
+    fn publish(&self) {
+        *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = self.status;
+    }
+}
