@@ -7,7 +7,7 @@ use crate::random::Random;
 
 /// Full width at half maximum over one sigma of a Gaussian.
 const FWHM_PER_SIGMA: f64 = 2.354_820_045;
-/// One sigma of the beam across, ε_a of (7): 0.8° wide at half maximum.
+/// One sigma of the beam across, `ε_a` of (7): 0.8° wide at half maximum.
 pub const AZIMUTH_SIGMA_RAD: f64 = 0.8 * DEGREE / FWHM_PER_SIGMA;
 /// Where the beam across has fallen to one half.
 pub const HALF_POWER_AZIMUTH_RAD: f64 = 0.4 * DEGREE;

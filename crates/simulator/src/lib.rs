@@ -1,10 +1,11 @@
-//! The simulated sonar: scenes with exact geometry, dives past them, and what an OmniScan 450 FS
+//! The simulated sonar: scenes with exact geometry, dives past them, and what an `OmniScan` 450 FS
 //! would have heard, as pings and as the bytes of its protocol.
 //!
 //! It deliberately has no sockets, no clock and no threads of its own: time and bytes come in as
 //! arguments, and everything is a pure function of scene, dive and seed, in any order.
 
 mod beam;
+mod device;
 mod dive;
 mod random;
 mod scene;
@@ -15,6 +16,7 @@ pub use beam::{
     AZIMUTH_SIGMA_RAD, ELEVATION_HALF_WIDTH_RAD, HALF_POWER_AZIMUTH_RAD, azimuth_weight,
     elevation_weight, pulse_sigma_m,
 };
+pub use device::{DeviceCounters, SimulatedDevice};
 pub use dive::{BEAMS_PER_VIEW, Dive, DiveError, DiveKind, DiveOptions};
 pub use scene::{BUILT_IN_SCENES, Hit, Scene, SceneError, SurfacePoint, SurveyPath};
 pub use seen::seen_surface;

@@ -242,8 +242,7 @@ impl Dive {
     pub fn settings_at(&self, index: usize) -> PingSettings {
         let mut settings = self.settings;
         if self.range_change_at().is_some_and(|first| index >= first) {
-            settings.range_length_m =
-                whole_millimetres(settings.range_length_m * RANGE_CHANGE_RATIO);
+            settings.range_length_m = after_range_change(settings.range_length_m);
         }
         settings
     }
@@ -266,7 +265,7 @@ impl Dive {
     #[must_use]
     pub fn view_of(&self, index: usize) -> Option<u32> {
         let is_still = matches!(self.motion, Motion::Still(_));
-        is_still.then(|| (index / BEAMS_PER_VIEW) as u32)
+        is_still.then_some((index / BEAMS_PER_VIEW) as u32)
     }
 
     pub(crate) fn view_at(&self, time_s: f64) -> Option<u32> {
@@ -355,19 +354,25 @@ impl DiveOptions {
 
 /// 600 bins, 1200 where they would be coarser than 3 cm.
 fn settings_for(range_m: f64) -> PingSettings {
+    let pulse_s = PULSE_FRACTION * (2.0 * range_m / SPEED_OF_SOUND_MPS);
     PingSettings {
         range_start_m: 0.0,
         range_length_m: whole_millimetres(range_m),
         bin_count: if range_m <= 18.0 { 600 } else { 1200 },
         speed_of_sound_mps: SPEED_OF_SOUND_MPS,
         frequency_hz: FREQUENCY_HZ,
-        pulse_duration_s: PULSE_FRACTION * 2.0 * range_m / SPEED_OF_SOUND_MPS,
+        // As a profile carries it.
+        pulse_duration_s: f64::from(pulse_s as f32),
         gain_index: 0,
     }
 }
 
 fn listening_s(settings: &PingSettings) -> f64 {
     2.0 * settings.range_end_m() / settings.speed_of_sound_mps
+}
+
+pub(crate) fn after_range_change(range_length_m: f64) -> f64 {
+    whole_millimetres(range_length_m * RANGE_CHANGE_RATIO)
 }
 
 /// What the device's settings can say.

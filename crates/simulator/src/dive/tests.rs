@@ -191,8 +191,8 @@ fn reported_poses_cover_every_ping_and_have_the_errors_of_their_level() {
                 count += 3.0;
             }
         }
-        let sigma_m = (square_m2 / count as f64).sqrt();
-        let sigma_deg = (square_deg2 / count as f64).sqrt();
+        let sigma_m = (square_m2 / count).sqrt();
+        let sigma_deg = (square_deg2 / count).sqrt();
         assert!(
             (sigma_m - position_m).abs() <= 0.1 * position_m + 1e-9,
             "{noise}: {sigma_m}"

@@ -2,10 +2,12 @@
 
 mod device_side;
 mod echo;
+mod frame;
 mod level;
 mod profile;
 mod simulated;
 
+pub(crate) use frame::encoded;
 pub use level::NoiseLevel;
 pub(crate) use level::PoseNoise;
 pub use profile::{Profile, SimulatedPing};

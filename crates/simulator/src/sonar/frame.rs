@@ -1,0 +1,47 @@
+//! A simulated ping as the frame a real unit sends.
+
+use echosplat_firmware_protocol::{Message, OsMonoProfile, PowerResults};
+
+use super::SimulatedPing;
+
+impl SimulatedPing {
+    /// The ping as an `os_mono_profile` frame from device `device_id`. `None` if it has more bins
+    /// than a frame holds.
+    #[must_use]
+    pub fn frame(&self, device_id: u8) -> Option<Vec<u8>> {
+        let results: Vec<u8> = self
+            .profile
+            .pwr_results
+            .iter()
+            .flat_map(|raw| raw.to_le_bytes())
+            .collect();
+        let settings = &self.settings;
+        let millimetres = |length_m: f64| (length_m * 1e3).round() as u32;
+        let message = Message::OsMonoProfile(OsMonoProfile {
+            ping_number: self.sequence as u32,
+            start_mm: millimetres(settings.range_start_m),
+            length_mm: millimetres(settings.range_length_m),
+            timestamp_ms: self.device_time_ms,
+            ping_hz: settings.frequency_hz as u32,
+            gain_index: settings.gain_index.max(0) as u16,
+            sos_dmps: (settings.speed_of_sound_mps * 10.0).round() as u16,
+            channel_number: 0,
+            pulse_duration_sec: settings.pulse_duration_s as f32,
+            analog_gain: 3.0 * f32::from(settings.gain_index.max(0)),
+            max_pwr_db: self.profile.max_pwr_db,
+            min_pwr_db: self.profile.min_pwr_db,
+            transducer_heading_deg: 0.0,
+            vehicle_heading_deg: 0.0,
+            pwr_results: PowerResults::from_bytes(&results).ok()?,
+        });
+        encoded(&message, device_id)
+    }
+}
+
+/// The message as a frame from `device_id` to any host.
+pub(crate) fn encoded(message: &Message<'_>, device_id: u8) -> Option<Vec<u8>> {
+    let mut bytes = vec![0; message.encoded_byte_count()];
+    let written = message.encode(device_id, 0, &mut bytes).ok()?;
+    bytes.truncate(written);
+    Some(bytes)
+}
