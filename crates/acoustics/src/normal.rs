@@ -1,35 +1,46 @@
 //! The normal distribution function, for integrating a Gaussian over range bins exactly.
 
-/// Φ(x), the standard normal distribution function. Absolute error below 1.2·10⁻⁷ in exact
-/// arithmetic, from the rational fit 7.1.26 of Abramowitz and Stegun with |error| ≤ 1.5·10⁻⁷
-/// on erf; rounding in f32 adds about as much.
+use std::sync::LazyLock;
+
+use crate::reference;
+
+/// Beyond this Φ is 0 or 1 within 3·10⁻⁷.
+const REACH: f32 = 5.0;
+const STEPS_PER_UNIT: f32 = 512.0;
+const STEPS: usize = 2 * 5 * 512;
+
+/// Φ on an even grid over ±[`REACH`], one more value for interpolation at the end.
+static TABLE: LazyLock<Box<[f32]>> = LazyLock::new(|| {
+    let at = |step: usize| {
+        let x = step as f64 / f64::from(STEPS_PER_UNIT) - f64::from(REACH);
+        reference::normal_cdf(x) as f32
+    };
+    (0..=STEPS + 1).map(at).collect()
+});
+
+/// Φ(x), the standard normal distribution function, by linear interpolation in a table: absolute
+/// error below 4·10⁻⁷, of which 1.2·10⁻⁷ is the chord's and the rest rounding and the cut.
 #[must_use]
 pub fn normal_cdf(x: f32) -> f32 {
-    const A: [f32; 5] = [
-        0.254_829_6,
-        -0.284_496_72,
-        1.421_413_8,
-        -1.453_152_1,
-        1.061_405_4,
-    ];
-    let z = x.abs() * std::f32::consts::FRAC_1_SQRT_2;
-    let t = 1.0 / (1.0 + 0.327_591_1 * z);
-    let poly = t * (A[0] + t * (A[1] + t * (A[2] + t * (A[3] + t * A[4]))));
-    let tail = 0.5 * poly * (-z * z).exp();
-    if x >= 0.0 { 1.0 - tail } else { tail }
+    let table = &*TABLE;
+    let position = (x.clamp(-REACH, REACH) + REACH) * STEPS_PER_UNIT;
+    let step = position as usize;
+    let part = position - step as f32;
+    // NaN is taken as step 0 with a NaN part, and stays NaN.
+    let (below, above) = (table[step.min(STEPS)], table[step.min(STEPS) + 1]);
+    below + part * (above - below)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reference;
 
     #[test]
     fn it_agrees_with_the_f64_twin() {
         for i in -800..=800 {
             let x = f64::from(i) * 0.01;
             let error = f64::from(normal_cdf(x as f32)) - reference::normal_cdf(x);
-            assert!(error.abs() < 3e-7, "at {x}: {error:e}");
+            assert!(error.abs() < 4e-7, "at {x}: {error:e}");
         }
     }
 }

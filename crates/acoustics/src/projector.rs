@@ -4,6 +4,9 @@ use echosplat_model::glam::{Mat3, Vec3};
 
 use crate::{Beam, normal_cdf};
 
+/// Beyond this the beam is 24 dB down.
+const BEAM_REACH_SIGMAS: f32 = 3.3;
+
 /// A covariance as its six different numbers, square metres, world axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct SymmetricMat3 {
@@ -125,7 +128,7 @@ impl Look {
     }
 
     /// Projects a Gaussian; `None` where the ping cannot see it: behind the sensor, nearer than
-    /// 5 cm, off the beam by more than 4 sigma or outside the fan's soft edge.
+    /// 5 cm, off the beam by more than 3.3 sigma or outside the fan's soft edge.
     #[must_use]
     pub fn project(&self, mean_m: Vec3, covariance_m2: &SymmetricMat3) -> Option<Splat> {
         let q = self.in_beam(mean_m);
@@ -135,13 +138,14 @@ impl Look {
             return None;
         }
         // The beam is narrow: a first look with the Gaussian's widest sigma spares most the rest.
-        let azimuth_rad = q.y.atan2(q.x);
-        let widest = covariance_m2.diagonal.element_sum() / (lever_m * lever_m);
         let sigma_b = self.beam.azimuth_sigma_rad();
         let pattern_variance = sigma_b * sigma_b + self.azimuth_variance_rad2;
-        if azimuth_rad * azimuth_rad > 16.0 * (pattern_variance + widest) {
+        let widest_m2 = covariance_m2.diagonal.element_sum();
+        let reach_m2 = pattern_variance * lever_m * lever_m + widest_m2;
+        if q.y * q.y > BEAM_REACH_SIGMAS * BEAM_REACH_SIGMAS * reach_m2 {
             return None;
         }
+        let azimuth_rad = q.y.atan2(q.x);
         let elevation_rad = (q.z / lever_m).atan();
         let fan = self.beam.elevation_weight(elevation_rad);
         if !(fan > 1e-3) {

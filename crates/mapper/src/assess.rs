@@ -49,7 +49,7 @@ pub(crate) fn assess(
     for slot in slots {
         let (_, information) = eigen(pulls[slot].information.to_mat3());
         gaussians.sigma_m[slot] = 1.0 / information.x.max(0.0).sqrt();
-        let relative = gaussians.strength[slot] / peaks[slot];
+        let relative = gaussians.strength[slot].strongest() / peaks[slot];
         gaussians.verdict[slot] =
             verdict(accounts[slot], relative, gaussians.sigma_m[slot], config);
     }
@@ -73,32 +73,33 @@ fn verdict(account: Account, relative: f32, sigma_m: f32, config: &MapperConfig)
 
 fn accounts(scene: Scene<'_>, pings: &[&Past], radius_m: f32) -> (Vec<Account>, u64) {
     let count = scene.gaussians.slot_count();
-    over_pings(
+    let ((accounts, _), pairs) = over_pings(
         scene,
         pings,
-        || vec![Account::default(); count],
-        |accounts, past, sight| account_ping(accounts, past, sight, scene.gaussians, radius_m),
-        |total, part| {
+        || (vec![Account::default(); count], Arcs::default()),
+        |(accounts, arcs), past, sight| account_ping(accounts, past, sight, arcs, radius_m),
+        |(total, _), (part, _)| {
             for (total, part) in total.iter_mut().zip(&part) {
                 total.looks += part.looks;
                 total.share += part.share;
             }
         },
-    )
+    );
+    (accounts, pairs)
 }
 
 /// For every Gaussian near the beam's axis: which part of the echo in its own bin comes from
-/// within `radius_m` of it.
+/// within `radius_m` of it. In one bin of a narrow beam a place is its position along the arc, so
+/// the surroundings are the steps of the arc next to it.
 fn account_ping(
     accounts: &mut [Account],
     past: &Past,
     sight: &Sight,
-    gaussians: &Gaussians,
+    arcs: &mut Arcs,
     radius_m: f32,
 ) {
-    let rows = sight.rows();
-    let by_bin = rows_by_bin(rows, sight.predicted.len());
-    for row in rows {
+    arcs.fill(sight, past, 0.5 * radius_m);
+    for row in sight.rows() {
         let splat = &row.splat;
         let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
         let range_bins = (splat.range_m - past.look.range_start_m) / past.look.bin_length_m;
@@ -108,32 +109,59 @@ fn account_ping(
             continue;
         }
         let looks = past.weight * (1.0 - off / 1.5);
-        let here = gaussians.mean_m[row.slot as usize];
-        let mut near = 0.0;
-        for &other in &by_bin[bin] {
-            let other = &rows[other as usize];
-            if gaussians.mean_m[other.slot as usize].distance(here) < radius_m {
-                near += gaussians.strength[other.slot as usize] * energy_in(sight, other, bin);
-            }
-        }
+        let near = arcs.around(bin, arcs.step_of(row));
         let account = &mut accounts[row.slot as usize];
         account.looks += looks;
         account.share += looks * near / sight.predicted[bin];
     }
 }
 
-fn rows_by_bin(rows: &[Row], bin_count: usize) -> Vec<Vec<u32>> {
-    let mut by_bin = vec![Vec::new(); bin_count];
-    for (index, row) in rows.iter().enumerate() {
-        for bin in row.bins.clone() {
-            by_bin[bin as usize].push(index as u32);
-        }
-    }
-    by_bin
+/// Predicted energy per bin and step along its arc. Reused from ping to ping.
+#[derive(Debug, Default)]
+struct Arcs {
+    energy: Vec<f32>,
+    steps: usize,
+    steps_per_m: f32,
 }
 
-fn energy_in(sight: &Sight, row: &Row, bin: usize) -> f32 {
-    sight.energies(row)[bin - row.bins.start as usize]
+impl Arcs {
+    /// Steps of `step_m` over the whole half-circle of the farthest bin.
+    fn fill(&mut self, sight: &Sight, past: &Past, step_m: f32) {
+        let look = &past.look;
+        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+        self.steps_per_m = step_m.recip();
+        self.steps = (3.2 * end_m * self.steps_per_m) as usize + 5;
+        self.energy.clear();
+        self.energy
+            .resize(self.steps * look.bin_count as usize, 0.0);
+        for row in sight.rows() {
+            let step = self.step_of(row);
+            for (bin, energy) in row.bins.clone().zip(sight.energies(row)) {
+                self.energy[bin as usize * self.steps + step] += row.strength * energy;
+            }
+        }
+    }
+
+    fn step_of(&self, row: &Row) -> usize {
+        let along_m = row.splat.elevation_rad * row.splat.range_m;
+        let step = along_m * self.steps_per_m + 0.5 * self.steps as f32;
+        (step.max(0.0) as usize).min(self.steps - 1)
+    }
+
+    /// Energy in a bin within two steps of `step`.
+    fn around(&self, bin: usize, step: usize) -> f32 {
+        let first = step.saturating_sub(2);
+        let last = (step + 3).min(self.steps);
+        let from = bin * self.steps;
+        self.energy[from + first..from + last].iter().sum()
+    }
+}
+
+/// Slots that are nothing but the tail of a stronger neighbour: below `part` of it.
+pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize> {
+    let peaks = strongest_around(gaussians, 2.5 * voxel_m);
+    let weak = |&slot: &usize| !(gaussians.strength[slot].strongest() > part * peaks[slot]);
+    gaussians.slots().filter(weak).collect()
 }
 
 /// The strongest strength within `radius_m` of each slot.
@@ -142,7 +170,7 @@ fn strongest_around(gaussians: &Gaussians, radius_m: f32) -> Vec<f32> {
     let mut peaks = vec![f32::MIN_POSITIVE; gaussians.slot_count()];
     for slot in gaussians.slots() {
         neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
-            peaks[slot] = peaks[slot].max(gaussians.strength[other]);
+            peaks[slot] = peaks[slot].max(gaussians.strength[other].strongest());
         });
     }
     peaks

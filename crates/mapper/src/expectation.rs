@@ -10,7 +10,7 @@ use echosplat_model::glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::evidence::Evidence;
-use crate::gaussians::Gaussians;
+use crate::gaussians::{Gaussians, Lobes};
 use crate::history::Past;
 use crate::visibility::{Row, Sight};
 
@@ -55,15 +55,15 @@ pub(crate) fn over_pings<T: Send>(
     (total, pairs)
 }
 
-/// Numerator and denominator of the multiplicative step, per slot.
+/// Numerator and denominator of the multiplicative step, per slot and side.
 #[derive(Debug)]
 struct StepSums {
-    pull: Vec<f32>,
-    weight: Vec<f32>,
+    pull: Vec<Lobes>,
+    weight: Vec<Lobes>,
 }
 
 /// One multiplicative step over `pings`: for gamma speckle on power,
-/// `ρ ← ρ·√(Σ A I/Î² / Σ A/Î)`. Returns pairs done.
+/// `ρ ← ρ·(Σ A I/Î² / Σ A/Î)^exponent`, with exponent ½ over all pings. Returns pairs done.
 pub(crate) fn maximise(
     evidence: &Evidence,
     gaussians: &mut Gaussians,
@@ -78,23 +78,33 @@ pub(crate) fn maximise(
         floor,
     };
     let make = || StepSums {
-        pull: vec![0.0; count],
-        weight: vec![0.0; count],
+        pull: vec![Lobes::default(); count],
+        weight: vec![Lobes::default(); count],
     };
     let add = |total: &mut StepSums, part: StepSums| {
         add_all(&mut total.pull, &part.pull);
         add_all(&mut total.weight, &part.weight);
     };
     let (sums, pairs) = over_pings(scene, pings, make, step_of_ping, add);
-    for slot in 0..count {
-        let ratio = sums.pull[slot] / sums.weight[slot];
-        // NaN, from a Gaussian that nothing saw, fails the guard.
-        if sums.weight[slot] > 0.0 && ratio.is_finite() {
-            let step = ratio.powf(exponent).clamp(0.05, 20.0);
-            gaussians.strength[slot] = (gaussians.strength[slot] * step).max(f32::MIN_POSITIVE);
-        }
+    let steps = sums.pull.iter().zip(&sums.weight);
+    for (strength, (pull, weight)) in gaussians.strength.iter_mut().zip(steps) {
+        strength.ahead *= step(pull.ahead, weight.ahead, exponent);
+        strength.behind *= step(pull.behind, weight.behind, exponent);
     }
     pairs
+}
+
+/// The factors of three sides; a side that no ping of the pass saw keeps its strength.
+fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
+    let factor = |pull: f32, weight: f32| {
+        let factor = (pull / weight).powf(exponent).clamp(0.05, 20.0);
+        if factor.is_finite() { factor } else { 1.0 }
+    };
+    Vec3::new(
+        factor(pull.x, weight.x),
+        factor(pull.y, weight.y),
+        factor(pull.z, weight.z),
+    )
 }
 
 fn step_of_ping(sums: &mut StepSums, past: &Past, sight: &Sight) {
@@ -108,17 +118,18 @@ fn step_of_ping(sums: &mut StepSums, past: &Past, sight: &Sight) {
             pull += share * intensity[bin] / predicted;
             weight += share;
         }
-        sums.pull[row.slot as usize] += past.weight * pull;
-        sums.weight[row.slot as usize] += past.weight * weight;
+        let towards = -row.splat.range_axis;
+        sums.pull[row.slot as usize].add_facing(towards, past.weight * pull);
+        sums.weight[row.slot as usize].add_facing(towards, past.weight * weight);
     }
 }
 
-fn add_all(total: &mut [f32], part: &[f32]) {
+fn add_all(total: &mut [Lobes], part: &[Lobes]) {
     for (total, part) in total.iter_mut().zip(part) {
-        *total += part;
+        total.ahead += part.ahead;
+        total.behind += part.behind;
     }
 }
-
 /// Gradient and Fisher information of the log likelihood in the mean of one Gaussian.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Pull {
@@ -146,7 +157,6 @@ impl Pull {
 /// Likelihood: gamma speckle, `∂ = (I − Î)/Î² · ∂Î`, information `(∂Î/Î)²`.
 pub(crate) fn pulls(scene: Scene<'_>, pings: &[&Past]) -> (Vec<Pull>, u64) {
     let count = scene.gaussians.slot_count();
-    let strength = &scene.gaussians.strength;
     over_pings(
         scene,
         pings,
@@ -154,7 +164,7 @@ pub(crate) fn pulls(scene: Scene<'_>, pings: &[&Past]) -> (Vec<Pull>, u64) {
         |pulls, past, sight| {
             for row in sight.rows() {
                 let slot = row.slot as usize;
-                pull_of_row(&mut pulls[slot], strength[slot], row, past, sight);
+                pull_of_row(&mut pulls[slot], row, past, sight);
             }
         },
         |total, part| {
@@ -165,7 +175,7 @@ pub(crate) fn pulls(scene: Scene<'_>, pings: &[&Past]) -> (Vec<Pull>, u64) {
     )
 }
 
-fn pull_of_row(pull: &mut Pull, strength: f32, row: &Row, past: &Past, sight: &Sight) {
+fn pull_of_row(pull: &mut Pull, row: &Row, past: &Past, sight: &Sight) {
     let splat = &row.splat;
     let across =
         splat.azimuth_axis * (-splat.azimuth_rad / (splat.azimuth_variance_rad2 * splat.lever_m));
@@ -178,7 +188,7 @@ fn pull_of_row(pull: &mut Pull, strength: f32, row: &Row, past: &Past, sight: &S
         }
         let z = (bin_center_m(&past.look, bin) - splat.range_m) / splat.range_sigma_m;
         let slope = splat.range_axis * (z / splat.range_sigma_m) + across;
-        let relative = strength * energy / predicted;
+        let relative = row.strength * energy / predicted;
         let residual = (past.profile.intensity[bin] - predicted) / predicted;
         // One wild bin must not carry a Gaussian away.
         pull.add(slope * relative, residual.clamp(-1.0, 3.0), weight);

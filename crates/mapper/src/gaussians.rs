@@ -15,6 +15,58 @@ pub(crate) enum Verdict {
     ExplainedAway,
 }
 
+/// Strength towards the six sides of a cube: seen along the unit vector `u` towards the sensor,
+/// it is `Σ u_k² s_k` over the three sides that face the sensor. A surface's back, hidden by the
+/// structure itself, and a glint need no more than this.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Lobes {
+    /// Towards +x, +y, +z.
+    pub(crate) ahead: Vec3,
+    /// Towards −x, −y, −z.
+    pub(crate) behind: Vec3,
+}
+
+impl Lobes {
+    /// The same towards all sides.
+    pub(crate) fn even(strength: f32) -> Self {
+        Self {
+            ahead: Vec3::splat(strength),
+            behind: Vec3::splat(strength),
+        }
+    }
+
+    /// Strength of the three sides that face along `towards`, and what each counts.
+    pub(crate) fn facing(&self, towards: Vec3) -> (Vec3, Vec3) {
+        let faces = Vec3::select(towards.cmpge(Vec3::ZERO), self.ahead, self.behind);
+        (faces, towards * towards)
+    }
+
+    /// Strength seen along `towards`.
+    pub(crate) fn seen(&self, towards: Vec3) -> f32 {
+        let (faces, counts) = self.facing(towards);
+        faces.dot(counts)
+    }
+
+    /// Strength of the strongest side.
+    pub(crate) fn strongest(&self) -> f32 {
+        self.ahead.max(self.behind).max_element()
+    }
+
+    /// Adds `amount` to the sides that face along `towards`, by what each counts.
+    pub(crate) fn add_facing(&mut self, towards: Vec3, amount: f32) {
+        let counts = towards * towards * amount;
+        let ahead = towards.cmpge(Vec3::ZERO);
+        self.ahead += Vec3::select(ahead, counts, Vec3::ZERO);
+        self.behind += Vec3::select(ahead, Vec3::ZERO, counts);
+    }
+
+    /// Multiplies every side.
+    pub(crate) fn scale(&mut self, factor: f32) {
+        self.ahead *= factor;
+        self.behind *= factor;
+    }
+}
+
 /// Arrays indexed by slot. A slot is used again after its Gaussian is gone, an id never.
 #[derive(Debug, Default)]
 pub(crate) struct Gaussians {
@@ -27,8 +79,8 @@ pub(crate) struct Gaussians {
     pub(crate) rotation: Vec<Quat>,
     pub(crate) scale_m: Vec<Vec3>,
     pub(crate) covariance_m2: Vec<SymmetricMat3>,
-    /// αρ, linear power against the strongest echo.
-    pub(crate) strength: Vec<f32>,
+    /// αρ towards each side, in the unit of the pings' intensity.
+    pub(crate) strength: Vec<Lobes>,
     pub(crate) sigma_m: Vec<f32>,
     pub(crate) verdict: Vec<Verdict>,
     free: Vec<u32>,
@@ -63,7 +115,7 @@ impl Gaussians {
         self.home[s] = home;
         self.mean_m[s] = home_m;
         self.set_shape(s, Quat::IDENTITY, Vec3::splat(scale_m));
-        self.strength[s] = strength;
+        self.strength[s] = Lobes::even(strength);
         self.sigma_m[s] = f32::INFINITY;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
         slot
@@ -71,7 +123,7 @@ impl Gaussians {
 
     pub(crate) fn remove(&mut self, slot: u32) {
         self.alive[slot as usize] = false;
-        self.strength[slot as usize] = 0.0;
+        self.strength[slot as usize] = Lobes::default();
         self.free.push(slot);
     }
 
@@ -91,7 +143,7 @@ impl Gaussians {
         self.rotation.push(Quat::IDENTITY);
         self.scale_m.push(Vec3::ONE);
         self.covariance_m2.push(SymmetricMat3::default());
-        self.strength.push(0.0);
+        self.strength.push(Lobes::default());
         self.sigma_m.push(f32::INFINITY);
         self.verdict.push(Verdict::ExplainedAway);
         (self.id.len() - 1) as u32

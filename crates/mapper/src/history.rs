@@ -87,8 +87,8 @@ pub(crate) fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig)
             config.attitude_sigma_deg.to_radians(),
         ),
     };
-    // A pulse of even power and length L has variance L²/12.
-    let pulse_variance_m2 = settings.pulse_length_m().powi(2) / 12.0;
+    // The echo of a sharp edge is as wide at half its height as the pulse is long.
+    let pulse_variance_m2 = (settings.pulse_length_m() / 2.354_82).powi(2);
     let drift_per_m = DVec3::new(linear.y, angular.z, angular.x) / settings.speed_of_sound_mps;
     Look {
         pose: LookPose {

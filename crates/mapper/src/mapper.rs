@@ -6,7 +6,7 @@ use echosplat_model::{Gaussian, PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 
-use crate::assess::assess;
+use crate::assess::{assess, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, localise, maximise, pulls};
 use crate::gaussians::{Gaussians, Verdict};
@@ -19,6 +19,10 @@ use crate::{ConfigError, MapperConfig};
 const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
 /// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
 const DROP_EVIDENCE: f32 = 0.0;
+/// Places with less than this part of the best evidence beside them are its surroundings: less
+/// gives birth to nothing, and less still lets go.
+const SPAWN_PART: f32 = 0.15;
+const DROP_PART: f32 = 0.1;
 /// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
 /// does not make darkness infinitely telling.
 const LEAST_NOISE: f32 = 1e-4;
@@ -32,6 +36,10 @@ const NEWBORN_STRENGTH: f32 = 0.2;
 /// Steps of the multiplicative rule for gamma speckle, whole and on part of the pings.
 const FULL_STEP: f32 = 0.5;
 const PART_STEP: f32 = 0.25;
+/// A step of a finished dive looks at every so many-th ping.
+const INTERLEAVE: usize = 8;
+/// Candidates below this part of their strongest neighbour are not worth further work.
+const TAIL_PART: f32 = 0.05;
 
 /// Work allowed, counted in Gaussian–bin pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -272,30 +280,50 @@ impl Mapper {
         if self.pending > 0 {
             self.take_in_slice();
         }
-        self.full_passes(self.config.finish_passes);
+        let passes = self.config.finish_passes;
+        // Few looks sort out most candidates; the rest is worth all of them.
+        self.interleaved_passes(passes, 4 * INTERLEAVE);
+        self.drop_tails(TAIL_PART);
+        self.interleaved_passes(passes, INTERLEAVE);
+        self.drop_tails(TAIL_PART);
         for _ in 0..2 {
             self.localise_all();
-            self.full_passes(self.config.finish_passes / 6);
+            self.interleaved_passes(passes / 3, INTERLEAVE);
         }
         self.assess_every(1);
         if let Some(world) = &self.world {
             align(&mut self.gaussians, world.evidence.voxel_m());
         }
-        self.full_passes(self.config.finish_passes / 6);
+        self.interleaved_passes(passes / 3, INTERLEAVE);
         self.assess_every(1);
         self.publish()
     }
 
-    fn full_passes(&mut self, passes: usize) {
+    /// Multiplicative steps, each over every `interleave`-th ping, the next over the ones beside.
+    fn interleaved_passes(&mut self, steps: usize, interleave: usize) {
         let Some(world) = &self.world else { return };
-        let pings: Vec<&Past> = self.history.pings().iter().collect();
         let floor = LEAST_NOISE * self.levels.strongest();
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
-        for _ in 0..passes {
+        let pings = self.history.pings();
+        for step in 0..steps {
+            // An odd stride through the offsets keeps neighbouring steps on different sweeps.
+            let offset = step * 5 % interleave;
+            let subset: Vec<&Past> = pings.iter().skip(offset).step_by(interleave).collect();
             self.status.pairs += self
                 .pool
-                .install(|| maximise(evidence, gaussians, &pings, floor, FULL_STEP));
+                .install(|| maximise(evidence, gaussians, &subset, floor, FULL_STEP));
             self.status.iterations += 1;
+        }
+    }
+
+    /// Lets go of candidates below `part` of their strongest neighbour.
+    fn drop_tails(&mut self, part: f32) {
+        let Some(world) = &mut self.world else { return };
+        for slot in tails(&self.gaussians, world.evidence.voxel_m(), part) {
+            let (block, _) = self.gaussians.home[slot];
+            let held = &mut world.evidence.block_mut(block).gaussians;
+            held.retain(|&(_, other)| other as usize != slot);
+            self.gaussians.remove(slot as u32);
         }
     }
 
@@ -396,8 +424,9 @@ fn follow_evidence(
         let block = evidence.block_mut(index);
         let before = block.gaussians.len();
         let sums = &block.evidence;
+        let least = DROP_EVIDENCE.max(DROP_PART * block.best);
         block.gaussians.retain(|&(voxel, slot)| {
-            let stays = sums[voxel as usize] > DROP_EVIDENCE;
+            let stays = sums[voxel as usize] > least;
             if !stays {
                 gaussians.remove(slot);
             }
@@ -416,6 +445,7 @@ fn follow_evidence(
 /// Voxels of a block that the evidence now fills and that hold no Gaussian yet.
 fn births(evidence: &Evidence, index: u32, spawn_evidence: f32) -> Vec<(u16, Vec3)> {
     let block = evidence.block(index);
+    let spawn_evidence = spawn_evidence.max(SPAWN_PART * block.best);
     let sums = block.evidence.iter().enumerate();
     let full = sums.filter(|&(_, &sum)| sum >= spawn_evidence);
     let free = full.filter(|&(voxel, _)| {
@@ -439,7 +469,7 @@ fn published(gaussians: &Gaussians, unit_strength: f32) -> Vec<Gaussian> {
             let Verdict::Published(standing) = gaussians.verdict[slot] else {
                 return None;
             };
-            let product = (gaussians.strength[slot] / unit).clamp(1e-12, 1.0);
+            let product = (gaussians.strength[slot].strongest() / unit).clamp(1e-12, 1.0);
             let gaussian = Gaussian {
                 id: gaussians.id[slot],
                 mean_m: gaussians.mean_m[slot],

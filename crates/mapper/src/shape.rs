@@ -71,7 +71,7 @@ pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     for (slot, rotation, scale) in shapes {
         let before = gaussians.scale_m[slot];
         let area = |s: Vec3| s.element_product() / s.min_element();
-        gaussians.strength[slot] *= area(before) / area(scale);
+        gaussians.strength[slot].scale(area(before) / area(scale));
         gaussians.set_shape(slot, rotation, scale);
     }
 }
@@ -81,7 +81,7 @@ fn scatter_around(gaussians: &Gaussians, neighbours: &Neighbours, slot: usize) -
     let (mut weight, mut sum, mut scatter) = (0.0f32, Vec3::ZERO, Mat3::ZERO);
     neighbours.within_cell(gaussians, center, |other| {
         let d = gaussians.mean_m[other] - center;
-        let w = gaussians.strength[other];
+        let w = gaussians.strength[other].strongest();
         weight += w;
         sum += d * w;
         scatter += Mat3::from_cols(d * d.x, d * d.y, d * d.z) * w;

@@ -15,6 +15,8 @@ use crate::profile::BinState;
 pub(crate) struct Row {
     pub(crate) slot: u32,
     pub(crate) splat: Splat,
+    /// Strength towards this ping's sensor.
+    pub(crate) strength: f32,
     /// Bins it reaches, never empty.
     pub(crate) bins: Range<u32>,
     energies_from: u32,
@@ -50,7 +52,7 @@ impl Sight {
                 self.add(past, slot, gaussians);
             }
         });
-        self.predict(past, gaussians, floor);
+        self.predict(past, floor);
     }
 
     fn add(&mut self, past: &Past, slot: u32, gaussians: &Gaussians) {
@@ -67,23 +69,23 @@ impl Sight {
         look.spread(&splat, bins.clone(), |_, energy| self.energies.push(energy));
         self.rows.push(Row {
             slot,
+            strength: gaussians.strength[s].seen(-splat.range_axis),
             splat,
             bins: bins.start as u32..bins.end as u32,
             energies_from,
         });
     }
 
-    fn predict(&mut self, past: &Past, gaussians: &Gaussians, floor: f32) {
+    fn predict(&mut self, past: &Past, floor: f32) {
         let profile = &past.profile;
         self.predicted.clear();
         self.predicted
             .resize(profile.intensity.len(), profile.noise.max(floor));
         for row in &self.rows {
-            let strength = gaussians.strength[row.slot as usize];
             let energies = energies_of(&self.energies, row);
             let bins = row.bins.start as usize..row.bins.end as usize;
             for (predicted, energy) in self.predicted[bins].iter_mut().zip(energies) {
-                *predicted += strength * energy;
+                *predicted += row.strength * energy;
             }
         }
         self.bin_weight.clear();
