@@ -158,8 +158,6 @@ impl Picture {
     fn view_svg(&self, view: &View, low: DVec3, high: DVec3, per_m: f64) -> (String, bool) {
         let low_2d = view.flat(low);
         let size = view.flat(high) - low_2d;
-        let per_m =
-            ((VIEW_WIDTH - 2.0 * MARGIN) / size.x).min((MAX_VIEW_HEIGHT - 2.0 * MARGIN) / size.y);
         let height = size.y * per_m + 2.0 * MARGIN;
         let left = 0.5 * (VIEW_WIDTH - size.x * per_m);
         let place = |point: DVec3| {
