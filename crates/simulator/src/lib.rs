@@ -4,6 +4,9 @@
 //! It deliberately has no sockets, no clock and no threads of its own: time and bytes come in as
 //! arguments, and everything is a pure function of scene, dive and seed, in any order.
 
+// Guards are written so that NaN fails them.
+#![allow(clippy::neg_cmp_op_on_partial_ord)]
+
 mod beam;
 mod device;
 mod dive;

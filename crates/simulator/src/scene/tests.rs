@@ -287,3 +287,32 @@ fn errors_name_line_and_key_and_what_is_allowed() {
     let missing = Scene::load("/nonexistent/scene.toml").err().unwrap();
     assert!(missing.to_string().contains("/nonexistent/scene.toml"));
 }
+
+#[test]
+fn a_mesh_is_found_beside_its_scene_and_placed() {
+    let dir = tempfile::tempdir().unwrap();
+    let obj = "v 0 0 0\nv 100 0 0\nv 100 100 0\nv 0 100 0\nf 1 2 3 4\n";
+    std::fs::write(dir.path().join("plate.OBJ"), obj).unwrap();
+    let toml = "name = \"m\"\n[[mesh]]\nfile = \"plate.OBJ\"\nscale = 0.01\n\
+                translation_m = [5, 0, 0]\nyaw_pitch_roll_deg = [90, 0, 0]\nreflectivity = 0.5";
+    let path = dir.path().join("scene.toml");
+    std::fs::write(&path, toml).unwrap();
+    let scene = Scene::load(&path).unwrap();
+    // Turned by 90° the plate covers x from 4 to 5 and y from 0 to 1.
+    let hit = scene
+        .cast(DVec3::new(4.5, 0.5, 3.0), -DVec3::Z, 10.0)
+        .unwrap();
+    assert!((hit.distance_m - 3.0).abs() < 1e-12 && hit.normal.z > 0.99);
+    assert!((hit.reflectivity - 0.5).abs() < 1e-12);
+    assert!(
+        scene
+            .cast(DVec3::new(5.5, 0.5, 3.0), -DVec3::Z, 10.0)
+            .is_none()
+    );
+    let bare = Scene::from_mesh(dir.path().join("plate.OBJ")).unwrap();
+    assert!((bare.distance(DVec3::new(50.0, 50.0, 7.0)) - 7.0).abs() < 1e-12);
+    let missing = Scene::parse(toml, Some(&dir.path().join("elsewhere")))
+        .err()
+        .unwrap();
+    assert!(missing.to_string().contains("plate.OBJ"), "{missing}");
+}
