@@ -108,16 +108,8 @@ fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
 }
 
 fn step_of_ping(sums: &mut StepSums, past: &Past, sight: &Sight) {
-    let intensity = &past.profile.intensity;
     for row in sight.rows() {
-        let (mut pull, mut weight) = (0.0, 0.0);
-        let bins = row.bins.start as usize..row.bins.end as usize;
-        for (bin, &energy) in bins.zip(sight.energies(row)) {
-            let predicted = sight.predicted[bin];
-            let share = sight.bin_weight[bin] * energy / predicted;
-            pull += share * intensity[bin] / predicted;
-            weight += share;
-        }
+        let (weight, pull) = sight.against_prediction(row);
         let towards = -row.splat.range_axis;
         sums.pull[row.slot as usize].add_facing(towards, past.weight * pull);
         sums.weight[row.slot as usize].add_facing(towards, past.weight * weight);

@@ -31,6 +31,8 @@ pub(crate) struct Sight {
     pub(crate) predicted: Vec<f32>,
     /// What each bin counts: 0 in the blanking, little in a shadow.
     pub(crate) bin_weight: Vec<f32>,
+    /// `w/Î` and `w·I/Î²` per bin: what a row's energies are summed with.
+    per_predicted: Vec<(f32, f32)>,
 }
 
 /// Darkness behind an echo may be its shadow and counts this little.
@@ -66,7 +68,7 @@ impl Sight {
             return;
         }
         let energies_from = self.energies.len() as u32;
-        look.spread(&splat, bins.clone(), |_, energy| self.energies.push(energy));
+        look.spread(&splat, bins.clone(), &mut self.energies);
         self.rows.push(Row {
             slot,
             strength: gaussians.strength[s].seen(-splat.range_axis),
@@ -95,6 +97,17 @@ impl Sight {
                 BinState::Shadowed => SHADOWED_WEIGHT,
                 BinState::Dark | BinState::Lit => 1.0,
             }));
+        let bins = self
+            .predicted
+            .iter()
+            .zip(&self.bin_weight)
+            .zip(&profile.intensity);
+        self.per_predicted.clear();
+        self.per_predicted
+            .extend(bins.map(|((predicted, weight), intensity)| {
+                let share = weight / predicted;
+                (share, share * intensity / predicted)
+            }));
     }
 
     pub(crate) fn rows(&self) -> &[Row] {
@@ -104,6 +117,17 @@ impl Sight {
     /// Energy of a row per bin of `row.bins`, for strength 1.
     pub(crate) fn energies(&self, row: &Row) -> &[f32] {
         energies_of(&self.energies, row)
+    }
+
+    /// `Σ A·w/Î` and `Σ A·w·I/Î²` over the bins of a row.
+    pub(crate) fn against_prediction(&self, row: &Row) -> (f32, f32) {
+        let bins = row.bins.start as usize..row.bins.end as usize;
+        let (mut share, mut pull) = (0.0, 0.0);
+        for (energy, per) in self.energies(row).iter().zip(&self.per_predicted[bins]) {
+            share += energy * per.0;
+            pull += energy * per.1;
+        }
+        (share, pull)
     }
 
     /// Gaussian–bin pairs in this ping: the unit of work.
