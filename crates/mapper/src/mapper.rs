@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::assess::{assess, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, localise, maximise, pulls};
-use crate::gaussians::{Gaussians, Verdict};
+use crate::gaussians::{Gaussians, Lobes, Verdict};
 use crate::history::{History, Past, look_of, novelty, past_of};
 use crate::profile::Levels;
 use crate::shape::align;
@@ -280,6 +280,9 @@ impl Mapper {
         if self.pending > 0 {
             self.take_in_slice();
         }
+        // Steps without end sharpen noise, so that a finished map starts even and stops early.
+        let newborn = Lobes::even(NEWBORN_STRENGTH * self.unit_strength);
+        self.gaussians.strength.fill(newborn);
         let passes = self.config.finish_passes;
         // Few looks sort out most candidates; the rest is worth all of them.
         self.interleaved_passes(passes, 4 * INTERLEAVE);
