@@ -1,2 +1,37 @@
-//! The program.
-fn main() {}
+//! The program `echosplat`: arguments, configuration, wiring, shutdown.
+//!
+//! It alone knows all the other parts. It deliberately holds no mathematics, no protocol and no
+//! file format of its own.
+
+mod arguments;
+mod clock;
+mod commands;
+mod config;
+mod dives;
+mod exit;
+mod inputs;
+mod logging;
+mod maps;
+mod pipeline;
+mod processor;
+mod recorder;
+mod rig;
+mod signals;
+mod truth;
+
+use std::process::ExitCode;
+
+use clap::Parser;
+
+fn main() -> ExitCode {
+    let arguments = arguments::Arguments::parse();
+    logging::start(&arguments.logging);
+    match commands::run(arguments.command) {
+        Ok(finish) => finish.code(),
+        Err(error) => {
+            tracing::debug!(?error, "failed");
+            logging::complain(&exit::one_line(&error));
+            exit::code_of(&error)
+        }
+    }
+}

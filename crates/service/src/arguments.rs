@@ -1,0 +1,368 @@
+//! The command line. Names and values only; what they mean is with the commands.
+
+use std::path::PathBuf;
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use clap::{Args, Parser, Subcommand, ValueEnum};
+use echosplat_pose::PoseUrl;
+use echosplat_simulator::{DiveKind, NoiseLevel};
+
+pub(crate) const VERSION: &str = concat!(
+    env!("CARGO_PKG_VERSION"),
+    " (commit ",
+    env!("ECHOSPLAT_COMMIT"),
+    ")"
+);
+
+/// Maps what an imaging sonar hears into Gaussians while the vehicle moves.
+#[derive(Debug, Parser)]
+#[command(name = "echosplat", version = VERSION, about, propagate_version = true)]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    pub(crate) logging: LoggingArguments,
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// What to log, and how.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct LoggingArguments {
+    /// Say more: once for debug, twice for trace; `RUST_LOG` says it in detail
+    #[arg(long, short, global = true, action = clap::ArgAction::Count)]
+    pub(crate) verbose: u8,
+    /// Shape of the log on standard error
+    #[arg(long, global = true, value_enum, default_value_t = LogFormat::Text)]
+    pub(crate) log_format: LogFormat,
+}
+
+/// Shape of a log line.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum LogFormat {
+    /// For people.
+    Text,
+    /// One JSON object a line.
+    Json,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Command {
+    /// The whole service against a simulated sonar on loopback, then its errors against the truth
+    Demo(DemoArguments),
+    /// The service: sonar, poses, map, publishing, recording
+    Run(RunArguments),
+    /// The same pipeline from a log
+    Replay(ReplayArguments),
+    /// Writes a dive: log, poses and truth
+    Simulate(SimulateArguments),
+    /// Is the sonar, for any Ping client
+    Emulate(EmulateArguments),
+    /// Follows the map of a running service
+    Watch(WatchArguments),
+    /// Judges a map against the truth
+    Evaluate(EvaluateArguments),
+    /// Prints the default configuration
+    Config,
+    /// Validates a configuration file
+    Check {
+        /// The file to validate
+        #[arg(value_name = "FILE")]
+        file: PathBuf,
+    },
+}
+
+/// What `run`, `replay` and `demo` share; each overrides its configuration key.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct ServiceArguments {
+    /// Configuration file; `echosplat config` prints one
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Where the map is written on exit; ambiguous Gaussians go beside it
+    #[arg(long, value_name = "OUT.ply")]
+    pub(crate) map: Option<PathBuf>,
+    /// Directory for recordings of all that is received
+    #[arg(long, value_name = "DIR")]
+    pub(crate) record: Option<PathBuf>,
+    /// Judge the final map against this: a scene, a mesh, points or a simulated dive
+    #[arg(long, value_name = "TRUTH")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Stop after this many seconds of the pings' clock
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+    /// Threads of the mapper; 0 takes one per processor
+    #[arg(long, value_name = "N")]
+    pub(crate) threads: Option<usize>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N")]
+    pub(crate) seed: Option<u64>,
+    #[command(flatten)]
+    pub(crate) bus: BusArguments,
+}
+
+/// How to reach other programs.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct BusArguments {
+    /// First part of every key
+    #[arg(long, value_name = "NAME")]
+    pub(crate) prefix: Option<String>,
+    /// The vehicle's name, second part of every key
+    #[arg(long, value_name = "NAME")]
+    pub(crate) node: Option<String>,
+    /// zenoh configuration file in place of the safe default
+    #[arg(long, value_name = "FILE")]
+    pub(crate) zenoh_config: Option<PathBuf>,
+    /// One zenoh setting, as key=json5; repeatable
+    #[arg(long, value_name = "KEY=JSON5", value_parser = key_and_value)]
+    pub(crate) zenoh: Vec<(String, String)>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RunArguments {
+    #[command(flatten)]
+    pub(crate) service: ServiceArguments,
+    /// The sonar: tcp://host:port, udp://host:port, serial:///dev/…?baudrate=N, sim://scene, file://log
+    #[arg(long, value_name = "URL")]
+    pub(crate) sonar: Option<String>,
+    /// The poses: zenoh:// or tum://poses.tum
+    #[arg(long, value_name = "URL")]
+    pub(crate) pose: Option<PoseUrl>,
+    /// Added to the pings' times before poses are looked up
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) time_offset_s: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct ReplayArguments {
+    #[command(flatten)]
+    pub(crate) service: ServiceArguments,
+    /// Logs (.svlog), one after another
+    #[arg(value_name = "LOG", required = true)]
+    pub(crate) logs: Vec<PathBuf>,
+    /// Poses as a TUM file
+    #[arg(long, value_name = "F.tum", conflicts_with = "pose")]
+    pub(crate) poses: Option<PathBuf>,
+    /// The poses: zenoh:// or tum://poses.tum
+    #[arg(long, value_name = "URL")]
+    pub(crate) pose: Option<PoseUrl>,
+    /// Added to the pings' times before poses are looked up
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) time_offset_s: Option<f64>,
+    /// Times real time; 0 is as fast as possible
+    #[arg(long, value_name = "FACTOR", default_value_t = 0.0, value_parser = not_negative)]
+    pub(crate) rate: f64,
+    /// Leave out what is earlier, in seconds of the log
+    #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
+    pub(crate) start: Option<f64>,
+    /// Leave out what is later, in seconds of the log
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) end: Option<f64>,
+    /// Begin again at the end, with an empty map, until told to stop
+    #[arg(long = "loop")]
+    pub(crate) repeat: bool,
+    /// Publish nothing
+    #[arg(long)]
+    pub(crate) no_publish: bool,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct DemoArguments {
+    /// Where map and report go
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    pub(crate) out: PathBuf,
+    /// Only so many seconds of the dive
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+    /// Threads of the mapper; 0 takes one per processor
+    #[arg(long, value_name = "N")]
+    pub(crate) threads: Option<usize>,
+    #[command(flatten)]
+    pub(crate) dive: DiveArguments,
+}
+
+/// Which dive is simulated.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct DiveArguments {
+    /// A scene's name (fence, truss, pier, …) or its TOML file
+    #[arg(long, value_name = "SCENE", default_value = "fence")]
+    pub(crate) scene: String,
+    /// How the vehicle moves
+    #[arg(long, default_value = "survey", value_parser = dive_kind())]
+    pub(crate) dive: DiveKind,
+    /// How much is wrong with pings and poses
+    #[arg(long, default_value = "nominal", value_parser = noise_level())]
+    pub(crate) noise: NoiseLevel,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Pings per second; 40 without
+    #[arg(long, value_name = "N", value_parser = positive)]
+    pub(crate) pings_per_s: Option<f64>,
+}
+
+impl Default for DiveArguments {
+    fn default() -> Self {
+        Self {
+            scene: "fence".to_owned(),
+            dive: DiveKind::Survey,
+            noise: NoiseLevel::Nominal,
+            seed: 1,
+            pings_per_s: None,
+        }
+    }
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct SimulateArguments {
+    #[command(flatten)]
+    pub(crate) dive: DiveArguments,
+    /// Where the dive goes
+    #[arg(long, value_name = "DIR")]
+    pub(crate) out: PathBuf,
+    /// Only so many seconds of the dive
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct EmulateArguments {
+    #[command(flatten)]
+    pub(crate) dive: DiveArguments,
+    /// tcp://host:port, udp://host:port or serial:///path/of/link
+    #[arg(long, value_name = "URL", default_value = "tcp://127.0.0.1:51200")]
+    pub(crate) listen: String,
+    /// Times real time; 0 is as fast as the client takes it
+    #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = not_negative)]
+    pub(crate) rate: f64,
+    /// Publish the dive's poses over zenoh, in step with its pings
+    #[arg(long)]
+    pub(crate) publish_poses: bool,
+    /// Clock of these poses; host at rate 1, else device
+    #[arg(long, value_enum, value_name = "CLOCK")]
+    pub(crate) pose_clock: Option<PoseClock>,
+    /// Only so many seconds of the dive
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+    #[command(flatten)]
+    pub(crate) bus: BusArguments,
+}
+
+/// Clock that poses are stamped with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PoseClock {
+    /// This machine's.
+    Host,
+    /// The dive's own, from 0.
+    Device,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct WatchArguments {
+    /// Where the map is written on exit; ambiguous Gaussians go beside it
+    #[arg(long, value_name = "OUT.ply")]
+    pub(crate) map: Option<PathBuf>,
+    /// End when the service has published its final map or is gone
+    #[arg(long)]
+    pub(crate) until_final: bool,
+    /// End after this many seconds
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+    #[command(flatten)]
+    pub(crate) bus: BusArguments,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct EvaluateArguments {
+    /// The map
+    #[arg(value_name = "MAP.ply")]
+    pub(crate) map: PathBuf,
+    /// A scene, a mesh, points or a simulated dive's directory
+    #[arg(long, value_name = "TRUTH")]
+    pub(crate) truth: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+fn dive_kind() -> impl TypedValueParser<Value = DiveKind> {
+    PossibleValuesParser::new(DiveKind::ALL.map(DiveKind::as_str))
+        .try_map(|name| name.parse::<DiveKind>())
+}
+
+fn noise_level() -> impl TypedValueParser<Value = NoiseLevel> {
+    PossibleValuesParser::new(NoiseLevel::ALL.map(NoiseLevel::as_str))
+        .try_map(|name| name.parse::<NoiseLevel>())
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .map_err(|_| "it must be a number".to_owned())
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    match value.is_finite() {
+        true => Ok(value),
+        false => Err("it must be finite".to_owned()),
+    }
+}
+
+fn not_negative(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    match value >= 0.0 {
+        true => Ok(value),
+        false => Err("it must be 0 or more".to_owned()),
+    }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    match value > 0.0 {
+        true => Ok(value),
+        false => Err("it must be more than 0".to_owned()),
+    }
+}
+
+fn key_and_value(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
+        _ => Err("it must read key=json5, as in connect/endpoints=[\"tcp/10.0.0.2:7447\"]".into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_command_line_is_consistent() {
+        Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn numbers_out_of_range_are_refused() {
+        for bad in ["-1", "nan", "inf", "fast"] {
+            let parsed =
+                Arguments::try_parse_from(["echosplat", "replay", "a.svlog", "--rate", bad]);
+            assert!(parsed.is_err(), "{bad}");
+        }
+        let parsed = Arguments::try_parse_from(["echosplat", "run", "--time-offset-s", "-1.5"]);
+        assert!(parsed.is_ok());
+    }
+
+    #[test]
+    fn zenoh_settings_are_repeatable() {
+        let words = ["echosplat", "watch", "--zenoh", "a=1", "--zenoh", "b=[2]"];
+        let Ok(Arguments {
+            command: Command::Watch(watch),
+            ..
+        }) = Arguments::try_parse_from(words)
+        else {
+            panic!("watch takes them");
+        };
+        assert_eq!(watch.bus.zenoh.len(), 2);
+        assert!(Arguments::try_parse_from(["echosplat", "watch", "--zenoh", "=1"]).is_err());
+    }
+}

@@ -1,0 +1,34 @@
+//! The host's clock, asked in one place.
+
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use echosplat_model::Timestamp;
+
+/// Host time as Unix time; a clock before 1970 reads as 1970.
+pub(crate) fn now() -> Timestamp {
+    let since = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    Timestamp::from_nanos(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
+}
+
+/// `20260102T030405Z`: a time in the name of a file.
+pub(crate) fn compact_utc(time: Timestamp) -> String {
+    // The calendar's range holds every i64 of nanoseconds.
+    let time = jiff::Timestamp::from_nanosecond(time.nanos().into())
+        .unwrap_or(jiff::Timestamp::UNIX_EPOCH);
+    time.strftime("%Y%m%dT%H%M%SZ").to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn dates_are_those_of_the_calendar() {
+        let at = |seconds: i64| compact_utc(Timestamp::from_millis(seconds * 1000));
+        assert_eq!(at(0), "19700101T000000Z");
+        assert_eq!(at(951_782_400), "20000229T000000Z");
+        assert_eq!(at(1_767_323_045), "20260102T030405Z");
+    }
+}

@@ -1,0 +1,227 @@
+//! `echosplat demo`: no hardware, no configuration: a simulated sonar on loopback, the whole
+//! service as it runs at sea, a subscriber of its map, and then how right that map is.
+
+mod judging;
+mod report;
+
+use std::net::TcpListener;
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use anyhow::{Context, anyhow};
+use echosplat_bus::{Bus, BusConfig, MapSubscriber};
+use echosplat_driver::ListenUrl;
+use echosplat_evaluation::curve::Sample;
+use echosplat_evaluation::table;
+use echosplat_model::{Gaussian, Snapshot};
+use echosplat_pose::PoseUrl;
+use indicatif::ProgressBar;
+
+use crate::arguments::{DemoArguments, PoseClock};
+use crate::config::Config;
+use crate::exit::Finish;
+use crate::pipeline::{self, Gate, Hooks, Observer, Outcome, Patience, Poses, Setup, Status};
+use crate::rig::{PosesTo, Rig};
+use crate::signals::Stop;
+use crate::{clock, dives, inputs, logging, maps};
+use judging::Judge;
+use report::Results;
+
+/// Time between two maps that are judged, on the dive's clock.
+const JUDGED_EVERY_S: f64 = 5.0;
+/// How long the subscriber may take to have the final map.
+const SUBSCRIBER_LIMIT: Duration = Duration::from_secs(20);
+
+/// # Errors
+/// If something cannot be started or written, or the subscriber's map is not the service's.
+pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
+    let map = arguments.out.join("map.ply");
+    maps::prepare(&map)?;
+    let stop = Stop::on_signals()?;
+    let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
+    let judge = Judge::start(sonar.scene(), sonar.dive())?;
+    let length_s = sonar.dive().duration_s();
+
+    let mut config = Config::default();
+    config.mapper.threads = arguments.threads.unwrap_or(config.mapper.threads);
+    config.output.map = Some(map.clone());
+    config.pose.url = PoseUrl::Zenoh;
+    let buses = Buses::open(&config.bus)?;
+    let source = inputs::poses(&config.pose.url, Some(&buses.service))?;
+    let subscriber = buses.subscriber.subscribe_map()?;
+    let poses_to = PosesTo {
+        bus: Arc::clone(&buses.sonar),
+        clock: PoseClock::Device,
+    };
+    let rig = Rig::start(sonar, &loopback(), 0.0, Some(poses_to))?;
+    logging::print(&format!(
+        "A simulated OmniScan 450 at {}, its dive of {length_s:.0} s along the {}; the map is \
+         published on {}.",
+        rig.url(),
+        arguments.dive.scene,
+        buses.service.keys().deltas()
+    ));
+
+    let received = Arc::new(Mutex::new(None));
+    let setup = Setup {
+        drivers: vec![rig.driver(&config)?],
+        poses: Poses::new(&config.pose, source, Patience::HoldBack, None)?,
+        gate: Gate::default(),
+        bus: Some(Arc::clone(&buses.service)),
+        recorder: None,
+        epoch: clock::now().nanos().unsigned_abs(),
+        hooks: Hooks {
+            observer: Some(Observer {
+                interval_s: JUDGED_EVERY_S,
+                take: judge.intake(),
+            }),
+            on_status: Some(progress(length_s, judge.newest())),
+            is_over: Some(rig.end_of_dive()),
+            on_final: Some(receiving(subscriber, &received)),
+        },
+    };
+    let outcome = pipeline::run(&config, setup, &stop);
+    buses.close();
+    let outcome = outcome?;
+    let results = judge.finish(&outcome, arguments)?;
+    conclude(arguments, &outcome, &results, &received)
+}
+
+/// The service, the sonar with its poses, and a subscriber: three sessions that meet on a port of
+/// this demo's own.
+struct Buses {
+    service: Arc<Bus>,
+    sonar: Arc<Bus>,
+    subscriber: Arc<Bus>,
+}
+
+impl Buses {
+    fn open(base: &BusConfig) -> anyhow::Result<Self> {
+        let endpoint = format!("[\"tcp/127.0.0.1:{}\"]", free_port()?);
+        let with = |listen: &str, connect: &str| {
+            let settings = [
+                ("listen/endpoints", listen),
+                ("connect/endpoints", connect),
+                ("connect/timeout_ms", "-1"),
+            ];
+            let owned = |(key, value): (&str, &str)| (key.to_owned(), value.to_owned());
+            inputs::open_bus(BusConfig {
+                zenoh: settings.map(owned).into(),
+                ..base.clone()
+            })
+        };
+        Ok(Self {
+            service: with(&endpoint, "[]")?,
+            sonar: with("[]", &endpoint)?,
+            subscriber: with("[]", &endpoint)?,
+        })
+    }
+
+    fn close(self) {
+        for bus in [self.subscriber, self.sonar, self.service] {
+            inputs::close_bus(Some(bus));
+        }
+    }
+}
+
+fn free_port() -> anyhow::Result<u16> {
+    let listener = TcpListener::bind("127.0.0.1:0").context("loopback has no free port")?;
+    Ok(listener.local_addr()?.port())
+}
+
+fn loopback() -> ListenUrl {
+    ListenUrl::Tcp("127.0.0.1:0".to_owned())
+}
+
+/// A bar over dive time with the newest error.
+fn progress(length_s: f64, newest: Arc<Mutex<Option<Sample>>>) -> Box<dyn FnMut(&Status)> {
+    let bar: ProgressBar =
+        logging::progress_bar(length_s as u64, "{bar:40} {pos:>3} of {len} s of dive · {msg}");
+    Box::new(move |status| {
+        bar.set_position(status.report.dive_s as u64);
+        let newest = newest.lock().unwrap_or_else(PoisonError::into_inner);
+        let error = newest.as_ref().map_or("–".to_owned(), |sample| {
+            format!("CD {} m", table::metres(sample.metrics.cd_m))
+        });
+        bar.set_message(format!(
+            "{error} · {} Gaussians · {:.0} pings/s",
+            status.report.mapper.confident, status.rates.mapped_per_s
+        ));
+        if status.is_final {
+            bar.finish_and_clear();
+        }
+    })
+}
+
+/// Keeps what the subscriber has in the end.
+fn receiving(
+    subscriber: MapSubscriber,
+    received: &Arc<Mutex<Option<anyhow::Result<Arc<Snapshot>>>>>,
+) -> Box<dyn FnOnce(&Arc<Snapshot>)> {
+    let received = Arc::clone(received);
+    Box::new(move |_| {
+        let map = subscriber.wait_final(SUBSCRIBER_LIMIT);
+        let map = map.map_err(anyhow::Error::new);
+        *received.lock().unwrap_or_else(PoisonError::into_inner) = Some(map);
+    })
+}
+
+fn conclude(
+    arguments: &DemoArguments,
+    outcome: &Outcome,
+    results: &Results,
+    received: &Mutex<Option<anyhow::Result<Arc<Snapshot>>>>,
+) -> anyhow::Result<Finish> {
+    let received = received
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner)
+        .take()
+        .context("the subscriber was never asked")??;
+    let same = compare(&outcome.snapshot, &received)?;
+    let report = arguments.out.join("report.html");
+    std::fs::write(&report, results.html(same))
+        .with_context(|| format!("cannot write {}", report.display()))?;
+    logging::print(&table::curve(&results.curve));
+    logging::print(&outcome.status.account());
+    logging::print(&format!(
+        "The subscriber, in a session of its own, holds the same {same} Gaussians, bit for bit."
+    ));
+    logging::print(&written(&arguments.out));
+    Ok(outcome.finish())
+}
+
+fn written(out: &Path) -> String {
+    let at = |name: &str| out.join(name).display().to_string();
+    format!("Written: {}, {}", at("map.ply"), at("report.html"))
+}
+
+/// Both in order of id; how many they hold.
+fn compare(ours: &Snapshot, theirs: &Snapshot) -> anyhow::Result<usize> {
+    let differs = |what: String| anyhow!("the subscriber's map is not the service's: {what}");
+    if ours.gaussians.len() != theirs.gaussians.len() {
+        let (ours, theirs) = (ours.gaussians.len(), theirs.gaussians.len());
+        return Err(differs(format!("{theirs} Gaussians in place of {ours}")));
+    }
+    if ours.origin_m != theirs.origin_m {
+        return Err(differs("another origin".to_owned()));
+    }
+    let mut pairs = ours.gaussians.iter().zip(&theirs.gaussians);
+    match pairs.find(|(a, b)| !is_same(a, b)) {
+        Some((a, b)) => Err(differs(format!("{b:?} in place of {a:?}"))),
+        None => Ok(ours.gaussians.len()),
+    }
+}
+
+/// Bit for bit, so that a sigma that is not a number would be told too.
+fn is_same(a: &Gaussian, b: &Gaussian) -> bool {
+    let numbers = |g: &Gaussian| {
+        let mut numbers = [0; 13];
+        let all = g.mean_m.to_array().into_iter().chain(g.rotation.to_array());
+        let all = all.chain(g.scale_m.to_array());
+        let all = all.chain([g.opacity, g.reflectivity, g.sigma_m]);
+        numbers.iter_mut().zip(all).for_each(|(bits, number)| *bits = number.to_bits());
+        numbers
+    };
+    a.id == b.id && a.standing == b.standing && numbers(a) == numbers(b)
+}

@@ -1,0 +1,64 @@
+//! `echosplat emulate`: the sonar, for any Ping client.
+
+use std::time::Duration;
+
+use echosplat_driver::ListenUrl;
+use serde_json::json;
+
+use crate::arguments::{EmulateArguments, PoseClock};
+use crate::config::Config;
+use crate::exit::{Finish, Usage};
+use crate::rig::{PosesTo, Rig};
+use crate::signals::Stop;
+use crate::{dives, inputs, logging};
+
+const TICK: Duration = Duration::from_millis(50);
+
+/// # Errors
+/// If there is no such dive, or the address cannot be listened on.
+pub(crate) fn run(arguments: &EmulateArguments) -> anyhow::Result<Finish> {
+    let listen: ListenUrl = arguments.listen.parse().map_err(Usage::error)?;
+    let config = Config::with_bus(&arguments.bus)?;
+    let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
+    let stop = Stop::on_signals()?;
+    let bus = match arguments.publish_poses {
+        true => Some(inputs::open_bus(config.bus)?),
+        false => None,
+    };
+    let poses = bus.clone().map(|bus| PosesTo {
+        bus,
+        clock: pose_clock(arguments),
+    });
+    let rig = Rig::start(sonar, &listen, arguments.rate, poses)?;
+    tracing::info!(pings = rig.dive().pings(), "listening on {}", rig.url());
+    while !stop.is_set() {
+        std::thread::sleep(TICK);
+    }
+    let (served, seen) = rig.stop();
+    inputs::close_bus(bus);
+    logging::print(
+        &json!({
+            "pings": seen.pings,
+            "requests": seen.requests,
+            "enables": seen.enables,
+            "disables": seen.disables,
+            "nacks": seen.nacks,
+            "bytes_skipped": seen.bytes_skipped,
+            "clients_seen": served.clients_seen,
+            "frames_sent": served.frames_sent,
+            "frames_dropped": served.frames_dropped,
+            "is_pinging": served.is_pinging,
+        })
+        .to_string(),
+    );
+    Ok(Finish::Done)
+}
+
+/// At real time poses are stamped as a vehicle's would be, else on the dive's own clock.
+fn pose_clock(arguments: &EmulateArguments) -> PoseClock {
+    let is_real_time = (arguments.rate - 1.0).abs() < 1e-9;
+    arguments.pose_clock.unwrap_or(match is_real_time {
+        true => PoseClock::Host,
+        false => PoseClock::Device,
+    })
+}

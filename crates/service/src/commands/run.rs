@@ -1,0 +1,89 @@
+//! `echosplat run`: the service.
+
+use std::sync::Arc;
+
+use echosplat_bus::Bus;
+use echosplat_driver::{ListenUrl, SonarUrl};
+use echosplat_pose::PoseUrl;
+use echosplat_session::ClockSource;
+
+use crate::arguments::{DiveArguments, PoseClock, RunArguments};
+use crate::commands::{judge, show_figures};
+use crate::config::{Config, Overrides};
+use crate::exit::Finish;
+use crate::pipeline::{self, Gate, Hooks, Patience, Poses, Setup};
+use crate::rig::{PosesTo, Rig};
+use crate::signals::Stop;
+use crate::{clock, dives, inputs, logging, maps};
+
+/// # Errors
+/// If something asked for cannot be, or the map cannot be written.
+pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
+    let overrides = Overrides {
+        sonar: arguments.sonar.clone(),
+        pose: arguments.pose.clone(),
+        time_offset_s: arguments.time_offset_s,
+    };
+    let config = Config::assemble(&arguments.service, overrides)?;
+    let url = inputs::sonar_url(&config.sonar.url)?;
+    if let SonarUrl::File(log) = &url {
+        inputs::check_log(log)?;
+    }
+    if let Some(map) = &config.output.map {
+        maps::prepare(map)?;
+    }
+    let stop = Stop::on_signals()?;
+    let bus = inputs::open_bus(config.bus.clone())?;
+    let finish = serve(&config, url, &bus, &stop);
+    inputs::close_bus(Some(bus));
+    finish
+}
+
+fn serve(config: &Config, url: SonarUrl, bus: &Arc<Bus>, stop: &Stop) -> anyhow::Result<Finish> {
+    let source = inputs::poses(&config.pose.url, Some(bus))?;
+    let rig = match &url {
+        SonarUrl::Sim(scene) => Some(simulate(config, scene, bus)?),
+        _ => None,
+    };
+    let driver = match &rig {
+        Some(rig) => rig.driver(config)?,
+        None => inputs::driver(config, url),
+    };
+    let patience = match driver.session.clock {
+        ClockSource::Device => Patience::HoldBack,
+        ClockSource::Host => Patience::LetGo,
+    };
+    let recorder = inputs::recorder(config)?;
+    let setup = Setup {
+        drivers: vec![driver],
+        poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
+        gate: Gate::new(None, None, config.output.duration_s),
+        bus: Some(Arc::clone(bus)),
+        recorder,
+        epoch: clock::now().nanos().unsigned_abs(),
+        hooks: Hooks {
+            on_status: Some(show_figures()),
+            is_over: rig.map(Rig::end_of_dive),
+            ..Hooks::default()
+        },
+    };
+    let outcome = pipeline::run(config, setup, stop)?;
+    judge(config.output.truth.as_deref(), &outcome.snapshot)?;
+    logging::print(&outcome.status.account());
+    Ok(outcome.finish())
+}
+
+/// The sonar of `sim://SCENE`, at real time, on a port of its own.
+fn simulate(config: &Config, scene: &str, bus: &Arc<Bus>) -> anyhow::Result<Rig> {
+    let dive = DiveArguments {
+        scene: scene.to_owned(),
+        seed: config.sonar.seed,
+        ..DiveArguments::default()
+    };
+    let sonar = dives::sonar(&dive, config.output.duration_s)?;
+    let poses = (config.pose.url == PoseUrl::Zenoh).then(|| PosesTo {
+        bus: Arc::clone(bus),
+        clock: PoseClock::Device,
+    });
+    Rig::start(sonar, &ListenUrl::Tcp("127.0.0.1:0".to_owned()), 1.0, poses)
+}

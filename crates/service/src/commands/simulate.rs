@@ -1,0 +1,64 @@
+//! `echosplat simulate`: a dive as files: log, poses and truth.
+
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::Path;
+
+use anyhow::Context;
+use echosplat_model::Timestamp;
+use echosplat_recording::svlog::{SessionHeader, SvlogWriter};
+use echosplat_recording::tum;
+use echosplat_simulator::SimulatedSonar;
+
+use crate::arguments::SimulateArguments;
+use crate::exit::{Finish, Usage};
+use crate::{dives, logging, truth};
+
+/// Source id of the simulated unit's packets.
+const DEVICE_ID: u8 = 1;
+
+/// Pings made at once, on all processors; bounds memory.
+const BATCH: usize = 256;
+
+/// # Errors
+/// If there is no such dive, or the files cannot be written.
+pub(crate) fn run(arguments: &SimulateArguments) -> anyhow::Result<Finish> {
+    let scene_text = dives::scene_text(&arguments.dive.scene)?;
+    let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
+    let out = &arguments.out;
+    std::fs::create_dir_all(out)
+        .map_err(|error| Usage::error(format!("--out {}: {error}", out.display())))?;
+    write_log(&sonar, &out.join("dive.svlog")).context("cannot write dive.svlog")?;
+    write_poses(&sonar, &out.join("dive.tum")).context("cannot write dive.tum")?;
+    truth::write(out, &scene_text, sonar.scene(), sonar.dive())?;
+    logging::print(&format!(
+        "{}: {} pings over {:.0} s, their poses, and the truth",
+        out.display(),
+        sonar.dive().pings(),
+        sonar.dive().duration_s()
+    ));
+    Ok(Finish::Done)
+}
+
+/// The log's time is that of the dive: the session begins at 0.
+fn write_log(sonar: &SimulatedSonar, path: &Path) -> anyhow::Result<()> {
+    let header = SessionHeader::new(Timestamp::ZERO, DEVICE_ID, "simulated");
+    let mut log = SvlogWriter::new(BufWriter::new(File::create(path)?), &header)?;
+    let count = sonar.dive().pings();
+    let bar = logging::progress_bar(count as u64, "{bar:40} {pos} of {len} pings, {eta} to go");
+    for start in (0..count).step_by(BATCH) {
+        let end = (start + BATCH).min(count);
+        for frame in dives::frames(sonar, start..end, DEVICE_ID) {
+            log.write_frame(&frame)?;
+        }
+        bar.set_position(end as u64);
+    }
+    bar.finish_and_clear();
+    log.finish()?;
+    Ok(())
+}
+
+fn write_poses(sonar: &SimulatedSonar, path: &Path) -> anyhow::Result<()> {
+    let out = BufWriter::new(File::create(path)?);
+    Ok(tum::write(sonar.dive().reported_poses(), out)?)
+}

@@ -1,0 +1,315 @@
+//! The configuration: one struct per table of the TOML file, defaults in code, all checked before
+//! anything starts.
+
+mod errors;
+mod overrides;
+
+use std::path::{Path, PathBuf};
+
+use echosplat_bus::{BusConfig, BusError};
+use echosplat_driver::SonarUrl;
+use echosplat_mapper::{ConfigError as MapperError, MapperConfig};
+use echosplat_model::Pose;
+use echosplat_model::glam::DVec3;
+use echosplat_pose::PoseUrl;
+use echosplat_session::SessionConfig;
+use serde::{Deserialize, Serialize};
+
+use crate::exit::Usage;
+use errors::BadSetting;
+pub(crate) use overrides::Overrides;
+
+/// `config/default.toml`, which equals [`Config::default`].
+pub(crate) const DEFAULT_TOML: &str = include_str!("../../../../config/default.toml");
+
+/// Longest configuration file read.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
+/// Everything that can be set.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct Config {
+    pub(crate) sonar: SonarConfig,
+    pub(crate) session: SessionConfig,
+    pub(crate) pose: PoseConfig,
+    pub(crate) mapper: MapperConfig,
+    pub(crate) pipeline: PipelineConfig,
+    pub(crate) output: OutputConfig,
+    pub(crate) bus: BusConfig,
+}
+
+/// Where pings come from.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct SonarConfig {
+    /// Where the sonar is.
+    pub(crate) url: String,
+    /// Seed of a simulated sonar.
+    pub(crate) seed: u64,
+    /// Longest wait for a connection or for bytes to be taken.
+    pub(crate) io_timeout_s: f64,
+    /// First wait before connecting again; it doubles.
+    pub(crate) reconnect_min_s: f64,
+    /// Longest wait before connecting again.
+    pub(crate) reconnect_max_s: f64,
+    /// A link without a byte for so long is lost.
+    pub(crate) silence_timeout_s: f64,
+}
+
+impl Default for SonarConfig {
+    fn default() -> Self {
+        Self {
+            url: "tcp://192.168.2.92:51200".to_owned(),
+            seed: 1,
+            io_timeout_s: 1.0,
+            reconnect_min_s: 0.05,
+            reconnect_max_s: 0.5,
+            silence_timeout_s: 5.0,
+        }
+    }
+}
+
+/// Where poses come from, and how they belong to pings.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct PoseConfig {
+    /// Where poses come from.
+    pub(crate) url: PoseUrl,
+    /// Added to the pings' times before poses are looked up.
+    pub(crate) time_offset_s: f64,
+    /// Longest time between two poses that is interpolated across.
+    pub(crate) max_pose_gap_s: f64,
+    /// Most poses held.
+    pub(crate) capacity: usize,
+    /// Most pings that wait for a pose.
+    pub(crate) waiting_pings: usize,
+    /// Longest that a ping of a real sonar waits for its pose.
+    pub(crate) max_wait_s: f64,
+    /// How the sonar is mounted.
+    pub(crate) vehicle_from_sensor: MountConfig,
+}
+
+impl Default for PoseConfig {
+    fn default() -> Self {
+        Self {
+            url: PoseUrl::Zenoh,
+            time_offset_s: 0.0,
+            max_pose_gap_s: 0.5,
+            capacity: 65_536,
+            waiting_pings: 256,
+            max_wait_s: 2.0,
+            vehicle_from_sensor: MountConfig::default(),
+        }
+    }
+}
+
+/// Where the sensor sits on the vehicle, and how it is turned.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct MountConfig {
+    /// The sensor's place on the vehicle: forward, left, up.
+    pub(crate) translation_m: [f64; 3],
+    /// Yaw about up, then pitch about left, then roll about forward.
+    pub(crate) yaw_pitch_roll_deg: [f64; 3],
+}
+
+impl MountConfig {
+    /// `vehicle_from_sensor`.
+    pub(crate) fn pose(&self) -> Pose {
+        let [yaw, pitch, roll] = self.yaw_pitch_roll_deg.map(f64::to_radians);
+        Pose::from_yaw_pitch_roll(yaw, pitch, roll, DVec3::from_array(self.translation_m))
+    }
+}
+
+/// How much work is done, and when.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct PipelineConfig {
+    /// Pings between the sonar's thread and the mapper's.
+    pub(crate) queue_pings: usize,
+    /// Gaussian–bin pairs of optimisation each ping allows.
+    pub(crate) pairs_per_ping: u64,
+    /// Time between two published states of the map, on the pings' clock.
+    pub(crate) snapshot_interval_s: f64,
+}
+
+impl Default for PipelineConfig {
+    fn default() -> Self {
+        Self {
+            queue_pings: 256,
+            pairs_per_ping: 50_000,
+            snapshot_interval_s: 0.2,
+        }
+    }
+}
+
+/// What is written where.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub(crate) struct OutputConfig {
+    /// The map, on exit.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) map: Option<PathBuf>,
+    /// What the final map is judged by.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Directory of recordings.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) record: Option<PathBuf>,
+    /// A recording goes on in a new file beyond this.
+    pub(crate) record_rotate_bytes: u64,
+    /// Stop after this much of the pings' clock.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) duration_s: Option<f64>,
+}
+
+impl Default for OutputConfig {
+    fn default() -> Self {
+        Self {
+            map: None,
+            truth: None,
+            record: None,
+            record_rotate_bytes: 1 << 30,
+            duration_s: None,
+        }
+    }
+}
+
+impl Config {
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// The first thing wrong: file, line, key, and what is allowed.
+    pub(crate) fn load(file: &Path) -> anyhow::Result<Self> {
+        let text = read_bounded(file)
+            .map_err(|error| Usage::error(format!("configuration {}: {error}", file.display())))?;
+        Self::parse(file, &text)
+    }
+
+    fn parse(file: &Path, text: &str) -> anyhow::Result<Self> {
+        let config: Self = toml::from_str(text)
+            .map_err(|error| Usage::error(errors::parse_error(file, text, error)))?;
+        match config.check() {
+            Ok(()) => Ok(config),
+            Err(bad) => Err(Usage::error(bad.located(file, text))),
+        }
+    }
+
+    /// # Errors
+    /// The first setting out of range.
+    pub(crate) fn check(&self) -> Result<(), BadSetting> {
+        self.sonar.check()?;
+        self.session.check().map_err(|error| {
+            let message = format!(
+                "is {}; allowed is {} to {}",
+                error.value, error.low, error.high
+            );
+            BadSetting::new(format!("session.{}", error.key), message)
+        })?;
+        self.pose.check()?;
+        self.mapper.check().map_err(bad_mapper_setting)?;
+        self.pipeline.check()?;
+        self.output.check()?;
+        self.bus.check().map_err(bad_bus_setting)
+    }
+}
+
+fn bad_mapper_setting(error: MapperError) -> BadSetting {
+    match error {
+        MapperError::OutOfRange {
+            key,
+            value,
+            low,
+            high,
+        } => {
+            let message = format!("is {value}; allowed is {low} to {high}");
+            BadSetting::new(format!("mapper.{key}"), message)
+        }
+        other => BadSetting::new("mapper", other),
+    }
+}
+
+fn bad_bus_setting(error: BusError) -> BadSetting {
+    match error {
+        BusError::Config {
+            key,
+            found,
+            allowed,
+        } => BadSetting::new(
+            format!("bus.{key}"),
+            format!("is {found}; allowed is {allowed}"),
+        ),
+        other => BadSetting::new("bus", other),
+    }
+}
+
+impl SonarConfig {
+    fn check(&self) -> Result<(), BadSetting> {
+        let url: Result<SonarUrl, _> = self.url.parse();
+        url.map_err(|error| BadSetting::new("sonar.url", error))?;
+        within("sonar.io_timeout_s", self.io_timeout_s, 0.05, 60.0)?;
+        within("sonar.reconnect_min_s", self.reconnect_min_s, 0.01, 60.0)?;
+        let least = self.reconnect_min_s;
+        within("sonar.reconnect_max_s", self.reconnect_max_s, least, 60.0)?;
+        within("sonar.silence_timeout_s", self.silence_timeout_s, 0.2, 600.0)
+    }
+}
+
+impl PoseConfig {
+    fn check(&self) -> Result<(), BadSetting> {
+        within("pose.time_offset_s", self.time_offset_s, -1e9, 1e9)?;
+        within("pose.max_pose_gap_s", self.max_pose_gap_s, 0.001, 60.0)?;
+        within("pose.capacity", self.capacity as f64, 2.0, 1e7)?;
+        within("pose.waiting_pings", self.waiting_pings as f64, 1.0, 65_536.0)?;
+        within("pose.max_wait_s", self.max_wait_s, 0.01, 3600.0)?;
+        let mount = &self.vehicle_from_sensor;
+        for value in mount.translation_m {
+            within("pose.vehicle_from_sensor.translation_m", value, -1e3, 1e3)?;
+        }
+        for value in mount.yaw_pitch_roll_deg {
+            within("pose.vehicle_from_sensor.yaw_pitch_roll_deg", value, -360.0, 360.0)?;
+        }
+        Ok(())
+    }
+}
+
+impl PipelineConfig {
+    fn check(&self) -> Result<(), BadSetting> {
+        within("pipeline.queue_pings", self.queue_pings as f64, 1.0, 65_536.0)?;
+        within("pipeline.pairs_per_ping", self.pairs_per_ping as f64, 0.0, 1e12)?;
+        within("pipeline.snapshot_interval_s", self.snapshot_interval_s, 0.01, 3600.0)
+    }
+}
+
+impl OutputConfig {
+    fn check(&self) -> Result<(), BadSetting> {
+        let rotate = self.record_rotate_bytes as f64;
+        within("output.record_rotate_bytes", rotate, 1e6, 1e15)?;
+        within("output.duration_s", self.duration_s.unwrap_or(1.0), 1e-3, 1e9)
+    }
+}
+
+fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), BadSetting> {
+    match value >= low && value <= high {
+        true => Ok(()),
+        false => Err(BadSetting::new(
+            key,
+            format!("is {value}; allowed is {low} to {high}"),
+        )),
+    }
+}
+
+fn read_bounded(file: &Path) -> std::io::Result<String> {
+    use std::io::Read;
+    let mut text = String::new();
+    let read = std::fs::File::open(file)?
+        .take(MAX_FILE_BYTES + 1)
+        .read_to_string(&mut text)?;
+    match read as u64 > MAX_FILE_BYTES {
+        true => Err(std::io::Error::other("longer than any configuration, 1 MiB")),
+        false => Ok(text),
+    }
+}
+
+#[cfg(test)]
+mod tests;

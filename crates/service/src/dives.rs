@@ -1,0 +1,70 @@
+//! Simulated dives as the command line names them.
+
+use std::ops::Range;
+use std::path::Path;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use echosplat_simulator::{BUILT_IN_SCENES, Dive, DiveOptions, Scene, SimulatedSonar};
+
+use crate::arguments::DiveArguments;
+use crate::exit::Usage;
+
+/// A scene by its built-in name, or from a file.
+///
+/// # Errors
+/// If it is neither, or the file is no scene.
+pub(crate) fn scene(name_or_path: &str) -> anyhow::Result<Scene> {
+    let known = BUILT_IN_SCENES.iter().any(|(name, _)| *name == name_or_path);
+    let is_path = Path::new(name_or_path).exists() || name_or_path.contains(['/', '.']);
+    match is_path && !known {
+        true => Scene::load(name_or_path),
+        false => Scene::named(name_or_path),
+    }
+    .map_err(|error| Usage::error(format!("--scene: {error}")))
+}
+
+/// Plans the dive and makes the sonar that is carried along it.
+///
+/// # Errors
+/// If there is no such scene, or the dive cannot be made in it.
+pub(crate) fn sonar(
+    arguments: &DiveArguments,
+    duration_s: Option<f64>,
+) -> anyhow::Result<SimulatedSonar> {
+    let scene = scene(&arguments.scene)?;
+    let defaults = DiveOptions::default();
+    let options = DiveOptions {
+        duration_s: duration_s.unwrap_or(defaults.duration_s),
+        pings_per_s: arguments.pings_per_s.unwrap_or(defaults.pings_per_s),
+        ..defaults
+    };
+    let noise = arguments.noise;
+    let dive = Dive::plan_with(arguments.dive, &scene, noise, arguments.seed, &options)
+        .map_err(|error| Usage::error(format!("--scene {}: {error}", arguments.scene)))?;
+    let (scene, dive) = (Arc::new(scene), Arc::new(dive));
+    Ok(SimulatedSonar::new(scene, dive, noise, arguments.seed))
+}
+
+/// The text of a scene's file, built in or not.
+///
+/// # Errors
+/// If there is none, or it cannot be read.
+pub(crate) fn scene_text(name_or_path: &str) -> anyhow::Result<String> {
+    let built_in = BUILT_IN_SCENES.iter().find(|(name, _)| *name == name_or_path);
+    match built_in {
+        Some((_, text)) => Ok((*text).to_owned()),
+        None => {
+            scene(name_or_path)?;
+            Ok(std::fs::read_to_string(name_or_path)?)
+        }
+    }
+}
+
+/// The frames of some pings as the device sends them, made on all processors.
+pub(crate) fn frames(sonar: &SimulatedSonar, pings: Range<usize>, device_id: u8) -> Vec<Vec<u8>> {
+    pings
+        .into_par_iter()
+        .filter_map(|index| sonar.ping(index).frame(device_id))
+        .collect()
+}

@@ -1,0 +1,87 @@
+//! How the program ends: its exit codes, and errors that know theirs.
+
+use std::process::ExitCode;
+
+/// How a command ended that did not fail.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Finish {
+    /// Done, nothing missing.
+    Done,
+    /// Done, but what came in was damaged, cut, or left out by more than 1 %.
+    Lossy,
+}
+
+impl Finish {
+    /// 0 or 3.
+    pub(crate) fn code(self) -> ExitCode {
+        match self {
+            Self::Done => ExitCode::SUCCESS,
+            Self::Lossy => ExitCode::from(3),
+        }
+    }
+}
+
+/// The user asked for what cannot be: exit code 2.
+#[derive(Debug)]
+pub(crate) struct Usage(String);
+
+impl Usage {
+    /// `message` is one line that says what was wrong, where, and what would be right.
+    pub(crate) fn error(message: impl std::fmt::Display) -> anyhow::Error {
+        anyhow::Error::new(Self(message.to_string()))
+    }
+}
+
+impl std::fmt::Display for Usage {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for Usage {}
+
+/// 2 for what the user must change, 1 for everything else.
+pub(crate) fn code_of(error: &anyhow::Error) -> ExitCode {
+    match error.chain().any(|cause| cause.is::<Usage>()) {
+        true => ExitCode::from(2),
+        false => ExitCode::FAILURE,
+    }
+}
+
+/// The whole chain of causes as one line, each said once.
+pub(crate) fn one_line(error: &anyhow::Error) -> String {
+    let mut line = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        let cause = cause.split_whitespace().collect::<Vec<_>>().join(" ");
+        if line.contains(&cause) {
+            continue;
+        }
+        if !line.is_empty() {
+            line.push_str(": ");
+        }
+        line.push_str(&cause);
+    }
+    line
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use anyhow::Context;
+
+    #[test]
+    fn a_chain_is_one_line_and_repeats_nothing() {
+        let inner = std::io::Error::other("no\nsuch thing");
+        let error = anyhow::Error::new(inner)
+            .context("cannot read a.svlog: no such thing")
+            .context("replay");
+        assert_eq!(one_line(&error), "replay: cannot read a.svlog: no such thing");
+    }
+
+    #[test]
+    fn usage_is_found_below_context() {
+        let error = Err::<(), _>(Usage::error("no such key")).context("a.toml");
+        let code = code_of(&error.unwrap_err());
+        assert_eq!(format!("{code:?}"), format!("{:?}", ExitCode::from(2)));
+    }
+}

@@ -1,0 +1,202 @@
+//! The sonar's thread, or one such thread per log, one after another.
+
+use std::collections::VecDeque;
+
+use crossbeam_channel::Sender;
+use echosplat_driver::{
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus,
+};
+use echosplat_session::{ProfilesRejected, SessionCounters};
+
+use crate::exit::Usage;
+use crate::recorder::Recorder;
+
+/// Inputs in order; only the last may be one that does not end by itself.
+pub(crate) struct Drivers {
+    running: Option<DriverHandle>,
+    waiting: VecDeque<DriverConfig>,
+    done: Vec<DriverStatus>,
+    recorder: Option<Recorder>,
+    /// Given up with the last input, so that the mapper's thread sees the end.
+    events: Option<Sender<DriverEvent>>,
+}
+
+impl Drivers {
+    /// Starts the first.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub(crate) fn start(
+        configs: Vec<DriverConfig>,
+        recorder: Option<&Recorder>,
+        events: Sender<DriverEvent>,
+    ) -> anyhow::Result<Self> {
+        let mut drivers = Self {
+            running: None,
+            waiting: configs.into(),
+            done: Vec::new(),
+            recorder: recorder.cloned(),
+            events: Some(events),
+        };
+        drivers.start_next()?;
+        Ok(drivers)
+    }
+
+    /// Inputs, begun or not.
+    pub(crate) fn count(&self) -> usize {
+        self.waiting.len() + usize::from(self.running.is_some())
+    }
+
+    /// If the input at hand has ended and another waits, begins that.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub(crate) fn go_on_to_next(&mut self) -> anyhow::Result<()> {
+        let ended = self.running.as_ref().is_some_and(DriverHandle::is_finished);
+        match ended && !self.waiting.is_empty() {
+            true => self.start_next(),
+            false => Ok(()),
+        }
+    }
+
+    fn start_next(&mut self) -> anyhow::Result<()> {
+        self.stop_running();
+        let Some(config) = self.waiting.pop_front() else {
+            return Ok(());
+        };
+        let events = match self.waiting.is_empty() {
+            true => self.events.take(),
+            false => self.events.clone(),
+        };
+        let Some(events) = events else { return Ok(()) };
+        let tap = self.recorder.as_ref().map(Recorder::raw_tap);
+        let url = config.url.to_string();
+        let handle = echosplat_driver::spawn(config, tap, events).map_err(|error| match error {
+            DriverError::Thread(_) => anyhow::Error::new(error),
+            wrong => Usage::error(format!("{url}: {wrong}")),
+        })?;
+        self.running = Some(handle);
+        Ok(())
+    }
+
+    /// Ends the input at hand, a sonar with `enable = 0`, and forgets those that wait.
+    pub(crate) fn stop(&mut self) {
+        self.waiting.clear();
+        self.events = None;
+        self.stop_running();
+    }
+
+    fn stop_running(&mut self) {
+        self.done.extend(self.running.take().map(DriverHandle::stop));
+    }
+
+    /// Of the input at hand, with the counters of those before added.
+    pub(crate) fn status(&self) -> DriverStatus {
+        let running = self.running.as_ref().map(DriverHandle::status);
+        let all = self.done.iter().cloned().chain(running);
+        all.reduce(|sum, next| add(&sum, next)).unwrap_or_default()
+    }
+}
+
+/// Counters of both, the rest of the later one.
+fn add(sum: &DriverStatus, mut next: DriverStatus) -> DriverStatus {
+    add_session(&mut next.session, &sum.session);
+    next.connects += sum.connects;
+    next.disconnects += sum.disconnects;
+    next.pings_sent += sum.pings_sent;
+    next.pings_dropped += sum.pings_dropped;
+    next.events_dropped += sum.events_dropped;
+    next.bytes_after_stop += sum.bytes_after_stop;
+    next.stop_sent |= sum.stop_sent;
+    next
+}
+
+fn add_session(sum: &mut SessionCounters, other: &SessionCounters) {
+    let mut other = *other;
+    for (sum, other) in fields(sum).into_iter().zip(fields(&mut other)) {
+        *sum += *other;
+    }
+}
+
+/// Every counter; the compiler says when one is missing here.
+fn fields(counters: &mut SessionCounters) -> [&mut u64; 27] {
+    let SessionCounters {
+        bytes_received,
+        frames_good,
+        frames_bad,
+        bytes_skipped,
+        frames_unknown,
+        frames_unused,
+        profiles,
+        pings,
+        pings_missing,
+        settings_mismatched,
+        resends,
+        reboots,
+        clock_steps,
+        acks,
+        nacks,
+        log_sessions,
+        json_bad,
+        nmea,
+        mavlink,
+        status,
+        profiles_rejected,
+    } = counters;
+    let ProfilesRejected {
+        payload,
+        other_channel,
+        settings,
+        scale,
+        duplicate,
+        late,
+        unconfirmed,
+    } = profiles_rejected;
+    [
+        bytes_received,
+        frames_good,
+        frames_bad,
+        bytes_skipped,
+        frames_unknown,
+        frames_unused,
+        profiles,
+        pings,
+        pings_missing,
+        settings_mismatched,
+        resends,
+        reboots,
+        clock_steps,
+        acks,
+        nacks,
+        log_sessions,
+        json_bad,
+        nmea,
+        mavlink,
+        status,
+        payload,
+        other_channel,
+        settings,
+        scale,
+        duplicate,
+        late,
+        unconfirmed,
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn logs_add_up() {
+        let mut first = DriverStatus::default();
+        first.session.profiles = 3;
+        first.session.profiles_rejected.late = 1;
+        let mut second = first.clone();
+        second.session.pings = 2;
+        let sum = add(&first, second);
+        assert_eq!(sum.session.profiles, 6);
+        assert_eq!(sum.session.profiles_rejected.late, 2);
+        assert_eq!(sum.session.pings, 2);
+    }
+}

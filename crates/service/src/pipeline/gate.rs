@@ -1,0 +1,82 @@
+//! Which pings of a stream are wanted: `--start`, `--end` and `--duration`, on the pings' clock.
+
+use echosplat_model::Timestamp;
+
+/// Seconds count from the first ping of the stream.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Gate {
+    first: Option<Timestamp>,
+    start_s: f64,
+    end_s: Option<f64>,
+    left_out: u64,
+}
+
+/// What to do with a ping.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Passage {
+    /// Before the start: left out.
+    Early,
+    /// Wanted.
+    Open,
+    /// Past the end: it and all after it are not wanted.
+    Closed,
+}
+
+impl Gate {
+    /// From `start_s` on, until `end_s` or for `duration_s`, whichever ends first.
+    pub(crate) fn new(start_s: Option<f64>, end_s: Option<f64>, duration_s: Option<f64>) -> Self {
+        let start_s = start_s.unwrap_or(0.0);
+        let by_duration = duration_s.map(|duration_s| start_s + duration_s);
+        Self {
+            first: None,
+            start_s,
+            end_s: match (end_s, by_duration) {
+                (Some(a), Some(b)) => Some(a.min(b)),
+                (a, b) => a.or(b),
+            },
+            left_out: 0,
+        }
+    }
+
+    /// Decides on the next ping.
+    pub(crate) fn pass(&mut self, time: Timestamp) -> Passage {
+        let first = *self.first.get_or_insert(time);
+        let at_s = time.seconds_since(first);
+        if self.end_s.is_some_and(|end_s| at_s >= end_s) {
+            return Passage::Closed;
+        }
+        if at_s < self.start_s {
+            self.left_out += 1;
+            return Passage::Early;
+        }
+        Passage::Open
+    }
+
+    /// Pings before the start.
+    pub(crate) fn left_out(&self) -> u64 {
+        self.left_out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_wanted_counts_from_the_first_ping() {
+        let mut gate = Gate::new(Some(1.0), Some(10.0), Some(2.0));
+        let mut at = |s| gate.pass(Timestamp::from_secs_f64(100.0 + s));
+        assert_eq!(at(0.0), Passage::Early);
+        assert_eq!(at(1.0), Passage::Open);
+        assert_eq!(at(2.9), Passage::Open);
+        assert_eq!(at(3.0), Passage::Closed);
+        assert_eq!(gate.left_out(), 1);
+    }
+
+    #[test]
+    fn without_limits_everything_passes() {
+        let mut gate = Gate::default();
+        assert_eq!(gate.pass(Timestamp::ZERO), Passage::Open);
+        assert_eq!(gate.pass(Timestamp::from_secs_f64(1e6)), Passage::Open);
+    }
+}

@@ -1,0 +1,94 @@
+//! Where pings and maps go from the mapper's thread: nothing here waits for anyone.
+
+use std::sync::Arc;
+
+use echosplat_bus::{Bus, MapPublisher};
+use echosplat_model::Snapshot;
+
+use super::worker::THREAD_NAME;
+use crate::{clock, processor};
+
+/// When in the dive a map was made, and what had been spent on it.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Moment {
+    /// Since the first ping, on the pings' clock.
+    pub(crate) dive_s: f64,
+    /// Gaussian–bin pairs so far.
+    pub(crate) pairs: u64,
+    /// Pings so far.
+    pub(crate) pings: u64,
+}
+
+/// A map to be judged, with what it had cost.
+#[derive(Debug, Clone)]
+pub(crate) struct Observed {
+    pub(crate) snapshot: Arc<Snapshot>,
+    pub(crate) moment: Moment,
+    /// Processor seconds of the mapper's threads so far.
+    pub(crate) compute_s: f64,
+}
+
+/// Takes maps at some moments of the dive; on the mapper's thread, so it must be quick.
+pub(crate) struct Observer {
+    /// Time between two maps, on the pings' clock.
+    pub(crate) interval_s: f64,
+    pub(crate) take: Box<dyn FnMut(Observed) + Send>,
+}
+
+/// Where pings and maps go.
+pub(crate) struct Outlet {
+    bus: Option<Arc<Bus>>,
+    publisher: Option<Arc<MapPublisher>>,
+    observer: Option<Observer>,
+    /// Names this run's map; put on every snapshot.
+    epoch: u64,
+    next_observation_s: f64,
+}
+
+impl Outlet {
+    pub(crate) fn new(
+        bus: Option<Arc<Bus>>,
+        publisher: Option<Arc<MapPublisher>>,
+        observer: Option<Observer>,
+    ) -> Self {
+        Self {
+            bus,
+            publisher,
+            observer,
+            epoch: 0,
+            next_observation_s: 0.0,
+        }
+    }
+
+    /// The same, naming another run's map.
+    pub(crate) fn of_epoch(self, epoch: u64) -> Self {
+        Self { epoch, ..self }
+    }
+
+    /// Publishes a ping as it came.
+    pub(crate) fn ping(&self, frame: &[u8]) {
+        if let Some(bus) = &self.bus {
+            bus.publish_ping(frame, clock::now());
+        }
+    }
+
+    /// Publishes a map, and shows it to the observer when it is time.
+    pub(crate) fn map(&mut self, mut snapshot: Snapshot, moment: Moment) -> Arc<Snapshot> {
+        snapshot.epoch = self.epoch;
+        let snapshot = Arc::new(snapshot);
+        if let Some(publisher) = &self.publisher {
+            publisher.offer(Arc::clone(&snapshot));
+        }
+        if let Some(observer) = &mut self.observer
+            && moment.dive_s >= self.next_observation_s
+        {
+            self.next_observation_s = moment.dive_s + observer.interval_s;
+            (observer.take)(Observed {
+                snapshot: Arc::clone(&snapshot),
+                moment,
+                compute_s: processor::thread_seconds(THREAD_NAME).unwrap_or(0.0),
+            });
+        }
+        snapshot
+    }
+}

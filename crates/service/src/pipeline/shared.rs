@@ -1,0 +1,209 @@
+//! What the mapper's thread and the one that watches over it tell each other.
+
+use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+
+use echosplat_driver::DriverEvent;
+use echosplat_mapper::MapperStatus;
+use serde::Serialize;
+
+use super::latency::LatencyReport;
+use super::poses::PoseReport;
+
+/// How far a run is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Phase {
+    /// Pings are mapped.
+    Running,
+    /// No more pings are wanted; the sonar is to be stopped.
+    InputEnded,
+    /// The mapper goes through the whole dive.
+    Finishing,
+}
+
+/// What the mapper's thread did so far.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct MapperReport {
+    /// Pings whose evidence is in the map.
+    pub(crate) pings_mapped: u64,
+    /// Pings before `--start`.
+    pub(crate) pings_before_start: u64,
+    /// Pings past `--end` or `--duration`, or after being told to stop.
+    pub(crate) pings_after_end: u64,
+    /// Pings whose pose was not finite.
+    pub(crate) pings_rejected: u64,
+    /// Maps handed on.
+    pub(crate) snapshots: u64,
+    /// From the first ping to the newest map, on the pings' clock.
+    pub(crate) dive_s: f64,
+    /// Processor seconds of the mapper's threads.
+    pub(crate) compute_s: f64,
+    /// Of the live map.
+    pub(crate) latency_s: LatencyReport,
+    /// What became of poses.
+    pub(crate) poses: PoseReport,
+    /// The mapper's own words.
+    pub(crate) mapper: MapperStatus,
+}
+
+/// The link to the sonar, as its driver tells of it.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub(crate) struct Link {
+    /// `waiting`, `up`, `lost`.
+    pub(crate) state: LinkState,
+    /// Times it was lost.
+    pub(crate) losses: u64,
+    /// Why it was lost last.
+    pub(crate) last_reason: Option<String>,
+    /// What the device said it is.
+    pub(crate) device: Option<String>,
+    /// Whether profiles show the settings asked for.
+    pub(crate) configured: bool,
+    /// Newest warning about the device.
+    pub(crate) warning: Option<String>,
+}
+
+/// Whether the sonar is there.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum LinkState {
+    /// It was not there yet.
+    #[default]
+    Waiting,
+    /// It is.
+    Up,
+    /// It was, and is looked for again.
+    Lost,
+}
+
+/// Shared by the two threads; nobody holds a lock for longer than a copy takes.
+#[derive(Debug)]
+pub(crate) struct Shared {
+    phase: AtomicU8,
+    report_wanted: AtomicBool,
+    report: Mutex<MapperReport>,
+    link: Mutex<Link>,
+}
+
+impl Shared {
+    pub(crate) fn new() -> Self {
+        Self {
+            phase: AtomicU8::new(Phase::Running as u8),
+            report_wanted: AtomicBool::new(false),
+            report: Mutex::default(),
+            link: Mutex::default(),
+        }
+    }
+
+    pub(crate) fn phase(&self) -> Phase {
+        match self.phase.load(Ordering::Acquire) {
+            0 => Phase::Running,
+            1 => Phase::InputEnded,
+            _ => Phase::Finishing,
+        }
+    }
+
+    /// Phases only go forward.
+    pub(crate) fn set_phase(&self, phase: Phase) {
+        self.phase.fetch_max(phase as u8, Ordering::AcqRel);
+    }
+
+    /// Asks the mapper's thread for a report, and gives the newest there is.
+    pub(crate) fn report(&self) -> MapperReport {
+        self.report_wanted.store(true, Ordering::Relaxed);
+        lock(&self.report).clone()
+    }
+
+    pub(crate) fn report_is_wanted(&self) -> bool {
+        self.report_wanted.swap(false, Ordering::Relaxed)
+    }
+
+    pub(crate) fn hand_over(&self, report: MapperReport) {
+        *lock(&self.report) = report;
+    }
+
+    pub(crate) fn link(&self) -> Link {
+        lock(&self.link).clone()
+    }
+
+    /// Keeps and logs what the driver tells of the link.
+    pub(crate) fn link_event(&self, event: DriverEvent) {
+        let mut link = lock(&self.link);
+        match event {
+            DriverEvent::LinkUp => {
+                tracing::info!("the link to the sonar is up");
+                link.state = LinkState::Up;
+            }
+            DriverEvent::LinkDown { reason } => {
+                tracing::warn!(%reason, "the link to the sonar is lost; trying again");
+                link.state = LinkState::Lost;
+                link.losses += 1;
+                link.configured = false;
+                link.last_reason = Some(reason);
+            }
+            DriverEvent::Identified {
+                device_type,
+                device_revision,
+                firmware: [major, minor, patch],
+            } => {
+                let device = format!(
+                    "type {device_type}, revision {device_revision}, firmware {major}.{minor}.{patch}"
+                );
+                tracing::info!(%device, "the sonar is identified");
+                link.device = Some(device);
+            }
+            DriverEvent::Configured => {
+                tracing::info!("the sonar pings as asked");
+                link.configured = true;
+            }
+            DriverEvent::Warning(warning) => {
+                tracing::warn!("{warning}");
+                link.warning = Some(warning);
+            }
+            DriverEvent::Rebooted => tracing::warn!("the sonar was restarted"),
+            DriverEvent::Nack { id, text } => {
+                tracing::warn!(id, text, "the sonar refused a request");
+            }
+            DriverEvent::Ping { .. } | DriverEvent::Ended => {}
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn phases_only_go_forward() {
+        let shared = Shared::new();
+        shared.set_phase(Phase::Finishing);
+        shared.set_phase(Phase::InputEnded);
+        assert_eq!(shared.phase(), Phase::Finishing);
+    }
+
+    #[test]
+    fn the_link_is_told_of() {
+        let shared = Shared::new();
+        shared.link_event(DriverEvent::LinkUp);
+        shared.link_event(DriverEvent::LinkDown {
+            reason: "unplugged".into(),
+        });
+        let link = shared.link();
+        assert_eq!((link.state, link.losses), (LinkState::Lost, 1));
+        assert_eq!(link.last_reason.as_deref(), Some("unplugged"));
+    }
+
+    #[test]
+    fn a_report_is_made_when_asked_for() {
+        let shared = Shared::new();
+        assert!(!shared.report_is_wanted());
+        shared.report();
+        assert!(shared.report_is_wanted());
+        assert!(!shared.report_is_wanted());
+    }
+}

@@ -1,0 +1,245 @@
+//! What is told of a run: rates, every counter of what was left out and why, link, latency,
+//! memory.
+
+use std::time::Instant;
+
+use echosplat_bus::MapPublisherCounters;
+use echosplat_driver::DriverStatus;
+use serde::Serialize;
+use serde_json::{Value, json};
+
+use super::shared::{Link, MapperReport, Phase};
+use crate::processor;
+use crate::recorder::RecorderCounters;
+
+/// Share of pings left out beyond which a run counts as lossy.
+const LOSSY_SHARE: f64 = 0.01;
+
+/// One run at one moment.
+#[derive(Debug, Clone, Serialize)]
+pub(crate) struct Status {
+    /// Host time.
+    pub(crate) time_ns: i64,
+    /// How far the run is.
+    pub(crate) phase: Phase,
+    /// Whether this is the last of it.
+    #[serde(rename = "final")]
+    pub(crate) is_final: bool,
+    /// Since the start.
+    pub(crate) wall_s: f64,
+    /// Intact profiles decoded.
+    pub(crate) pings_received: u64,
+    /// Pings not in the map, all reasons together.
+    pub(crate) pings_left_out: u64,
+    pub(crate) rates: Rates,
+    /// The link to the sonar.
+    pub(crate) link: Link,
+    /// Of the mapper's thread.
+    #[serde(flatten)]
+    pub(crate) report: MapperReport,
+    /// Of the sonar's thread.
+    pub(crate) sonar: DriverStatus,
+    /// Of the map's publisher.
+    pub(crate) publisher: Option<MapPublisherCounters>,
+    /// Raw pings that the bus dropped.
+    pub(crate) pings_not_published: u64,
+    pub(crate) recording: Option<RecorderCounters>,
+    pub(crate) memory_bytes: u64,
+    pub(crate) peak_memory_bytes: u64,
+}
+
+/// Per second of wall time, since the status before.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub(crate) struct Rates {
+    pub(crate) pings_per_s: f64,
+    pub(crate) mapped_per_s: f64,
+    pub(crate) bytes_per_s: f64,
+}
+
+/// Makes rates of counters.
+#[derive(Debug, Default)]
+pub(crate) struct RateMeter {
+    before: Option<(Instant, [u64; 3])>,
+}
+
+impl RateMeter {
+    /// Counters of the moment to rates since the last call.
+    pub(crate) fn measure(&mut self, now: Instant, counters: [u64; 3]) -> Rates {
+        let before = self.before.replace((now, counters));
+        let Some((then, old)) = before else {
+            return Rates::default();
+        };
+        let seconds = now.saturating_duration_since(then).as_secs_f64().max(1e-3);
+        let rate = |i: usize| counters[i].saturating_sub(old[i]) as f64 / seconds;
+        Rates {
+            pings_per_s: rate(0),
+            mapped_per_s: rate(1),
+            bytes_per_s: rate(2),
+        }
+    }
+}
+
+impl Status {
+    /// From what the threads report; the rest is measured here.
+    pub(crate) fn of(report: MapperReport, sonar: DriverStatus) -> Self {
+        let received = intact_profiles(&sonar);
+        Self {
+            time_ns: crate::clock::now().nanos(),
+            phase: Phase::Running,
+            is_final: false,
+            wall_s: 0.0,
+            pings_received: received,
+            pings_left_out: sonar.pings_dropped
+                + report.poses.join.pings_without_pose()
+                + report.pings_rejected,
+            rates: Rates::default(),
+            link: Link::default(),
+            report,
+            sonar,
+            publisher: None,
+            pings_not_published: 0,
+            recording: None,
+            memory_bytes: processor::memory_bytes(),
+            peak_memory_bytes: processor::peak_memory_bytes(),
+        }
+    }
+
+    /// What `--json` prints of a finished run; fields may be added to it.
+    pub(crate) fn summary(&self) -> Value {
+        let session = &self.sonar.session;
+        json!({
+            "pings_received": self.pings_received,
+            "pings_mapped": self.report.pings_mapped,
+            "pings_without_pose": self.report.poses.join.pings_without_pose(),
+            "frames_bad": session.frames_bad,
+            "bytes_skipped": session.bytes_skipped,
+            "gaussians": self.report.mapper.confident,
+            "ambiguous": self.report.mapper.ambiguous,
+            "compute_s": self.report.compute_s,
+            "wall_s": self.wall_s,
+            "dive_s": self.report.dive_s,
+            "peak_memory_bytes": self.peak_memory_bytes,
+            "pairs": self.report.mapper.pairs,
+            "lossy": self.loss(),
+            "poses": self.report.poses,
+            "pings_before_start": self.report.pings_before_start,
+            "pings_after_end": self.report.pings_after_end,
+            "sonar": self.sonar,
+            "mapper": self.report.mapper,
+            "recording": self.recording,
+        })
+    }
+
+    /// The same in a few lines for people.
+    pub(crate) fn account(&self) -> String {
+        let without_pose = self.report.poses.join.pings_without_pose();
+        let mapper = &self.report.mapper;
+        format!(
+            "{} pings received, {} mapped, {without_pose} without a pose\n\
+             {} damaged frames, {} bytes skipped\n\
+             {} Gaussians, and {} ambiguous\n\
+             {:.1} s of dive in {:.1} s, {:.1} s of computing, at most {:.0} MB of memory",
+            self.pings_received,
+            self.report.pings_mapped,
+            self.sonar.session.frames_bad,
+            self.sonar.session.bytes_skipped,
+            mapper.confident,
+            mapper.ambiguous,
+            self.report.dive_s,
+            self.wall_s,
+            self.report.compute_s,
+            self.peak_memory_bytes as f64 * 1e-6,
+        )
+    }
+
+    /// Why the run counts as lossy, if it does: damage, truncation, or more than 1 % left out.
+    pub(crate) fn loss(&self) -> Option<String> {
+        let session = &self.sonar.session;
+        let rejected = session.profiles_rejected;
+        let damaged = rejected.payload + rejected.settings + rejected.scale + rejected.unconfirmed;
+        if session.bytes_skipped > 0 || session.frames_bad > 0 || damaged > 0 {
+            return Some(format!(
+                "{} damaged frames, {damaged} damaged profiles, {} bytes skipped",
+                session.frames_bad, session.bytes_skipped
+            ));
+        }
+        let left_out = self.pings_left_out;
+        let share = left_out as f64 / (self.pings_received.max(1)) as f64;
+        if share > LOSSY_SHARE {
+            return Some(format!(
+                "{left_out} of {} pings are not in the map",
+                self.pings_received
+            ));
+        }
+        let lost = self.recording.map_or(0, |recording| recording.lost_messages);
+        (lost > 0).then(|| format!("{lost} messages are not in the recording"))
+    }
+}
+
+/// Profiles whose frame and fields were sound, whether or not they were new.
+fn intact_profiles(sonar: &DriverStatus) -> u64 {
+    let session = &sonar.session;
+    let rejected = session.profiles_rejected;
+    let damaged = rejected.payload + rejected.settings + rejected.scale + rejected.unconfirmed;
+    session.profiles.saturating_sub(damaged)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    fn sonar(profiles: u64) -> DriverStatus {
+        let mut sonar = DriverStatus::default();
+        sonar.session.profiles = profiles;
+        sonar
+    }
+
+    #[test]
+    fn a_few_pings_without_a_pose_are_no_loss_and_many_are() {
+        let mut report = MapperReport::default();
+        report.poses.join.pings_too_early = 10;
+        assert_eq!(Status::of(report.clone(), sonar(1000)).loss(), None);
+        report.poses.join.pings_too_early = 11;
+        assert!(Status::of(report, sonar(1000)).loss().is_some());
+    }
+
+    #[test]
+    fn damage_is_a_loss_and_not_a_ping() {
+        let mut cut = sonar(1000);
+        cut.session.frames_bad = 1;
+        cut.session.profiles_rejected.scale = 1;
+        let status = Status::of(MapperReport::default(), cut);
+        assert_eq!(status.pings_received, 999);
+        assert!(status.loss().is_some());
+    }
+
+    #[test]
+    fn the_summary_has_what_is_promised() {
+        let summary = Status::of(MapperReport::default(), sonar(0)).summary();
+        for field in [
+            "pings_received",
+            "pings_mapped",
+            "pings_without_pose",
+            "frames_bad",
+            "bytes_skipped",
+            "gaussians",
+            "ambiguous",
+            "compute_s",
+            "wall_s",
+            "peak_memory_bytes",
+        ] {
+            assert!(summary[field].is_number(), "{field}");
+        }
+    }
+
+    #[test]
+    fn rates_are_per_second_since_the_last_look() {
+        let mut meter = RateMeter::default();
+        let begin = Instant::now();
+        assert_eq!(meter.measure(begin, [5, 5, 5]), Rates::default());
+        let rates = meter.measure(begin + Duration::from_secs(2), [105, 5, 25]);
+        assert!((rates.pings_per_s - 50.0).abs() < 1e-9);
+        assert!((rates.bytes_per_s - 10.0).abs() < 1e-9);
+    }
+}

@@ -1,0 +1,198 @@
+//! The mapper's thread: pings in, posed, mapped, and handed on. Everything that shapes the map
+//! happens here, in one order, on the pings' own clock.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::{Receiver, RecvTimeoutError};
+use echosplat_driver::DriverEvent;
+use echosplat_mapper::{Budget, Mapper};
+use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
+
+use super::gate::{Gate, Passage};
+use super::latency::Latency;
+use super::outlet::{Moment, Outlet};
+use super::poses::Poses;
+use super::shared::{MapperReport, Phase, Shared};
+use crate::processor;
+
+/// Name of the thread; those of the mapper's pool begin with it.
+pub(crate) const THREAD_NAME: &str = "mapper";
+
+/// How long to wait for an event before looking at poses and flags again.
+const IDLE: Duration = Duration::from_millis(20);
+
+/// On the data's clock the sonar is held back while poses are late, but not for longer than this.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// When no more pings come, poses still under way are waited for this long.
+const LAST_POSES: Duration = Duration::from_secs(1);
+
+/// All the mapper's thread owns.
+pub(crate) struct Worker {
+    pub(crate) events: Receiver<DriverEvent>,
+    /// Logs whose end has not come yet.
+    pub(crate) inputs_left: usize,
+    pub(crate) poses: Poses,
+    pub(crate) mapper: Mapper,
+    pub(crate) gate: Gate,
+    pub(crate) outlet: Outlet,
+    pub(crate) shared: Arc<Shared>,
+    pub(crate) pairs_per_ping: u64,
+    pub(crate) snapshot_interval_s: f64,
+    pub(crate) state: State,
+}
+
+/// What changes as pings come.
+#[derive(Debug, Default)]
+pub(crate) struct State {
+    report: MapperReport,
+    latency: Latency,
+    /// Work allowed and not yet done; below zero what the last step took too much.
+    credit_pairs: i64,
+    first_ping: Option<Timestamp>,
+    next_snapshot: Option<Timestamp>,
+}
+
+impl Worker {
+    /// Maps until the sonar's events end; gives the finished map.
+    pub(crate) fn run(mut self) -> Arc<Snapshot> {
+        loop {
+            match self.events.recv_timeout(IDLE) {
+                Ok(event) => self.take(event),
+                Err(RecvTimeoutError::Timeout) => self.map_what_is_posed(),
+                Err(RecvTimeoutError::Disconnected) => break,
+            }
+            if self.shared.report_is_wanted() {
+                self.hand_over_report();
+            }
+        }
+        self.finish()
+    }
+
+    fn take(&mut self, event: DriverEvent) {
+        match event {
+            DriverEvent::Ping { ping, frame } => self.take_ping(ping, &frame),
+            DriverEvent::Ended => self.input_ended(),
+            other => self.shared.link_event(other),
+        }
+    }
+
+    fn input_ended(&mut self) {
+        self.inputs_left = self.inputs_left.saturating_sub(1);
+        if self.inputs_left == 0 {
+            self.shared.set_phase(Phase::InputEnded);
+        }
+    }
+
+    fn take_ping(&mut self, ping: Arc<Ping>, frame: &[u8]) {
+        if self.shared.phase() != Phase::Running {
+            self.state.report.pings_after_end += 1;
+            return;
+        }
+        let time = ping.transmit_time();
+        match self.gate.pass(time) {
+            Passage::Open => {}
+            Passage::Early => return self.state.report.pings_before_start += 1,
+            Passage::Closed => {
+                self.state.report.pings_after_end += 1;
+                return self.shared.set_phase(Phase::InputEnded);
+            }
+        }
+        self.outlet.ping(frame);
+        while self.poses.holds_back() && self.poses.wait_for_pose(PATIENCE) {
+            self.map_what_is_posed();
+        }
+        self.poses.push(ping, Instant::now());
+        self.map_what_is_posed();
+    }
+
+    fn map_what_is_posed(&mut self) {
+        while let Some((posed, arrived)) = self.poses.next() {
+            self.map(&posed, arrived);
+        }
+    }
+
+    fn map(&mut self, posed: &PosedPing, arrived: Instant) {
+        let inserted = self.mapper.insert(posed);
+        if inserted.rejected {
+            return self.state.report.pings_rejected += 1;
+        }
+        let state = &mut self.state;
+        state.report.pings_mapped += 1;
+        state.latency.arrived(arrived);
+        state.credit_pairs = state.credit_pairs.saturating_add_unsigned(self.pairs_per_ping);
+        if inserted.slice_taken_in {
+            self.optimize();
+        }
+        self.publish_if_due(posed.ping.transmit_time());
+    }
+
+    /// Spends what the pings so far allow; what a step takes beyond it is owed.
+    fn optimize(&mut self) {
+        let credit = self.state.credit_pairs;
+        if credit <= 0 {
+            return;
+        }
+        let pairs = credit.unsigned_abs();
+        let done = self.mapper.optimize(Budget { pairs });
+        let left = credit.saturating_sub_unsigned(done.pairs);
+        // Work that could not be done now is not saved up: it would come as one long pause.
+        self.state.credit_pairs = left.min(0);
+    }
+
+    fn publish_if_due(&mut self, time: Timestamp) {
+        let first = *self.state.first_ping.get_or_insert(time);
+        let due = *self.state.next_snapshot.get_or_insert(first.offset_by(self.snapshot_interval_s));
+        if time < due {
+            return;
+        }
+        self.state.next_snapshot = Some(time.offset_by(self.snapshot_interval_s));
+        let snapshot = self.mapper.snapshot();
+        self.hand_on(snapshot, time.seconds_since(first));
+    }
+
+    fn hand_on(&mut self, snapshot: Snapshot, dive_s: f64) -> Arc<Snapshot> {
+        let status = self.mapper.status();
+        let moment = Moment {
+            dive_s,
+            pairs: status.pairs,
+            pings: status.pings,
+        };
+        let snapshot = self.outlet.map(snapshot, moment);
+        self.state.latency.published(Instant::now());
+        self.state.report.snapshots += 1;
+        self.state.report.dive_s = dive_s;
+        snapshot
+    }
+
+    fn hand_over_report(&mut self) {
+        self.state.report.mapper = self.mapper.status();
+        self.state.report.latency_s = self.state.latency.report();
+        self.state.report.compute_s = processor::thread_seconds(THREAD_NAME).unwrap_or(0.0);
+        self.state.report.poses = self.poses.report();
+        self.shared.hand_over(self.state.report.clone());
+    }
+
+    /// What still waits for poses is given its last chance, then the whole dive is gone through.
+    fn finish(mut self) -> Arc<Snapshot> {
+        let deadline = Instant::now() + LAST_POSES;
+        while self.poses.is_waiting() && Instant::now() < deadline {
+            self.poses.wait_for_pose(IDLE);
+            self.map_what_is_posed();
+        }
+        self.poses.finish();
+        self.map_what_is_posed();
+        self.shared.set_phase(Phase::Finishing);
+        self.hand_over_report();
+        let snapshot = self.mapper.finish();
+        let first = self.state.first_ping.unwrap_or_default();
+        let dive_s = match self.state.first_ping {
+            Some(_) => snapshot.time.seconds_since(first),
+            None => 0.0,
+        };
+        let last = self.hand_on(snapshot, dive_s);
+        self.hand_over_report();
+        last
+    }
+}
