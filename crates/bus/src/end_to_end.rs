@@ -57,7 +57,7 @@ fn round(n: u32) -> Arc<Snapshot> {
         g.mean_m += Vec3::splat(0.3) * ((id + n) % 11) as f32;
         g
     };
-    let members = (0..400 + 40 * n).filter(|id| (id + n) % 13 != 0);
+    let members = (0..400 + 40 * n).filter(|id| !(id + n).is_multiple_of(13));
     snapshot(7, u64::from(n), members.map(member).collect())
 }
 

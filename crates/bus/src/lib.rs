@@ -16,6 +16,10 @@
 //! sequence, and asks again after a gap, a new epoch, or a while of silence; its answer says
 //! `final` once the publisher has flushed, and then both ends hold the same map bit for bit.
 //!
+//! Peers do not relay for one another: of several programs on one machine, those reach each other
+//! of which one listens at the common endpoint, that is, each reaches the one started first. With
+//! more than that, run a zenoh router there; everything then goes through it.
+//!
 //! Everything here is called from ordinary threads, none of it from inside a runtime; own threads
 //! are named. Deliberately absent: async functions, storage plugins, zenoh's unstable features,
 //! and any reading of the clock for the data's sake (pacing and time limits aside).

@@ -227,7 +227,8 @@ impl RawPose {
         if !translation_m.is_finite() {
             return Err(PoseMessageError::NotFinite("position"));
         }
-        if !(translation_m.abs().max_element() <= MAX_COORDINATE_M) {
+        let is_near = translation_m.abs().max_element() <= MAX_COORDINATE_M;
+        if !is_near {
             return Err(PoseMessageError::TooFar);
         }
         let rotation = unit(DQuat::from_array(self.orientation_xyzw))?;
@@ -265,7 +266,8 @@ fn unit(rotation: DQuat) -> Result<DQuat, PoseMessageError> {
     }
     let length = rotation.length();
     let off = (length - 1.0).abs();
-    if !(off <= LENGTH_TOLERANCE) {
+    let is_unit = off <= LENGTH_TOLERANCE;
+    if !is_unit {
         return Err(PoseMessageError::Quaternion(length));
     }
     Ok(if off > LENGTH_ROUNDING {

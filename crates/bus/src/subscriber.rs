@@ -153,7 +153,7 @@ impl MapSubscriber {
             next_query: Instant::now(),
         };
         spawn("bus-follow", move || {
-            follower.run(&samples, &returned, &stopped)
+            follower.run(&samples, &returned, &stopped);
         })?;
         Ok(Self {
             shared,

@@ -4,7 +4,7 @@
 //! [`PoseJoin`], which does no input or output, keeps pings waiting until the pose at their echo
 //! is known, and gives each exactly one verdict: posed, or left out and why.
 //!
-//! Deliberately absent: extrapolation, any guess at a pose, MAVLink and DVL.
+//! Deliberately absent: extrapolation, any guess at a pose, `MAVLink` and DVL.
 
 mod join;
 mod source;

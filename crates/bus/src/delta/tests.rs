@@ -26,7 +26,7 @@ fn assert_whole(assembler: &MapAssembler, sent: &Snapshot) {
 
 /// The same ids with some moved to other tiles, some changed by one bit, some gone, some new.
 fn stirred(old: &Snapshot) -> Arc<Snapshot> {
-    let keep = |g: &&Gaussian| g.id % 7 != 0;
+    let keep = |g: &&Gaussian| !g.id.is_multiple_of(7);
     let stir = |g: &Gaussian| {
         let mut g = *g;
         match g.id % 5 {

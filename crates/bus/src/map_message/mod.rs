@@ -113,8 +113,8 @@ impl Cut<'_> {
             part: None,
             since: None,
         };
-        let pieces = self.pieces(header, &delta.gaussians, &delta.removed);
-        pieces.into_iter().map(|piece| self.encode(piece)).collect()
+        let pieces = self.pieces(&header, &delta.gaussians, &delta.removed);
+        pieces.iter().map(|piece| self.encode(piece)).collect()
     }
 
     /// The messages of one answer; an answer without tiles is one message without points.
@@ -135,7 +135,7 @@ impl Cut<'_> {
         };
         let mut pieces: Vec<Piece<'_>> = Vec::new();
         for state in &answer.tiles {
-            pieces.extend(self.pieces(header(state.tile), &state.gaussians, &[]));
+            pieces.extend(self.pieces(&header(state.tile), &state.gaussians, &[]));
         }
         if pieces.is_empty() {
             let mut empty = header(TileKey::default());
@@ -149,13 +149,13 @@ impl Cut<'_> {
         let cut = Cut { ..*self };
         pieces.into_iter().zip(0..).map(move |(mut piece, part)| {
             piece.header.part = Some(Part { part, parts });
-            cut.encode(piece)
+            cut.encode(&piece)
         })
     }
 
     fn pieces<'g>(
         &self,
-        header: MapHeader,
+        header: &MapHeader,
         gaussians: &'g [Gaussian],
         removed: &[GaussianId],
     ) -> Vec<Piece<'g>> {
@@ -185,7 +185,7 @@ impl Cut<'_> {
         if pieces.is_empty() || fits_one {
             let header = MapHeader {
                 removed: removed.to_vec(),
-                ..header
+                ..header.clone()
             };
             pieces = vec![Piece { header, gaussians }];
         }
@@ -196,7 +196,7 @@ impl Cut<'_> {
         pieces
     }
 
-    fn encode(&self, piece: Piece<'_>) -> WireMessage {
+    fn encode(&self, piece: &Piece<'_>) -> WireMessage {
         WireMessage {
             tile: TileName(piece.header.tile),
             payload: point_cloud::encode(piece.gaussians, piece.header.time, self.frame_id),

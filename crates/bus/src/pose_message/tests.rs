@@ -33,7 +33,7 @@ fn cdr(frame: &str, child: Option<&str>, numbers: &[f64]) -> Vec<u8> {
     }
     let mut bytes = writer.finish();
     // Doubles are aligned to 8 behind the four bytes of encapsulation.
-    while (bytes.len() - 4) % 8 != 0 {
+    while !(bytes.len() - 4).is_multiple_of(8) {
         bytes.push(0);
     }
     for number in numbers {
