@@ -124,8 +124,8 @@ impl Bus {
         status.is_ok_and(|status| status.matching())
     }
 
-    /// Hands a raw Ping frame over to be sent; never blocks. With the queue full (64 kB links,
-    /// many pings) the frame is dropped and counted.
+    /// Hands a raw Ping frame over to be sent; never blocks. With the queue full the
+    /// frame, being the newest, is dropped and counted.
     pub fn publish_ping(&self, frame: &[u8], host_time: Timestamp) {
         let frame = frame.to_vec();
         let sent = self.pings.try_send(OutgoingPing { frame, host_time });
