@@ -74,6 +74,7 @@ impl Link {
                 wait_s = self.config.reconnect_min_s;
             }
             if self.lost(reason) == Flow::Ends {
+                self.stop_unlinked_device();
                 break;
             }
             if self.outlet.stop.wait(Duration::from_secs_f64(wait_s)) {

@@ -34,11 +34,6 @@ impl Pace {
         }
     }
 
-    /// Nothing is due: the next that is starts anew.
-    pub(crate) fn reset(&mut self) {
-        self.anchor = None;
-    }
-
     /// How long to wait at `now` for what is due at `data`; zero if it is time.
     pub(crate) fn wait(&mut self, data: Timestamp, now: Instant) -> Duration {
         if !(self.rate > 0.0) {

@@ -57,6 +57,16 @@ pub enum SessionEvent {
     Warning(String),
 }
 
+/// What has been warned of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Warned {
+    NoProfiles,
+    OtherChannel,
+    UnknownType,
+    LogWithoutTime,
+    LogBackInTime,
+}
+
 /// One conversation with a device, or one log.
 #[derive(Debug)]
 pub struct Session {
@@ -76,7 +86,7 @@ struct Core {
     counters: SessionCounters,
     identity: Option<DeviceInformation>,
     newest_log_time: Option<Timestamp>,
-    warned: Vec<&'static str>,
+    warned: Vec<Warned>,
     /// When bytes last came, and the latest time told.
     last_bytes: Timestamp,
     now: Timestamp,
@@ -251,9 +261,8 @@ impl Core {
         });
         self.counters.resends += resends;
         if self.counters.resends >= 3 && self.counters.pings == 0 {
-            self.warn_once(
-                "the device does not answer with profiles; asking again with growing waits",
-            );
+            let text = "the device does not answer with profiles; asking again with growing waits";
+            self.warn_once(Warned::NoProfiles, text.to_owned());
         }
     }
 
@@ -294,7 +303,9 @@ impl Core {
         self.counters.profiles += 1;
         if !self.stream.is_heard(profile) {
             self.counters.profiles_rejected.other_channel += 1;
-            self.warn_once("profiles of another channel are left out; `channel` chooses one");
+            let channel = profile.channel_number;
+            let text = format!("profiles of channel {channel} are left out; `channel` chooses one");
+            self.warn_once(Warned::OtherChannel, text);
             return;
         }
         if let Some(handshake) = &mut self.handshake {
@@ -325,7 +336,11 @@ impl Core {
             handshake.identity_answered();
         }
         if !KNOWN_DEVICE_TYPES.contains(&device_type) {
-            self.warn_once("the device says it is of a type that is not known; it is used as is");
+            let text = format!(
+                "the device says it is of type {device_type}, known are {KNOWN_DEVICE_TYPES:?}; \
+                 it is used as it is"
+            );
+            self.warn_once(Warned::UnknownType, text);
         }
         self.events.push_back(SessionEvent::Identified {
             device_type,
@@ -358,10 +373,12 @@ impl Core {
         self.release_held();
         self.counters.log_sessions += 1;
         if timestamp.is_none() {
-            self.warn_once("a session of the log gives no time; its pings are on device time");
+            let text = "a session of the log gives no time; its pings are on device time";
+            self.warn_once(Warned::LogWithoutTime, text.to_owned());
         }
-        if timestamp < self.newest_log_time {
-            self.warn_once("a session of the log begins before the one ahead of it");
+        if timestamp.is_some() && timestamp < self.newest_log_time {
+            let text = "a session of the log begins before the one ahead of it";
+            self.warn_once(Warned::LogBackInTime, text.to_owned());
         }
         self.newest_log_time = timestamp.max(self.newest_log_time);
         self.stream.begin_log_session(timestamp, &self.config);
@@ -373,10 +390,11 @@ impl Core {
         self.stream.release(&self.config, &mut self.counters, emit);
     }
 
-    fn warn_once(&mut self, text: &'static str) {
-        if !self.warned.contains(&text) {
-            self.warned.push(text);
-            self.events.push_back(SessionEvent::Warning(text.into()));
+    /// Of each kind only the first.
+    fn warn_once(&mut self, kind: Warned, text: String) {
+        if !self.warned.contains(&kind) {
+            self.warned.push(kind);
+            self.events.push_back(SessionEvent::Warning(text));
         }
     }
 }

@@ -5,8 +5,9 @@ use std::time::{Duration, Instant};
 
 use echosplat_firmware_protocol::{Decoder, Event};
 
+use super::ServeStatus;
 use super::outbox::Outbox;
-use super::{EmulatedDevice, ServeStatus};
+use super::server::Asked;
 
 /// Requests have at most some dozen bytes.
 const READ_BYTES: usize = 4096;
@@ -27,18 +28,18 @@ impl Requests {
         }
     }
 
-    /// Hands each whole frame in `bytes` to `device`; appends its answers to `answers`.
+    /// Hands each whole frame in `bytes` to the device; appends its answers to `answers`.
     pub(super) fn take(
         &mut self,
         bytes: &[u8],
-        device: &mut dyn EmulatedDevice,
+        asked: &mut Asked<'_>,
         status: &mut ServeStatus,
         answers: &mut Vec<u8>,
     ) {
         let mut handle = |event: Event<'_>| {
             if let Event::Frame(frame) = event {
                 status.requests += 1;
-                device.receive(frame.bytes(), answers);
+                asked.device.receive(frame.bytes(), asked.now, answers);
             }
         };
         if bytes.is_empty() {
@@ -75,7 +76,7 @@ impl<S: Read + Write> Client<S> {
     /// Reads what is there and answers it; says whether anything was. An error is its end.
     pub(super) fn serve(
         &mut self,
-        device: &mut dyn EmulatedDevice,
+        asked: &mut Asked<'_>,
         status: &mut ServeStatus,
     ) -> io::Result<bool> {
         let mut buffer = [0; READ_BYTES];
@@ -89,7 +90,7 @@ impl<S: Read + Write> Client<S> {
         };
         let mut answers = Vec::new();
         let bytes = &buffer[..byte_count];
-        self.requests.take(bytes, device, status, &mut answers);
+        self.requests.take(bytes, asked, status, &mut answers);
         if !answers.is_empty() {
             self.push(&answers, status);
         }

@@ -4,12 +4,14 @@
 //! all, answers go to the asker, profiles to everyone.
 
 mod client;
+mod clock;
 mod listen;
 mod outbox;
 #[cfg(unix)]
 mod pty;
 mod serial;
 mod server;
+mod simulated;
 mod tcp;
 mod udp;
 
@@ -23,15 +25,25 @@ pub use server::{Server, serve};
 
 /// A device that answers requests and makes profiles on its own clock, without sockets or time.
 pub trait EmulatedDevice: Send {
-    /// Handles one whole request frame; appends the answer's frames to `out`.
-    fn receive(&mut self, bytes: &[u8], out: &mut Vec<u8>);
+    /// Handles one whole request frame at device time `now`; appends its answers to `out`.
+    fn receive(&mut self, bytes: &[u8], now: Timestamp, out: &mut Vec<u8>);
 
-    /// Device time at which the next profile is due; `None` while not pinging.
+    /// Device time at which the next frame is due unasked; `None` while not pinging. The clock
+    /// stands at 0 until this is first due, then runs on.
     fn next_due(&self) -> Option<Timestamp>;
 
-    /// Appends the next profile's frame to `out` and goes on to the one after. Appending nothing
-    /// is a ping that was lost.
+    /// Device time of the next profile.
+    fn next_ping_due(&self) -> Option<Timestamp> {
+        self.next_due()
+    }
+
+    /// Appends the frames due next to `out` and goes on to those after; of a lost ping, nothing.
     fn transmit(&mut self, out: &mut Vec<u8>);
+
+    /// Whether it has nothing more to send, whatever it is asked.
+    fn is_finished(&self) -> bool {
+        false
+    }
 }
 
 /// Called before each profile is sent, with its index (from 0) and its device time.
@@ -59,8 +71,10 @@ pub struct ServeStatus {
     /// Profiles the device made.
     pub pings: u64,
     /// Whether the device is pinging; false before it is asked to, after it is told to stop, and
-    /// after the end of its dive.
+    /// when it is finished.
     pub is_pinging: bool,
+    /// Whether the device has nothing more to send, as at the end of a dive.
+    pub is_finished: bool,
     /// Frames handed to clients.
     pub frames_sent: u64,
     /// Frames left out whole because a client was too slow.

@@ -94,7 +94,7 @@ mod tests {
             room: 0,
         };
         let (mut pushed, mut refused) = (Vec::new(), 0);
-        for i in 0..4000_u32 {
+        for i in 0..6000_u32 {
             let frame = vec![(i % 251) as u8; 100];
             match outbox.push(&frame) {
                 true => pushed.extend_from_slice(&frame),

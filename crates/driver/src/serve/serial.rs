@@ -4,9 +4,9 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::path::Path;
 use std::time::Duration;
 
+use super::ServeStatus;
 use super::client::Client;
-use super::server::Port;
-use super::{EmulatedDevice, ServeStatus};
+use super::server::{Asked, Port};
 
 /// A line's write waits until its bytes are taken, so few are written at once.
 const LINE_CHUNK_BYTES: usize = 64;
@@ -60,10 +60,10 @@ impl<S: Read + Write + Send> Port for Serial<S> {
         self.url.clone()
     }
 
-    fn serve(&mut self, device: &mut dyn EmulatedDevice, status: &mut ServeStatus) -> bool {
+    fn serve(&mut self, asked: &mut Asked<'_>, status: &mut ServeStatus) -> bool {
         (status.clients, status.clients_seen) = (1, 1);
         // A line has no end: what is wrong now may be right with the next client.
-        self.client.serve(device, status).unwrap_or(false)
+        self.client.serve(asked, status).unwrap_or(false)
     }
 
     fn broadcast(&mut self, frame: &[u8], status: &mut ServeStatus) {

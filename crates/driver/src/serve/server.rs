@@ -6,10 +6,11 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
+use echosplat_model::Timestamp;
 
+use super::clock::DeviceClock;
 use super::{EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus};
 use super::{serial, tcp, udp};
-use crate::pace::Pace;
 use crate::stop::{Stop, Stopper, stop_pair};
 
 /// Requests are looked for this often, however fast profiles go out.
@@ -20,16 +21,20 @@ const IDLE_WAIT: Duration = Duration::from_millis(2);
 const FULL_WAIT: Duration = Duration::from_micros(200);
 /// Last frames, answers to a request to stop among them, are given so long to go out.
 const FLUSH_ON_STOP: Duration = Duration::from_millis(100);
-/// A pause between two profiles that is longer is passed without a wait.
-const MAX_GAP_S: f64 = 120.0;
 const STOP_WAIT: Duration = Duration::from_secs(5);
+
+/// The device and its time, as requests find it.
+pub(super) struct Asked<'a> {
+    pub(super) device: &'a mut dyn EmulatedDevice,
+    pub(super) now: Timestamp,
+}
 
 /// Where clients come from. Nothing here waits.
 pub(super) trait Port: Send {
     /// What a client connects to.
     fn url(&self) -> String;
     /// Answers the requests that have come; says whether any bytes had.
-    fn serve(&mut self, device: &mut dyn EmulatedDevice, status: &mut ServeStatus) -> bool;
+    fn serve(&mut self, device: &mut Asked<'_>, status: &mut ServeStatus) -> bool;
     /// Queues one frame for every client.
     fn broadcast(&mut self, frame: &[u8], status: &mut ServeStatus);
     /// Writes what the clients take.
@@ -75,7 +80,7 @@ pub fn serve(
     let worker = Worker {
         port,
         device,
-        pace: Pace::new(options.rate, MAX_GAP_S),
+        clock: DeviceClock::new(options.rate),
         as_fast_as_taken: options.rate <= 0.0,
         on_ping: options.on_ping,
         stop,
@@ -136,7 +141,7 @@ impl Server {
 struct Worker {
     port: Box<dyn Port>,
     device: Box<dyn EmulatedDevice>,
-    pace: Pace,
+    clock: DeviceClock,
     as_fast_as_taken: bool,
     on_ping: Option<OnPing>,
     stop: Stop,
@@ -153,12 +158,11 @@ impl Worker {
             let mut was_busy = false;
             if is_idle || served.elapsed() >= REQUESTS_EVERY {
                 served = Instant::now();
-                was_busy = self.port.serve(&mut *self.device, &mut self.status);
-                self.publish();
+                was_busy = self.serve_requests(served);
             }
             let wait = self.wait();
             if wait.is_zero() {
-                self.ping(&mut frame);
+                self.transmit(&mut frame);
             }
             self.port.flush();
             is_idle = !was_busy && !wait.is_zero();
@@ -170,32 +174,46 @@ impl Worker {
         self.publish();
     }
 
-    /// How long until the next profile; zero if it is time for it.
+    fn serve_requests(&mut self, wall: Instant) -> bool {
+        let mut asked = Asked {
+            now: self.clock.now(wall),
+            device: &mut *self.device,
+        };
+        let was_busy = self.port.serve(&mut asked, &mut self.status);
+        if self.device.next_due().is_some() {
+            self.clock.start(wall);
+        }
+        self.publish();
+        was_busy
+    }
+
+    /// How long until the next frame; zero if it is time for it.
     fn wait(&mut self) -> Duration {
-        let due = self.device.next_due();
-        self.status.is_pinging = due.is_some();
-        match due {
-            None => {
-                self.pace.reset();
-                IDLE_WAIT
-            }
+        match self.device.next_due() {
+            None => IDLE_WAIT,
             Some(_) if self.as_fast_as_taken => match self.port.is_ready() {
                 true => Duration::ZERO,
                 false => FULL_WAIT,
             },
-            Some(due) => self.pace.wait(due, Instant::now()),
+            Some(due) => self.clock.wait(due, Instant::now()),
         }
     }
 
-    fn ping(&mut self, frame: &mut Vec<u8>) {
-        if let (Some(on_ping), Some(due)) = (&mut self.on_ping, self.device.next_due()) {
-            on_ping(self.status.pings, due);
+    fn transmit(&mut self, frames: &mut Vec<u8>) {
+        let Some(due) = self.device.next_due() else {
+            return;
+        };
+        if let Some(ping_due) = self.device.next_ping_due().filter(|&ping| ping <= due) {
+            if let Some(on_ping) = &mut self.on_ping {
+                on_ping(self.status.pings, ping_due);
+            }
+            self.status.pings += 1;
         }
-        self.status.pings += 1;
-        frame.clear();
-        self.device.transmit(frame);
-        if !frame.is_empty() {
-            self.port.broadcast(frame, &mut self.status);
+        frames.clear();
+        self.device.transmit(frames);
+        self.clock.has_sent(due);
+        if !frames.is_empty() {
+            self.port.broadcast(frames, &mut self.status);
         }
     }
 
@@ -208,7 +226,9 @@ impl Worker {
         }
     }
 
-    fn publish(&self) {
+    fn publish(&mut self) {
+        self.status.is_pinging = self.device.next_due().is_some();
+        self.status.is_finished = self.device.is_finished();
         *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = self.status;
     }
 }

@@ -3,9 +3,9 @@
 use std::io;
 use std::net::{TcpListener, TcpStream};
 
+use super::ServeStatus;
 use super::client::Client;
-use super::server::Port;
-use super::{EmulatedDevice, ServeStatus};
+use super::server::{Asked, Port};
 
 const MAX_CLIENTS: usize = 16;
 const CHUNK_BYTES: usize = 64 * 1024;
@@ -47,11 +47,11 @@ impl Port for Tcp {
         }
     }
 
-    fn serve(&mut self, device: &mut dyn EmulatedDevice, status: &mut ServeStatus) -> bool {
+    fn serve(&mut self, asked: &mut Asked<'_>, status: &mut ServeStatus) -> bool {
         self.accept(status);
         let mut was_busy = false;
         self.clients
-            .retain_mut(|client| match client.serve(device, status) {
+            .retain_mut(|client| match client.serve(asked, status) {
                 Ok(busy) => {
                     was_busy |= busy;
                     true

@@ -4,9 +4,9 @@ use std::io::{self, ErrorKind};
 use std::net::{SocketAddr, UdpSocket};
 use std::time::{Duration, Instant};
 
+use super::ServeStatus;
 use super::client::Requests;
-use super::server::Port;
-use super::{EmulatedDevice, ServeStatus};
+use super::server::{Asked, Port};
 
 const MAX_CLIENTS: usize = 8;
 /// A client that has asked nothing for so long is forgotten if another has asked since. The last
@@ -86,7 +86,7 @@ impl Port for Udp {
         }
     }
 
-    fn serve(&mut self, device: &mut dyn EmulatedDevice, status: &mut ServeStatus) -> bool {
+    fn serve(&mut self, asked: &mut Asked<'_>, status: &mut ServeStatus) -> bool {
         self.is_full = false;
         let mut was_busy = false;
         // Bounded, so that a flood of requests does not stop the profiles.
@@ -99,7 +99,7 @@ impl Port for Udp {
                 let index = self.client_at(address, status);
                 let client = &mut self.clients[index];
                 let bytes = &buffer[..byte_count];
-                client.requests.take(bytes, device, status, &mut answers);
+                client.requests.take(bytes, asked, status, &mut answers);
                 match status.requests > requests_before {
                     true => client.asked = Instant::now(),
                     // Who sends what is no request is no client.

@@ -1,0 +1,41 @@
+//! Links that come and go leave nothing open. Alone in its binary: it counts the whole process's
+//! file descriptors.
+#![cfg(target_os = "linux")]
+
+mod common;
+
+use common::{Scripted, connect, next, next_is, next_ping, serve_at};
+use echosplat_driver::DriverEvent;
+use echosplat_session::ClockSource;
+
+fn open_descriptors() -> usize {
+    std::fs::read_dir("/proc/self/fd").unwrap().count()
+}
+
+#[test]
+fn a_link_unplugged_again_and_again_leaks_no_descriptor() {
+    let directory = tempfile::tempdir().unwrap();
+    let line = format!("serial://{}", directory.path().join("sonar").display());
+    let first = serve_at("tcp://127.0.0.1:0", Scripted::new(0).0, 1.0);
+    let tcp = first.url().to_owned();
+    let _ = first.stop();
+    for url in [tcp, line] {
+        let mut server = serve_at(&url, Scripted::new(0).0, 1.0);
+        let (driver, events) = connect(&url, ClockSource::Host);
+        next_ping(&events);
+        let before = open_descriptors();
+        for _ in 0..10 {
+            let _ = server.stop();
+            next(&events, |event| {
+                matches!(event, DriverEvent::LinkDown { .. }).then_some(())
+            });
+            server = serve_at(&url, Scripted::new(0).0, 1.0);
+            next_is(&events, &DriverEvent::LinkUp);
+            next_ping(&events);
+        }
+        assert_eq!(open_descriptors(), before);
+        let status = driver.stop();
+        assert_eq!((status.connects, status.disconnects), (11, 10));
+        let _ = server.stop();
+    }
+}
