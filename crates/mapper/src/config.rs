@@ -30,8 +30,10 @@ pub struct MapperConfig {
     pub history_pings: usize,
     /// Evidence at which a place becomes a Gaussian, in units of one clear look.
     pub spawn_evidence: f32,
-    /// Passes over the whole history when a dive is finished.
+    /// Steps of each stage when a dive is finished.
     pub finish_passes: usize,
+    /// About how many Gaussian–bin pairs a finish may take; crowded maps look at fewer pings.
+    pub finish_pairs: u64,
     /// Least share of an echo that a confident Gaussian and its surroundings explain.
     pub confident_share: f32,
     /// Most one-sigma uncertainty of a confident Gaussian, metres.
@@ -54,6 +56,7 @@ impl Default for MapperConfig {
             history_pings: 16_384,
             spawn_evidence: 6.0,
             finish_passes: 16,
+            finish_pairs: 1_500_000_000,
             confident_share: 0.6,
             confident_sigma_m: 0.25,
             threads: 0,
@@ -111,6 +114,7 @@ impl MapperConfig {
         within("history_pings", self.history_pings as f64, 16.0, 1e6)?;
         within("spawn_evidence", self.spawn_evidence.into(), 0.1, 1e3)?;
         within("finish_passes", self.finish_passes as f64, 0.0, 1000.0)?;
+        within("finish_pairs", self.finish_pairs as f64, 1e6, 1e13)?;
         within("confident_share", self.confident_share.into(), 0.0, 1.0)?;
         within(
             "confident_sigma_m",

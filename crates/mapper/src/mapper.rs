@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::assess::{assess, tails};
 use crate::evidence::Evidence;
-use crate::expectation::{Scene, localise, maximise, pulls};
+use crate::expectation::{Scene, localise, maximise, over_pings, pulls};
 use crate::gaussians::{Gaussians, Lobes, Verdict};
 use crate::history::{History, Past, look_of, novelty, past_of};
 use crate::profile::Levels;
@@ -36,6 +36,8 @@ const NEWBORN_STRENGTH: f32 = 0.2;
 /// Steps of the multiplicative rule for gamma speckle, whole and on part of the pings.
 const FULL_STEP: f32 = 0.5;
 const PART_STEP: f32 = 0.25;
+/// Looks a finish makes at each ping, all its steps together.
+const FINISH_LOOKS_PER_PING: f64 = 7.5;
 /// A step of a finished dive looks at every so many-th ping.
 const INTERLEAVE: usize = 8;
 /// Candidates below this part of their strongest neighbour are not worth further work.
@@ -114,6 +116,8 @@ pub struct Mapper {
     cursor: usize,
     sequence: u64,
     unit_strength: f32,
+    /// As of the last work done.
+    pairs_per_ping: f64,
     status: MapperStatus,
 }
 
@@ -146,6 +150,7 @@ impl Mapper {
             cursor: 0,
             sequence: 0,
             unit_strength: 0.0,
+            pairs_per_ping: 0.0,
             status: MapperStatus::default(),
         })
     }
@@ -261,7 +266,7 @@ impl Mapper {
         let offset = self.cursor.wrapping_mul(7) % stride;
         let older = pings[..newest].iter().skip(offset).step_by(stride);
         let subset: Vec<&Past> = older.chain(&pings[newest..]).collect();
-        let floor = LEAST_NOISE * self.levels.strongest();
+        let floor = self.floor();
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
         self.pool
             .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP))
@@ -274,8 +279,8 @@ impl Mapper {
         self.publish()
     }
 
-    /// Ends a dive: what is pending is taken in, and the whole history is gone through
-    /// `finish_passes` times.
+    /// Ends a dive: what is pending is taken in, and strengths, positions and shapes are worked out
+    /// anew from the whole history, within about `finish_pairs`.
     pub fn finish(&mut self) -> Snapshot {
         if self.pending > 0 {
             self.take_in_slice();
@@ -283,38 +288,81 @@ impl Mapper {
         // Steps without end sharpen noise, so that a finished map starts even and stops early.
         let newborn = Lobes::even(NEWBORN_STRENGTH * self.unit_strength);
         self.gaussians.strength.fill(newborn);
-        let passes = self.config.finish_passes;
+        let steps = self.config.finish_passes;
         // Few looks sort out most candidates; the rest is worth all of them.
-        self.interleaved_passes(passes, 4 * INTERLEAVE);
+        self.pairs_per_ping = self.count_pairs_per_ping();
+        self.interleaved_steps(steps, 4 * INTERLEAVE);
         self.drop_tails(TAIL_PART);
-        self.interleaved_passes(passes, INTERLEAVE);
+        self.interleaved_steps(steps, INTERLEAVE);
         self.drop_tails(TAIL_PART);
         for _ in 0..2 {
-            self.localise_all();
-            self.interleaved_passes(passes / 3, INTERLEAVE);
+            self.localise_every(2);
+            self.interleaved_steps(steps / 3, INTERLEAVE);
         }
-        self.assess_every(1);
+        self.assess_every(2 * self.thinning());
         if let Some(world) = &self.world {
             align(&mut self.gaussians, world.evidence.voxel_m());
         }
-        self.interleaved_passes(passes / 3, INTERLEAVE);
-        self.assess_every(1);
+        self.interleaved_steps(steps / 3, INTERLEAVE);
+        self.assess_every(2 * self.thinning());
         self.publish()
     }
 
-    /// Multiplicative steps, each over every `interleave`-th ping, the next over the ones beside.
-    fn interleaved_passes(&mut self, steps: usize, interleave: usize) {
-        let Some(world) = &self.world else { return };
-        let floor = LEAST_NOISE * self.levels.strongest();
-        let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
+    /// How many times fewer looks a finish must make do with to stay within its work.
+    fn thinning(&self) -> usize {
+        let looks = FINISH_LOOKS_PER_PING * self.history.pings().len() as f64;
+        let ratio = looks * self.pairs_per_ping / self.config.finish_pairs as f64;
+        // At least some dozens of looks a step, however crowded the map.
+        let most = (self.history.pings().len() / (64 * INTERLEAVE)).max(1);
+        (ratio.ceil() as usize).clamp(1, most)
+    }
+
+    fn count_pairs_per_ping(&self) -> f64 {
+        let Some(world) = &self.world else { return 0.0 };
         let pings = self.history.pings();
+        let sample: Vec<&Past> = pings.iter().step_by(pings.len() / 64 + 1).collect();
+        let scene = self.scene(world);
+        let count = || over_pings(scene, &sample, || (), |(), _, _| (), |(), ()| ());
+        let ((), pairs) = self.pool.install(count);
+        pairs as f64 / sample.len().max(1) as f64
+    }
+
+    fn scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
+        Scene {
+            evidence: &world.evidence,
+            gaussians: &self.gaussians,
+            floor: self.floor(),
+        }
+    }
+
+    /// Least noise power to reckon with.
+    fn floor(&self) -> f32 {
+        LEAST_NOISE * self.levels.strongest()
+    }
+
+    fn worked(&mut self, pairs: u64, looks: usize) {
+        self.status.pairs += pairs;
+        if looks > 0 {
+            self.pairs_per_ping = pairs as f64 / looks as f64;
+        }
+    }
+
+    /// Multiplicative steps, each over every `interleave`-th ping, the next over the ones beside.
+    fn interleaved_steps(&mut self, steps: usize, interleave: usize) {
+        let interleave = interleave * self.thinning();
         for step in 0..steps {
-            // An odd stride through the offsets keeps neighbouring steps on different sweeps.
+            // A stride through the offsets keeps neighbouring steps on different sweeps.
             let offset = step * 5 % interleave;
+            let pings = self.history.pings();
             let subset: Vec<&Past> = pings.iter().skip(offset).step_by(interleave).collect();
-            self.status.pairs += self
+            let looks = subset.len();
+            let floor = self.floor();
+            let Some(world) = &self.world else { return };
+            let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
+            let pairs = self
                 .pool
                 .install(|| maximise(evidence, gaussians, &subset, floor, FULL_STEP));
+            self.worked(pairs, looks);
             self.status.iterations += 1;
         }
     }
@@ -330,24 +378,22 @@ impl Mapper {
         }
     }
 
-    fn localise_all(&mut self) {
+    fn localise_every(&mut self, stride: usize) {
         let Some(world) = &self.world else { return };
-        let pings: Vec<&Past> = self.history.pings().iter().collect();
+        let pings = self.history.pings().iter();
+        let pings: Vec<&Past> = pings.step_by(stride * self.thinning()).collect();
+        let looks = pings.len();
         let voxel_m = world.evidence.voxel_m();
-        let scene = Scene {
-            evidence: &world.evidence,
-            gaussians: &self.gaussians,
-            floor: LEAST_NOISE * self.levels.strongest(),
-        };
+        let scene = self.scene(world);
         let (pulls, pairs) = self.pool.install(|| pulls(scene, &pings));
-        self.status.pairs += pairs;
         localise(&mut self.gaussians, &pulls, 0.5 * voxel_m, voxel_m);
+        self.worked(pairs, looks);
     }
 
     fn assess_every(&mut self, stride: usize) {
+        let floor = self.floor();
         let Some(world) = &self.world else { return };
         let pings: Vec<&Past> = self.history.pings().iter().step_by(stride).collect();
-        let floor = LEAST_NOISE * self.levels.strongest();
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
         let config = &self.config;
         self.status.pairs += self
