@@ -12,6 +12,8 @@ const MAX_WAIT_S: f64 = 30.0;
 const MAX_IDENTITY_REQUESTS: u32 = 8;
 /// So many profiles with other settings on end: somebody else has changed them.
 const MISMATCH_RUN: u32 = 8;
+/// Two that both insist change the settings no more often than this, in the end.
+const MAX_DISPUTE_WAIT_S: f64 = 60.0;
 /// Without profiles for so long the unit was restarted or never heard. Also 10 intervals.
 const SILENCE_S: f64 = 3.0;
 
@@ -61,6 +63,8 @@ pub(crate) enum Confirmation {
     AsBefore,
     /// Others are in force.
     Mismatch,
+    /// Others have been in force for a while after those asked for were: somebody else asks too.
+    Disputed,
 }
 
 #[derive(Debug, Clone)]
@@ -71,6 +75,8 @@ pub(crate) struct Handshake {
     variant: Variant,
     is_configured: bool,
     mismatches: u32,
+    /// Wait before asking again for what somebody else has changed; at first none.
+    dispute_wait_s: f64,
     /// When the last profile came, or profiles were first to be expected.
     last_profile: Timestamp,
     has_ended: bool,
@@ -84,6 +90,7 @@ impl Handshake {
             variant: Variant::Full,
             is_configured: false,
             mismatches: 0,
+            dispute_wait_s: 0.0,
             last_profile: now,
             has_ended: false,
         }
@@ -151,10 +158,12 @@ impl Handshake {
         self.last_profile = now;
         if !shows_settings(profile, config) {
             self.mismatches += 1;
-            if self.is_configured && self.mismatches >= MISMATCH_RUN {
-                self.configure_again(config, now);
+            if !(self.is_configured && self.mismatches >= MISMATCH_RUN) {
+                return Confirmation::Mismatch;
             }
-            return Confirmation::Mismatch;
+            self.configure_again(config, now.offset_by(self.dispute_wait_s));
+            self.dispute_wait_s = (2.0 * self.dispute_wait_s).clamp(1.0, MAX_DISPUTE_WAIT_S);
+            return Confirmation::Disputed;
         }
         self.mismatches = 0;
         if self.is_configured {

@@ -63,6 +63,7 @@ enum Warned {
     NoProfiles,
     OtherChannel,
     UnknownType,
+    Disputed,
     LogWithoutTime,
     LogBackInTime,
 }
@@ -313,6 +314,11 @@ impl Core {
                 Confirmation::Confirmed => self.events.push_back(SessionEvent::Configured),
                 Confirmation::AsBefore => {}
                 Confirmation::Mismatch => self.counters.settings_mismatched += 1,
+                Confirmation::Disputed => {
+                    self.counters.settings_mismatched += 1;
+                    let text = "somebody else has changed the device's settings; asking again";
+                    self.warn_once(Warned::Disputed, text.to_owned());
+                }
             }
         }
         let events = &mut self.events;

@@ -1,4 +1,4 @@
-//! TCP, as a real OmniScan 450 FS offers it on port 51200.
+//! TCP, as a real `OmniScan` 450 FS offers it on port 51200.
 
 use std::io::{self, Read, Write};
 use std::net::{TcpStream, ToSocketAddrs};

@@ -1,5 +1,6 @@
 //! A tiny scripted device on the protocol's own crate, and bounded waits.
 #![allow(dead_code, reason = "each test binary uses its part")]
+#![allow(clippy::unwrap_used, reason = "a helper of tests fails where they do")]
 
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
