@@ -4,8 +4,8 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use rayon::prelude::*;
 use echosplat_simulator::{BUILT_IN_SCENES, Dive, DiveOptions, Scene, SimulatedSonar};
+use rayon::prelude::*;
 
 use crate::arguments::DiveArguments;
 use crate::exit::Usage;
@@ -15,7 +15,9 @@ use crate::exit::Usage;
 /// # Errors
 /// If it is neither, or the file is no scene.
 pub(crate) fn scene(name_or_path: &str) -> anyhow::Result<Scene> {
-    let known = BUILT_IN_SCENES.iter().any(|(name, _)| *name == name_or_path);
+    let known = BUILT_IN_SCENES
+        .iter()
+        .any(|(name, _)| *name == name_or_path);
     let is_path = Path::new(name_or_path).exists() || name_or_path.contains(['/', '.']);
     match is_path && !known {
         true => Scene::load(name_or_path),
@@ -51,7 +53,9 @@ pub(crate) fn sonar(
 /// # Errors
 /// If there is none, or it cannot be read.
 pub(crate) fn scene_text(name_or_path: &str) -> anyhow::Result<String> {
-    let built_in = BUILT_IN_SCENES.iter().find(|(name, _)| *name == name_or_path);
+    let built_in = BUILT_IN_SCENES
+        .iter()
+        .find(|(name, _)| *name == name_or_path);
     match built_in {
         Some((_, text)) => Ok((*text).to_owned()),
         None => {

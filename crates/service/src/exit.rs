@@ -75,7 +75,10 @@ mod tests {
         let error = anyhow::Error::new(inner)
             .context("cannot read a.svlog: no such thing")
             .context("replay");
-        assert_eq!(one_line(&error), "replay: cannot read a.svlog: no such thing");
+        assert_eq!(
+            one_line(&error),
+            "replay: cannot read a.svlog: no such thing"
+        );
     }
 
     #[test]

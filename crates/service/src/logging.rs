@@ -15,9 +15,9 @@ static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 pub(crate) fn start(arguments: &LoggingArguments) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
         EnvFilter::new(match arguments.verbose {
-            0 => "info,zenoh=warn",
-            1 => "debug,zenoh=info",
-            _ => "trace,zenoh=debug",
+            0 => "info,zenoh=error",
+            1 => "debug,zenoh=warn",
+            _ => "trace,zenoh=info",
         })
     });
     let subscriber = tracing_subscriber::fmt()

@@ -23,7 +23,9 @@ pub(crate) fn prepare(map: &Path) -> anyhow::Result<()> {
     }
     std::fs::create_dir_all(directory).map_err(|error| {
         let map = map.display();
-        Usage::error(format!("--map {map}: its directory cannot be made: {error}"))
+        Usage::error(format!(
+            "--map {map}: its directory cannot be made: {error}"
+        ))
     })
 }
 

@@ -158,7 +158,9 @@ impl State {
         self.past.files += 1;
         tracing::info!(file = %path.display(), "recording goes on in a new file");
         self.path = path;
-        self.file.replace(file).map_or(Ok(()), RecordingFile::finish)
+        self.file
+            .replace(file)
+            .map_or(Ok(()), RecordingFile::finish)
     }
 }
 

@@ -6,7 +6,8 @@ use std::time::{Duration, Instant};
 
 use echosplat_bus::Bus;
 use echosplat_driver::{
-    DriverConfig, DriverStatus, EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus, Server, serve,
+    DriverConfig, DriverStatus, EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions,
+    ServeStatus, Server, serve,
 };
 use echosplat_model::{StampedPose, Timestamp};
 use echosplat_session::{ClockSource, SessionConfig};
@@ -27,8 +28,16 @@ const QUIET: Duration = Duration::from_secs(2);
 /// A device being served, and what it has seen.
 pub(crate) struct Rig {
     server: Server,
-    seen: Arc<Mutex<DeviceCounters>>,
+    seen: Arc<Mutex<Seen>>,
     dive: Arc<Dive>,
+}
+
+/// What the device has seen and done.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Seen {
+    pub(crate) counters: DeviceCounters,
+    /// Whether its dive is over.
+    pub(crate) is_finished: bool,
 }
 
 /// Where poses go, and on which clock.
@@ -47,7 +56,7 @@ impl Rig {
         poses: Option<PosesTo>,
     ) -> anyhow::Result<Self> {
         let dive = Arc::clone(sonar.dive());
-        let seen = Arc::new(Mutex::new(DeviceCounters::default()));
+        let seen = Arc::new(Mutex::new(Seen::default()));
         let device = Watched {
             device: SimulatedDevice::new(Arc::new(sonar)),
             seen: Arc::clone(&seen),
@@ -90,9 +99,10 @@ impl Rig {
     pub(crate) fn end_of_dive(self) -> Box<dyn FnMut(&DriverStatus) -> bool> {
         let mut quiet_since: Option<(u64, Instant)> = None;
         Box::new(move |driver| {
+            let seen = self.seen();
             let received = driver.session.profiles;
-            if !self.is_finished() || received >= self.seen().pings {
-                return self.is_finished();
+            if !seen.is_finished || received >= seen.counters.pings {
+                return seen.is_finished;
             }
             // Over a link that loses some, silence is the end.
             let (before, since) = *quiet_since.get_or_insert((received, Instant::now()));
@@ -108,17 +118,12 @@ impl Rig {
     }
 
     /// What the device has seen and done.
-    pub(crate) fn seen(&self) -> DeviceCounters {
+    pub(crate) fn seen(&self) -> Seen {
         *self.seen.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Whether the dive is over.
-    pub(crate) fn is_finished(&self) -> bool {
-        self.seen().pings > 0 && !self.server.status().is_pinging
-    }
-
     /// Ends all links.
-    pub(crate) fn stop(self) -> (ServeStatus, DeviceCounters) {
+    pub(crate) fn stop(self) -> (ServeStatus, Seen) {
         let status = self.server.stop();
         let seen = *self.seen.lock().unwrap_or_else(PoisonError::into_inner);
         (status, seen)
@@ -163,12 +168,15 @@ fn wait_for_subscriber(bus: &Bus) {
 /// The device, with its counters where others can read them.
 struct Watched {
     device: SimulatedDevice,
-    seen: Arc<Mutex<DeviceCounters>>,
+    seen: Arc<Mutex<Seen>>,
 }
 
 impl Watched {
     fn tell(&self) {
-        *self.seen.lock().unwrap_or_else(PoisonError::into_inner) = self.device.counters();
+        *self.seen.lock().unwrap_or_else(PoisonError::into_inner) = Seen {
+            counters: self.device.counters(),
+            is_finished: self.device.is_finished(),
+        };
     }
 }
 

@@ -120,7 +120,8 @@ mod tests {
         write(directory.path(), text, &scene, &dive).unwrap();
         let read = load(directory.path()).unwrap();
         let direct = of_simulated(&Arc::new(scene), &dive);
-        let places = |truth: &Truth| -> Vec<_> { truth.seen().iter().map(|p| p.position).collect() };
+        let places =
+            |truth: &Truth| -> Vec<_> { truth.seen().iter().map(|p| p.position).collect() };
         assert_eq!(places(&read), places(&direct));
         assert!(!read.seen().is_empty());
     }

@@ -35,6 +35,7 @@ pub(crate) fn run(arguments: &EmulateArguments) -> anyhow::Result<Finish> {
         std::thread::sleep(TICK);
     }
     let (served, seen) = rig.stop();
+    let (seen, is_finished) = (seen.counters, seen.is_finished);
     inputs::close_bus(bus);
     logging::print(
         &json!({
@@ -48,6 +49,7 @@ pub(crate) fn run(arguments: &EmulateArguments) -> anyhow::Result<Finish> {
             "frames_sent": served.frames_sent,
             "frames_dropped": served.frames_dropped,
             "is_pinging": served.is_pinging,
+            "is_finished": is_finished,
         })
         .to_string(),
     );

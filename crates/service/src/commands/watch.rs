@@ -123,5 +123,9 @@ fn conclude(
         (_, None) => {}
     }
     let is_whole = ending != Ending::Gone || subscriber.is_final();
-    Ok(if is_whole { Finish::Done } else { Finish::Lossy })
+    Ok(if is_whole {
+        Finish::Done
+    } else {
+        Finish::Lossy
+    })
 }

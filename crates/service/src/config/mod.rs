@@ -137,7 +137,7 @@ impl Default for PipelineConfig {
     fn default() -> Self {
         Self {
             queue_pings: 256,
-            pairs_per_ping: 50_000,
+            pairs_per_ping: 8_000,
             snapshot_interval_s: 0.2,
         }
     }
@@ -251,7 +251,12 @@ impl SonarConfig {
         within("sonar.reconnect_min_s", self.reconnect_min_s, 0.01, 60.0)?;
         let least = self.reconnect_min_s;
         within("sonar.reconnect_max_s", self.reconnect_max_s, least, 60.0)?;
-        within("sonar.silence_timeout_s", self.silence_timeout_s, 0.2, 600.0)
+        within(
+            "sonar.silence_timeout_s",
+            self.silence_timeout_s,
+            0.2,
+            600.0,
+        )
     }
 }
 
@@ -260,14 +265,24 @@ impl PoseConfig {
         within("pose.time_offset_s", self.time_offset_s, -1e9, 1e9)?;
         within("pose.max_pose_gap_s", self.max_pose_gap_s, 0.001, 60.0)?;
         within("pose.capacity", self.capacity as f64, 2.0, 1e7)?;
-        within("pose.waiting_pings", self.waiting_pings as f64, 1.0, 65_536.0)?;
+        within(
+            "pose.waiting_pings",
+            self.waiting_pings as f64,
+            1.0,
+            65_536.0,
+        )?;
         within("pose.max_wait_s", self.max_wait_s, 0.01, 3600.0)?;
         let mount = &self.vehicle_from_sensor;
         for value in mount.translation_m {
             within("pose.vehicle_from_sensor.translation_m", value, -1e3, 1e3)?;
         }
         for value in mount.yaw_pitch_roll_deg {
-            within("pose.vehicle_from_sensor.yaw_pitch_roll_deg", value, -360.0, 360.0)?;
+            within(
+                "pose.vehicle_from_sensor.yaw_pitch_roll_deg",
+                value,
+                -360.0,
+                360.0,
+            )?;
         }
         Ok(())
     }
@@ -275,9 +290,24 @@ impl PoseConfig {
 
 impl PipelineConfig {
     fn check(&self) -> Result<(), BadSetting> {
-        within("pipeline.queue_pings", self.queue_pings as f64, 1.0, 65_536.0)?;
-        within("pipeline.pairs_per_ping", self.pairs_per_ping as f64, 0.0, 1e12)?;
-        within("pipeline.snapshot_interval_s", self.snapshot_interval_s, 0.01, 3600.0)
+        within(
+            "pipeline.queue_pings",
+            self.queue_pings as f64,
+            1.0,
+            65_536.0,
+        )?;
+        within(
+            "pipeline.pairs_per_ping",
+            self.pairs_per_ping as f64,
+            0.0,
+            1e12,
+        )?;
+        within(
+            "pipeline.snapshot_interval_s",
+            self.snapshot_interval_s,
+            0.01,
+            3600.0,
+        )
     }
 }
 
@@ -285,7 +315,12 @@ impl OutputConfig {
     fn check(&self) -> Result<(), BadSetting> {
         let rotate = self.record_rotate_bytes as f64;
         within("output.record_rotate_bytes", rotate, 1e6, 1e15)?;
-        within("output.duration_s", self.duration_s.unwrap_or(1.0), 1e-3, 1e9)
+        within(
+            "output.duration_s",
+            self.duration_s.unwrap_or(1.0),
+            1e-3,
+            1e9,
+        )
     }
 }
 
@@ -306,7 +341,9 @@ fn read_bounded(file: &Path) -> std::io::Result<String> {
         .take(MAX_FILE_BYTES + 1)
         .read_to_string(&mut text)?;
     match read as u64 > MAX_FILE_BYTES {
-        true => Err(std::io::Error::other("longer than any configuration, 1 MiB")),
+        true => Err(std::io::Error::other(
+            "longer than any configuration, 1 MiB",
+        )),
         false => Ok(text),
     }
 }

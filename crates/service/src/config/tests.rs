@@ -90,10 +90,16 @@ fn collect(prefix: &str, value: &toml::Value, keys: &mut Vec<String>) {
 fn what_is_wrong_is_named_with_line_key_and_what_is_allowed() {
     let unknown = error("[pose]\nurl = \"zenoh://\"\nurll = 1\n");
     assert!(unknown.starts_with("my.toml:3: "), "{unknown}");
-    assert!(unknown.contains("`urll`") && unknown.contains("`max_pose_gap_s`"), "{unknown}");
+    assert!(
+        unknown.contains("`urll`") && unknown.contains("`max_pose_gap_s`"),
+        "{unknown}"
+    );
 
     let kind = error("[session]\nbin_count = \"many\"\n");
-    assert!(kind.starts_with("my.toml:2: ") && kind.contains("bin_count"), "{kind}");
+    assert!(
+        kind.starts_with("my.toml:2: ") && kind.contains("bin_count"),
+        "{kind}"
+    );
 
     let range = error("[mapper]\n\nblanking_m = -1.0\n");
     assert!(range.starts_with("my.toml:3: mapper.blanking_m"), "{range}");
@@ -102,7 +108,10 @@ fn what_is_wrong_is_named_with_line_key_and_what_is_allowed() {
     let bus = error("[bus]\nnode = \"a/b\"\n");
     assert!(bus.starts_with("my.toml:2: bus.node"), "{bus}");
 
-    for nan in ["[pose]\nmax_pose_gap_s = nan\n", "[pipeline]\nsnapshot_interval_s = nan\n"] {
+    for nan in [
+        "[pose]\nmax_pose_gap_s = nan\n",
+        "[pipeline]\nsnapshot_interval_s = nan\n",
+    ] {
         assert!(error(nan).contains("allowed"), "{nan}");
     }
     assert!(error("[pose\n").starts_with("my.toml:1: "));

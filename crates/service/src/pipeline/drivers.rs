@@ -3,9 +3,7 @@
 use std::collections::VecDeque;
 
 use crossbeam_channel::Sender;
-use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus,
-};
+use echosplat_driver::{DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus};
 use echosplat_session::{ProfilesRejected, SessionCounters};
 
 use crate::exit::Usage;
@@ -87,7 +85,8 @@ impl Drivers {
     }
 
     fn stop_running(&mut self) {
-        self.done.extend(self.running.take().map(DriverHandle::stop));
+        self.done
+            .extend(self.running.take().map(DriverHandle::stop));
     }
 
     /// Of the input at hand, with the counters of those before added.

@@ -8,7 +8,6 @@ pub(crate) struct Gate {
     first: Option<Timestamp>,
     start_s: f64,
     end_s: Option<f64>,
-    left_out: u64,
 }
 
 /// What to do with a ping.
@@ -34,7 +33,6 @@ impl Gate {
                 (Some(a), Some(b)) => Some(a.min(b)),
                 (a, b) => a.or(b),
             },
-            left_out: 0,
         }
     }
 
@@ -46,15 +44,9 @@ impl Gate {
             return Passage::Closed;
         }
         if at_s < self.start_s {
-            self.left_out += 1;
             return Passage::Early;
         }
         Passage::Open
-    }
-
-    /// Pings before the start.
-    pub(crate) fn left_out(&self) -> u64 {
-        self.left_out
     }
 }
 
@@ -70,7 +62,6 @@ mod tests {
         assert_eq!(at(1.0), Passage::Open);
         assert_eq!(at(2.9), Passage::Open);
         assert_eq!(at(3.0), Passage::Closed);
-        assert_eq!(gate.left_out(), 1);
     }
 
     #[test]

@@ -23,16 +23,17 @@ use echosplat_model::Snapshot;
 
 use crate::config::Config;
 use crate::exit::Finish;
+use crate::maps;
 use crate::recorder::Recorder;
 use crate::signals::Stop;
-use crate::maps;
 
+use drivers::Drivers;
 pub(crate) use gate::Gate;
+use outlet::Outlet;
 pub(crate) use outlet::{Observed, Observer};
 pub(crate) use poses::{Patience, Poses};
-use outlet::Outlet;
-use drivers::Drivers;
-use shared::{Phase, Shared};
+pub(crate) use shared::Phase;
+use shared::Shared;
 use status::RateMeter;
 pub(crate) use status::Status;
 use worker::{THREAD_NAME, Worker};
@@ -149,7 +150,7 @@ impl Run {
             shared: Arc::clone(&shared),
             pairs_per_ping: config.pipeline.pairs_per_ping,
             snapshot_interval_s: config.pipeline.snapshot_interval_s,
-            state: worker::State::default(),
+            state: worker::State::new(Instant::now()),
         };
         let worker = std::thread::Builder::new()
             .name(THREAD_NAME.to_owned())
@@ -200,7 +201,10 @@ impl Run {
 impl Run {
     fn is_over(&mut self) -> bool {
         let status = self.drivers.status();
-        self.hooks.is_over.as_mut().is_some_and(|is_over| is_over(&status))
+        self.hooks
+            .is_over
+            .as_mut()
+            .is_some_and(|is_over| is_over(&status))
     }
 
     /// Publishes and shows the status.
@@ -222,7 +226,10 @@ impl Run {
             is_final,
             wall_s: self.begin.elapsed().as_secs_f64(),
             link: self.shared.link(),
-            publisher: self.publisher.as_ref().map(|publisher| publisher.counters()),
+            publisher: self
+                .publisher
+                .as_ref()
+                .map(|publisher| publisher.counters()),
             pings_not_published: self.bus.as_ref().map_or(0, |bus| bus.pings_dropped()),
             recording: self.recorder.as_ref().map(Recorder::counters),
             ..Status::of(report, self.drivers.status())
@@ -273,7 +280,10 @@ impl Run {
     /// Stays until nobody asks any more, within a limit.
     fn linger(&self) {
         let answered = || {
-            let counters = self.publisher.as_ref().map(|publisher| publisher.counters());
+            let counters = self
+                .publisher
+                .as_ref()
+                .map(|publisher| publisher.counters());
             counters.map_or(0, |counters| counters.queries_answered)
         };
         let begin = Instant::now();

@@ -72,6 +72,11 @@ impl Outlet {
         }
     }
 
+    /// Whether the observer wants to see the map of this moment.
+    pub(crate) fn is_observation_due(&self, dive_s: f64) -> bool {
+        self.observer.is_some() && dive_s >= self.next_observation_s
+    }
+
     /// Publishes a map, and shows it to the observer when it is time.
     pub(crate) fn map(&mut self, mut snapshot: Snapshot, moment: Moment) -> Arc<Snapshot> {
         snapshot.epoch = self.epoch;
@@ -79,9 +84,8 @@ impl Outlet {
         if let Some(publisher) = &self.publisher {
             publisher.offer(Arc::clone(&snapshot));
         }
-        if let Some(observer) = &mut self.observer
-            && moment.dive_s >= self.next_observation_s
-        {
+        let is_due = self.is_observation_due(moment.dive_s);
+        if let Some(observer) = self.observer.as_mut().filter(|_| is_due) {
             self.next_observation_s = moment.dive_s + observer.interval_s;
             (observer.take)(Observed {
                 snapshot: Arc::clone(&snapshot),

@@ -149,8 +149,8 @@ impl Poses {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_pose::PoseUrl;
     use echosplat_model::{PingSettings, Timestamp};
+    use echosplat_pose::PoseUrl;
 
     fn ping(seconds: f64) -> Arc<Ping> {
         let settings = PingSettings {

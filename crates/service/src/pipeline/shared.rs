@@ -127,16 +127,12 @@ impl Shared {
         lock(&self.link).clone()
     }
 
-    /// Keeps and logs what the driver tells of the link.
+    /// Keeps what the driver tells of the link; what it does not log itself is logged here.
     pub(crate) fn link_event(&self, event: DriverEvent) {
         let mut link = lock(&self.link);
         match event {
-            DriverEvent::LinkUp => {
-                tracing::info!("the link to the sonar is up");
-                link.state = LinkState::Up;
-            }
+            DriverEvent::LinkUp => link.state = LinkState::Up,
             DriverEvent::LinkDown { reason } => {
-                tracing::warn!(%reason, "the link to the sonar is lost; trying again");
                 link.state = LinkState::Lost;
                 link.losses += 1;
                 link.configured = false;
@@ -157,14 +153,11 @@ impl Shared {
                 tracing::info!("the sonar pings as asked");
                 link.configured = true;
             }
-            DriverEvent::Warning(warning) => {
-                tracing::warn!("{warning}");
-                link.warning = Some(warning);
-            }
-            DriverEvent::Rebooted => tracing::warn!("the sonar was restarted"),
+            DriverEvent::Warning(warning) => link.warning = Some(warning),
             DriverEvent::Nack { id, text } => {
-                tracing::warn!(id, text, "the sonar refused a request");
+                link.warning = Some(format!("request {id} refused: {text}"));
             }
+            DriverEvent::Rebooted => link.warning = Some("the sonar was restarted".to_owned()),
             DriverEvent::Ping { .. } | DriverEvent::Ended => {}
         }
     }

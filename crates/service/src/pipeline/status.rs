@@ -171,7 +171,9 @@ impl Status {
                 self.pings_received
             ));
         }
-        let lost = self.recording.map_or(0, |recording| recording.lost_messages);
+        let lost = self
+            .recording
+            .map_or(0, |recording| recording.lost_messages);
         (lost > 0).then(|| format!("{lost} messages are not in the recording"))
     }
 }

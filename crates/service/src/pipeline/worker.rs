@@ -28,6 +28,9 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// When no more pings come, poses still under way are waited for this long.
 const LAST_POSES: Duration = Duration::from_secs(1);
 
+/// Making maps to look at takes at most one part in so many of the thread's time.
+const SNAPSHOT_PAUSE: u32 = 5;
+
 /// All the mapper's thread owns.
 pub(crate) struct Worker {
     pub(crate) events: Receiver<DriverEvent>,
@@ -44,14 +47,29 @@ pub(crate) struct Worker {
 }
 
 /// What changes as pings come.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct State {
     report: MapperReport,
     latency: Latency,
     /// Work allowed and not yet done; below zero what the last step took too much.
     credit_pairs: i64,
     first_ping: Option<Timestamp>,
-    next_snapshot: Option<Timestamp>,
+    next_snapshot_s: f64,
+    next_snapshot_at: Instant,
+}
+
+impl State {
+    /// The first map is due with the first ping.
+    pub(crate) fn new(begin: Instant) -> Self {
+        Self {
+            report: MapperReport::default(),
+            latency: Latency::default(),
+            credit_pairs: 0,
+            first_ping: None,
+            next_snapshot_s: 0.0,
+            next_snapshot_at: begin,
+        }
+    }
 }
 
 impl Worker {
@@ -86,10 +104,6 @@ impl Worker {
     }
 
     fn take_ping(&mut self, ping: Arc<Ping>, frame: &[u8]) {
-        if self.shared.phase() != Phase::Running {
-            self.state.report.pings_after_end += 1;
-            return;
-        }
         let time = ping.transmit_time();
         match self.gate.pass(time) {
             Passage::Open => {}
@@ -121,7 +135,9 @@ impl Worker {
         let state = &mut self.state;
         state.report.pings_mapped += 1;
         state.latency.arrived(arrived);
-        state.credit_pairs = state.credit_pairs.saturating_add_unsigned(self.pairs_per_ping);
+        state.credit_pairs = state
+            .credit_pairs
+            .saturating_add_unsigned(self.pairs_per_ping);
         if inserted.slice_taken_in {
             self.optimize();
         }
@@ -141,15 +157,23 @@ impl Worker {
         self.state.credit_pairs = left.min(0);
     }
 
+    /// A map is made when the pings' clock and the wall's both say so: a dive that is replayed
+    /// fast does not make more maps than anybody can look at. What is made live leaves no trace
+    /// in the finished map.
     fn publish_if_due(&mut self, time: Timestamp) {
-        let first = *self.state.first_ping.get_or_insert(time);
-        let due = *self.state.next_snapshot.get_or_insert(first.offset_by(self.snapshot_interval_s));
-        if time < due {
+        let state = &mut self.state;
+        let first = *state.first_ping.get_or_insert(time);
+        let dive_s = time.seconds_since(first);
+        let is_due = dive_s >= state.next_snapshot_s && Instant::now() >= state.next_snapshot_at;
+        if !is_due && !self.outlet.is_observation_due(dive_s) {
             return;
         }
-        self.state.next_snapshot = Some(time.offset_by(self.snapshot_interval_s));
+        let begin = Instant::now();
         let snapshot = self.mapper.snapshot();
-        self.hand_on(snapshot, time.seconds_since(first));
+        self.hand_on(snapshot, dive_s);
+        let pause = Duration::from_secs_f64(self.snapshot_interval_s);
+        self.state.next_snapshot_s = dive_s + self.snapshot_interval_s;
+        self.state.next_snapshot_at = begin + pause.max(begin.elapsed() * SNAPSHOT_PAUSE);
     }
 
     fn hand_on(&mut self, snapshot: Snapshot, dive_s: f64) -> Arc<Snapshot> {

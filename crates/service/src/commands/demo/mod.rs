@@ -21,7 +21,9 @@ use indicatif::ProgressBar;
 use crate::arguments::{DemoArguments, PoseClock};
 use crate::config::Config;
 use crate::exit::Finish;
-use crate::pipeline::{self, Gate, Hooks, Observer, Outcome, Patience, Poses, Setup, Status};
+use crate::pipeline::{
+    self, Gate, Hooks, Observer, Outcome, Patience, Phase, Poses, Setup, Status,
+};
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
 use crate::{clock, dives, inputs, logging, maps};
@@ -136,18 +138,22 @@ fn loopback() -> ListenUrl {
 
 /// A bar over dive time with the newest error.
 fn progress(length_s: f64, newest: Arc<Mutex<Option<Sample>>>) -> Box<dyn FnMut(&Status)> {
-    let bar: ProgressBar =
-        logging::progress_bar(length_s as u64, "{bar:40} {pos:>3} of {len} s of dive · {msg}");
+    let bar: ProgressBar = logging::progress_bar(
+        length_s as u64,
+        "{bar:40} {pos:>3} of {len} s of dive · {msg}",
+    );
     Box::new(move |status| {
         bar.set_position(status.report.dive_s as u64);
         let newest = newest.lock().unwrap_or_else(PoisonError::into_inner);
         let error = newest.as_ref().map_or("–".to_owned(), |sample| {
             format!("CD {} m", table::metres(sample.metrics.cd_m))
         });
-        bar.set_message(format!(
-            "{error} · {} Gaussians · {:.0} pings/s",
-            status.report.mapper.confident, status.rates.mapped_per_s
-        ));
+        let work = match status.phase {
+            Phase::Finishing => "finishing".to_owned(),
+            _ => format!("{:.0} pings/s", status.rates.mapped_per_s),
+        };
+        let gaussians = status.report.mapper.confident;
+        bar.set_message(format!("{error} · {gaussians} Gaussians · {work}"));
         if status.is_final {
             bar.finish_and_clear();
         }
@@ -220,7 +226,10 @@ fn is_same(a: &Gaussian, b: &Gaussian) -> bool {
         let all = g.mean_m.to_array().into_iter().chain(g.rotation.to_array());
         let all = all.chain(g.scale_m.to_array());
         let all = all.chain([g.opacity, g.reflectivity, g.sigma_m]);
-        numbers.iter_mut().zip(all).for_each(|(bits, number)| *bits = number.to_bits());
+        numbers
+            .iter_mut()
+            .zip(all)
+            .for_each(|(bits, number)| *bits = number.to_bits());
         numbers
     };
     a.id == b.id && a.standing == b.standing && numbers(a) == numbers(b)
