@@ -54,7 +54,7 @@ impl Beam {
         width("elevation_width_deg", self.elevation_width_deg, 1.0, 120.0)
     }
 
-    /// One sigma of the pattern across, radians: ε_a of (7).
+    /// One sigma of the pattern across, radians: `ε_a` of (7).
     #[must_use]
     pub fn azimuth_sigma_rad(&self) -> f32 {
         self.azimuth_width_deg.to_radians() / FWHM_PER_SIGMA
@@ -92,8 +92,10 @@ mod tests {
 
     #[test]
     fn a_beam_of_no_width_is_refused() {
-        let mut beam = Beam::default();
-        beam.azimuth_width_deg = f32::NAN;
+        let beam = Beam {
+            azimuth_width_deg: f32::NAN,
+            ..Beam::default()
+        };
         assert!(beam.check().is_err());
     }
 }

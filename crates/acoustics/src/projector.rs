@@ -322,12 +322,7 @@ mod tests {
                 0.04 * (t * 1.3).sin(),
                 (t * 0.9).cos(),
             );
-            let rotation = Quat::from_euler(
-                echosplat_model::glam::EulerRot::ZYX,
-                t * 0.37,
-                t * 0.11,
-                t * 0.23,
-            );
+            let rotation = Quat::from_euler(glam::EulerRot::ZYX, t * 0.37, t * 0.11, t * 0.23);
             let scale = Vec3::new(0.05, 0.03, 0.01);
             let axes = Mat3::from_quat(rotation) * Mat3::from_diagonal(scale);
             let covariance = axes * axes.transpose();

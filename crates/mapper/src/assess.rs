@@ -16,16 +16,21 @@ use crate::visibility::{Row, Sight};
 const SURROUNDINGS_VOXELS: f32 = 5.0;
 /// Least number of independent lit looks.
 const LEAST_LOOKS: f32 = 3.0;
-/// Below this share of its echoes a Gaussian is explained away by others.
-const LEAST_SHARE: f32 = 0.1;
+/// Below this part of what the best place on its arcs explains, a Gaussian is explained away. Where
+/// all places explain alike nothing is: they are ambiguous together.
+const LEAST_RIVALRY: f32 = 0.15;
 /// Below this part of the strongest strength around it, it is the tail of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
 
 /// What was seen of one Gaussian over all looks that lit it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Account {
+    /// Independent lit looks.
     looks: f32,
+    /// Sum over looks of the part of the echo that comes from its surroundings.
     share: f32,
+    /// Sum over looks of what its surroundings explain against the best place on the same arc.
+    rivalry: f32,
 }
 
 /// Judges every Gaussian by `pings` and sets its verdict and sigma. Returns pairs done.
@@ -58,7 +63,8 @@ pub(crate) fn assess(
 
 fn verdict(account: Account, relative: f32, sigma_m: f32, config: &MapperConfig) -> Verdict {
     let share = account.share / account.looks;
-    if !(share > LEAST_SHARE && relative > LEAST_STRENGTH) {
+    let rivalry = account.rivalry / account.looks;
+    if !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH) {
         return Verdict::ExplainedAway;
     }
     let sure = account.looks >= LEAST_LOOKS
@@ -82,6 +88,7 @@ fn accounts(scene: Scene<'_>, pings: &[&Past], radius_m: f32) -> (Vec<Account>, 
             for (total, part) in total.iter_mut().zip(&part) {
                 total.looks += part.looks;
                 total.share += part.share;
+                total.rivalry += part.rivalry;
             }
         },
     );
@@ -113,6 +120,7 @@ fn account_ping(
         let account = &mut accounts[row.slot as usize];
         account.looks += looks;
         account.share += looks * near / sight.predicted[bin];
+        account.rivalry += looks * near / arcs.best(bin).max(f32::MIN_POSITIVE);
     }
 }
 
@@ -120,6 +128,8 @@ fn account_ping(
 #[derive(Debug, Default)]
 struct Arcs {
     energy: Vec<f32>,
+    /// The most energy around any step of a bin, worked out when asked for; negative until then.
+    best: Vec<f32>,
     steps: usize,
     steps_per_m: f32,
 }
@@ -134,6 +144,8 @@ impl Arcs {
         self.energy.clear();
         self.energy
             .resize(self.steps * look.bin_count as usize, 0.0);
+        self.best.clear();
+        self.best.resize(look.bin_count as usize, -1.0);
         for row in sight.rows() {
             let step = self.step_of(row);
             for (bin, energy) in row.bins.clone().zip(sight.energies(row)) {
@@ -146,6 +158,14 @@ impl Arcs {
         let along_m = row.splat.elevation_rad * row.splat.range_m;
         let step = along_m * self.steps_per_m + 0.5 * self.steps as f32;
         (step.max(0.0) as usize).min(self.steps - 1)
+    }
+
+    fn best(&mut self, bin: usize) -> f32 {
+        if self.best[bin] < 0.0 {
+            let sums = (0..self.steps).map(|step| self.around(bin, step));
+            self.best[bin] = sums.fold(0.0, f32::max);
+        }
+        self.best[bin]
     }
 
     /// Energy in a bin within two steps of `step`.

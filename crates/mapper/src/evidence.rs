@@ -107,15 +107,6 @@ impl Evidence {
         ((corner + offset).as_vec3() + 0.5) * self.voxel_m
     }
 
-    /// The voxel that holds `point_m`, if its block exists.
-    pub(crate) fn voxel_of(&self, point_m: Vec3) -> Option<(BlockIndex, usize)> {
-        let cell = (point_m / self.voxel_m).floor().as_ivec3();
-        let key = cell.div_euclid(IVec3::splat(BLOCK_EDGE));
-        let inner = cell - key * BLOCK_EDGE;
-        let index = *self.block_at.get(&key)?;
-        Some((index, (inner.x + 8 * inner.y + 64 * inner.z) as usize))
-    }
-
     /// Takes in a slice of looks, the newest of `history`: new blocks along their lit arcs, which
     /// are told of every remembered ping, and evidence in the blocks there were. Returns voxel
     /// looks done, the work.

@@ -120,21 +120,20 @@ fn rotate(a: &mut [[f32; 3]; 3], v: &mut [[f32; 3]; 3], p: usize, q: usize) {
     let t = theta.signum() / (theta.abs() + (theta * theta + 1.0).sqrt());
     let c = (t * t + 1.0).sqrt().recip();
     let s = t * c;
-    for k in 0..3 {
-        let (akp, akq) = (a[k][p], a[k][q]);
-        a[k][p] = c * akp - s * akq;
-        a[k][q] = s * akp + c * akq;
-    }
-    for k in 0..3 {
-        let (apk, aqk) = (a[p][k], a[q][k]);
-        a[p][k] = c * apk - s * aqk;
-        a[q][k] = s * apk + c * aqk;
-    }
-    for k in 0..3 {
-        let (vp, vq) = (v[p][k], v[q][k]);
-        v[p][k] = c * vp - s * vq;
-        v[q][k] = s * vp + c * vq;
-    }
+    let turn = |row: &mut [f32; 3]| {
+        let (at_p, at_q) = (row[p], row[q]);
+        row[p] = c * at_p - s * at_q;
+        row[q] = s * at_p + c * at_q;
+    };
+    a.iter_mut().for_each(turn);
+    turn_rows(a, p, q, c, s);
+    turn_rows(v, p, q, c, s);
+}
+
+fn turn_rows(m: &mut [[f32; 3]; 3], p: usize, q: usize, c: f32, s: f32) {
+    let (at_p, at_q) = (m[p], m[q]);
+    m[p] = std::array::from_fn(|k| c * at_p[k] - s * at_q[k]);
+    m[q] = std::array::from_fn(|k| s * at_p[k] + c * at_q[k]);
 }
 
 #[cfg(test)]
@@ -143,12 +142,7 @@ mod tests {
 
     #[test]
     fn eigenvectors_rebuild_the_matrix() {
-        let rotation = Mat3::from_quat(Quat::from_euler(
-            echosplat_model::glam::EulerRot::XYZ,
-            0.3,
-            -1.1,
-            2.0,
-        ));
+        let rotation = Mat3::from_quat(Quat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 2.0));
         let values = Vec3::new(0.01, 0.2, 3.0);
         let matrix = rotation * Mat3::from_diagonal(values) * rotation.transpose();
         let (axes, found) = eigen(matrix);

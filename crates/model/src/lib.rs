@@ -1,4 +1,4 @@
-//! The vocabulary every part of EchoSplat shares: time, ping, pose, trajectory, gaussian, snapshot.
+//! The vocabulary every part of `EchoSplat` shares: time, ping, pose, trajectory, gaussian, snapshot.
 //!
 //! Values only, checked where they are made so that they cannot be wrong later. This crate
 //! deliberately has no sockets, no files, no clock, no threads and no mathematics of sound.

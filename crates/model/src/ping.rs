@@ -143,7 +143,10 @@ impl Ping {
                 found: intensity.len(),
             });
         }
-        if let Some(bin) = intensity.iter().position(|&i| !(i >= 0.0 && i < f32::MAX)) {
+        if let Some(bin) = intensity
+            .iter()
+            .position(|&i| !(0.0..f32::MAX).contains(&i))
+        {
             return Err(PingError::Intensity {
                 bin,
                 value: intensity[bin],
@@ -287,7 +290,7 @@ mod tests {
         assert_eq!(s.bin_of_range(11.0), None);
         assert_eq!(s.bin_of_range(0.999), None);
         assert_eq!(s.bin_of_range(f64::NAN), None);
-        assert_eq!(s.bin_edge_m(500), s.range_end_m());
+        assert!((s.bin_edge_m(500) - s.range_end_m()).abs() < 1e-12);
         assert!((s.bin_center_m(0) - 1.01).abs() < 1e-12);
     }
 

@@ -1,0 +1,122 @@
+//! The mapper on simulated dives: what it finds, what it must not, and that it does so bit for bit.
+
+#![allow(clippy::unwrap_used)]
+
+use std::sync::Arc;
+
+use echosplat_mapper::{Budget, Mapper, MapperConfig};
+use echosplat_model::{PosedPing, Snapshot, Standing};
+use echosplat_simulator::{Dive, DiveKind, DiveOptions, NoiseLevel, Scene, SimulatedSonar};
+
+fn dive(scene: &str, kind: DiveKind, duration_s: f64) -> (Arc<Scene>, Vec<PosedPing>) {
+    let scene = Arc::new(Scene::named(scene).unwrap());
+    let options = DiveOptions {
+        duration_s,
+        ..DiveOptions::default()
+    };
+    let noise = NoiseLevel::Nominal;
+    let dive = Arc::new(Dive::plan_with(kind, &scene, noise, 7, &options).unwrap());
+    let sonar = SimulatedSonar::new(scene.clone(), dive.clone(), noise, 7);
+    let trajectory = dive.trajectory(0.5);
+    let pings = (0..dive.pings())
+        .filter_map(|index| sonar.posed_ping(index, &trajectory))
+        .collect();
+    (scene, pings)
+}
+
+fn config(threads: usize) -> MapperConfig {
+    MapperConfig {
+        threads,
+        finish_passes: 8,
+        finish_pairs: 60_000_000,
+        ..MapperConfig::default()
+    }
+}
+
+fn map(pings: &[PosedPing], config: MapperConfig) -> Snapshot {
+    let mut mapper = Mapper::new(config).unwrap();
+    for (index, ping) in pings.iter().enumerate() {
+        mapper.insert(ping);
+        if index % 160 == 0 {
+            mapper.optimize(Budget { pairs: 1 });
+        }
+    }
+    mapper.finish()
+}
+
+#[test]
+fn a_fence_is_found_with_the_same_bits_at_any_number_of_threads() {
+    let (scene, pings) = dive("fence", DiveKind::Survey, 50.0);
+    let one = map(&pings, config(1));
+    let two = map(&pings, config(2));
+    assert_eq!(one, two);
+    let asserted: Vec<f64> = one
+        .gaussians
+        .iter()
+        .filter(|gaussian| gaussian.standing == Standing::Confident)
+        .map(|gaussian| scene.distance(gaussian.mean_m.as_dvec3() + one.origin_m))
+        .collect();
+    let mean_m = asserted.iter().sum::<f64>() / asserted.len() as f64;
+    assert!(asserted.len() > 100, "{} asserted", asserted.len());
+    assert!(mean_m < 0.08, "{mean_m} m off on average");
+}
+
+#[test]
+fn poses_of_another_moment_do_not_make_this_map() {
+    let (scene, pings) = dive("fence", DiveKind::Survey, 50.0);
+    let late: Vec<PosedPing> = pings
+        .iter()
+        .zip(&pings[40..])
+        .map(|(ping, pose)| PosedPing {
+            ping: ping.ping.clone(),
+            ..pose.clone()
+        })
+        .collect();
+    let accuracy_m = |snapshot: &Snapshot| {
+        let off = snapshot
+            .gaussians
+            .iter()
+            .filter(|gaussian| gaussian.standing == Standing::Confident)
+            .map(|gaussian| scene.distance(gaussian.mean_m.as_dvec3() + snapshot.origin_m));
+        let off: Vec<f64> = off.collect();
+        match off.is_empty() {
+            true => f64::INFINITY,
+            false => off.iter().sum::<f64>() / off.len() as f64,
+        }
+    };
+    let right_m = accuracy_m(&map(&pings, config(0)));
+    let wrong_m = accuracy_m(&map(&late, config(0)));
+    assert!(wrong_m > 3.0 * right_m, "{right_m} m against {wrong_m} m");
+}
+
+#[test]
+fn open_water_is_an_empty_map() {
+    let (_, pings) = dive("empty", DiveKind::Survey, 20.0);
+    assert_eq!(map(&pings, config(0)).gaussians, []);
+}
+
+#[test]
+fn turning_on_the_spot_asserts_nothing() {
+    let (_, pings) = dive("fence", DiveKind::Pan, 40.0);
+    let snapshot = map(&pings, config(0));
+    let asserted = snapshot
+        .gaussians
+        .iter()
+        .filter(|gaussian| gaussian.standing == Standing::Confident);
+    assert_eq!(asserted.count(), 0);
+    assert!(!snapshot.gaussians.is_empty());
+}
+
+#[test]
+fn a_ping_without_a_finite_pose_is_counted_and_left_out() {
+    let (_, pings) = dive("fence", DiveKind::Survey, 2.0);
+    let mut mapper = Mapper::new(config(1)).unwrap();
+    let mut odd = pings[0].clone();
+    odd.world_from_sensor.translation_m.x = f64::NAN;
+    assert!(mapper.insert(&odd).rejected);
+    odd = pings[0].clone();
+    odd.twist.angular_radps.z = f64::INFINITY;
+    assert!(mapper.insert(&odd).rejected);
+    assert_eq!(mapper.status().pings_rejected, 2);
+    assert_eq!(mapper.finish().gaussians, []);
+}
