@@ -17,7 +17,7 @@ fn the_python_subscriber_ends_with_the_map_of_the_service() {
         "--scene",
         "fence",
         "--duration",
-        "8",
+        "40",
         "--out",
         &path(""),
     ];
@@ -25,7 +25,7 @@ fn the_python_subscriber_ends_with_the_map_of_the_service() {
 
     let port = free_port();
     let (log, poses) = (path("dive.svlog"), path("dive.tum"));
-    let mut replay = vec!["replay", &log, "--poses", &poses, "--rate", "1", "--json"];
+    let mut replay = vec!["replay", &log, "--poses", &poses, "--rate", "5", "--json"];
     let bus = bus_at(port);
     replay.extend(bus.iter().map(String::as_str));
     let mut service = Program::echosplat(&replay);

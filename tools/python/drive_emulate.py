@@ -12,6 +12,7 @@ import argparse
 import contextlib
 import json
 import math
+import socket
 import sys
 import time
 from urllib.parse import parse_qs, urlsplit
@@ -25,10 +26,25 @@ MAX_LEADING = 20
 MAX_FAULTS_LISTED = 20
 
 
+class Client(Omniscan450):
+    """The vendor's client, but for reading sockets: its own way spins until bytes come, and so
+    never notices silence."""
+
+    def read_io(self):
+        if not isinstance(self.iodev, socket.socket):
+            super().read_io()
+            return
+        with contextlib.suppress(BlockingIOError):
+            data = self.iodev.recv(65536)
+            if not data and self.iodev.type == socket.SOCK_STREAM:
+                raise ConnectionError("the sonar closed the connection")
+            self._input_buffer.extendleft(data)
+
+
 def connect(url):
     """The vendor's client, connected as the URL says."""
     parts = urlsplit(url)
-    sonar = Omniscan450()
+    sonar = Client()
     if parts.scheme == "tcp":
         sonar.connect_tcp(parts.hostname, parts.port)
     elif parts.scheme == "udp":
@@ -129,7 +145,8 @@ def drive(url, count, asked, timeout_s):
         "profiles": received,
         "profiles_leading": leading,
         "profiles_missing": missing + count - received,
-        "frames_bad": sonar.parser.errors,
+        # Status messages among them, which the client does not know.
+        "frames_not_understood": sonar.parser.errors,
         "faults": len(faults),
         "faults_listed": faults[:MAX_FAULTS_LISTED],
         "stopped": stopped,
