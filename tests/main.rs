@@ -5,6 +5,12 @@ mod harness;
 mod python;
 
 mod device;
+mod dive;
+mod link;
 mod map;
 mod python_tools;
+mod recording;
+mod replay;
 mod serial_line;
+mod watch;
+mod wrong_input;

@@ -14,6 +14,12 @@ pub(crate) const VERSION: &str = concat!(
     ")"
 );
 
+const SONAR_HELP: &str = "The sonar: tcp://HOST:PORT, udp://HOST:PORT, \
+     serial:///DEVICE?baudrate=N, sim://SCENE or file://LOG.svlog";
+const POSE_HELP: &str = "The poses: zenoh://, tum://POSES.tum or none";
+const LISTEN_HELP: &str =
+    "tcp://HOST:PORT, udp://HOST:PORT, serial:///PATH/OF/LINK or serial://pty";
+
 /// Maps what an imaging sonar hears into Gaussians while the vehicle moves.
 #[derive(Debug, Parser)]
 #[command(name = "echosplat", version = VERSION, about, propagate_version = true)]
@@ -119,11 +125,9 @@ pub(crate) struct BusArguments {
 pub(crate) struct RunArguments {
     #[command(flatten)]
     pub(crate) service: ServiceArguments,
-    /// The sonar: tcp://host:port, udp://host:port, serial:///dev/…?baudrate=N, sim://scene, file://log
-    #[arg(long, value_name = "URL")]
+    #[arg(long, value_name = "URL", help = SONAR_HELP)]
     pub(crate) sonar: Option<String>,
-    /// The poses: zenoh:// or tum://poses.tum
-    #[arg(long, value_name = "URL")]
+    #[arg(long, value_name = "URL", help = POSE_HELP)]
     pub(crate) pose: Option<PoseUrl>,
     /// Added to the pings' times before poses are looked up
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = finite)]
@@ -140,8 +144,7 @@ pub(crate) struct ReplayArguments {
     /// Poses as a TUM file
     #[arg(long, value_name = "F.tum", conflicts_with = "pose")]
     pub(crate) poses: Option<PathBuf>,
-    /// The poses: zenoh:// or tum://poses.tum
-    #[arg(long, value_name = "URL")]
+    #[arg(long, value_name = "URL", help = POSE_HELP)]
     pub(crate) pose: Option<PoseUrl>,
     /// Added to the pings' times before poses are looked up
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = finite)]
@@ -229,8 +232,7 @@ pub(crate) struct SimulateArguments {
 pub(crate) struct EmulateArguments {
     #[command(flatten)]
     pub(crate) dive: DiveArguments,
-    /// tcp://host:port, udp://host:port or serial:///path/of/link
-    #[arg(long, value_name = "URL", default_value = "tcp://127.0.0.1:51200")]
+    #[arg(long, value_name = "URL", default_value = "tcp://127.0.0.1:51200", help = LISTEN_HELP)]
     pub(crate) listen: String,
     /// Times real time; 0 is as fast as the client takes it
     #[arg(long, value_name = "FACTOR", default_value_t = 1.0, value_parser = not_negative)]

@@ -42,17 +42,20 @@ impl std::error::Error for Usage {}
 
 /// 2 for what the user must change, 1 for everything else.
 pub(crate) fn code_of(error: &anyhow::Error) -> ExitCode {
-    match error.chain().any(|cause| cause.is::<Usage>()) {
+    match error.downcast_ref::<Usage>().is_some() {
         true => ExitCode::from(2),
         false => ExitCode::FAILURE,
     }
 }
 
-/// The whole chain of causes as one line, each said once.
+/// The whole chain of causes as one line, each said once, without the drawings that parsers put
+/// between their words.
 pub(crate) fn one_line(error: &anyhow::Error) -> String {
     let mut line = String::new();
     for cause in error.chain().map(ToString::to_string) {
-        let cause = cause.split_whitespace().collect::<Vec<_>>().join(" ");
+        let said = cause.lines().filter(|line| !is_drawing(line));
+        let words = said.flat_map(str::split_whitespace);
+        let cause = words.collect::<Vec<_>>().join(" ");
         if line.contains(&cause) {
             continue;
         }
@@ -62,6 +65,14 @@ pub(crate) fn one_line(error: &anyhow::Error) -> String {
         line.push_str(&cause);
     }
     line
+}
+
+/// `3 | radius = "big"` and the arrows below it.
+fn is_drawing(line: &str) -> bool {
+    let bare = line
+        .trim_start()
+        .trim_start_matches(|c: char| c.is_ascii_digit());
+    bare.trim_start().starts_with('|')
 }
 
 #[cfg(test)]
@@ -79,6 +90,12 @@ mod tests {
             one_line(&error),
             "replay: cannot read a.svlog: no such thing"
         );
+    }
+
+    #[test]
+    fn drawings_are_left_out() {
+        let error = Usage::error("error at line 3\n  |\n3 | r = \"x\"\n  |     ^\nno number\n");
+        assert_eq!(one_line(&error), "error at line 3 no number");
     }
 
     #[test]

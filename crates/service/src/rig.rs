@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use echosplat_bus::Bus;
 use echosplat_driver::{
-    DriverConfig, DriverStatus, EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions,
-    ServeStatus, Server, serve,
+    DriverConfig, EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus, Server,
+    serve,
 };
 use echosplat_model::{StampedPose, Timestamp};
 use echosplat_session::{ClockSource, SessionConfig};
@@ -16,6 +16,7 @@ use echosplat_simulator::{DeviceCounters, Dive, SimulatedDevice, SimulatedSonar}
 use crate::arguments::PoseClock;
 use crate::config::Config;
 use crate::exit::Usage;
+use crate::pipeline::IsOver;
 use crate::{clock, inputs};
 
 /// Poses go out so long before the ping that needs them.
@@ -23,7 +24,7 @@ const AHEAD_S: f64 = 0.3;
 /// The first pose waits so long for somebody to take it.
 const FIRST_POSE_WAIT: Duration = Duration::from_secs(5);
 /// After the dive, so long without a ping means that no more will come.
-const QUIET: Duration = Duration::from_secs(2);
+const QUIET: Duration = Duration::from_secs(10);
 
 /// A device being served, and what it has seen.
 pub(crate) struct Rig {
@@ -96,7 +97,7 @@ impl Rig {
     }
 
     /// Says when the dive is over and all of it has been received.
-    pub(crate) fn end_of_dive(self) -> Box<dyn FnMut(&DriverStatus) -> bool> {
+    pub(crate) fn end_of_dive(self) -> IsOver {
         let mut quiet_since: Option<(u64, Instant)> = None;
         Box::new(move |driver| {
             let seen = self.seen();
@@ -104,12 +105,13 @@ impl Rig {
             if !seen.is_finished || received >= seen.counters.pings {
                 return seen.is_finished;
             }
-            // Over a link that loses some, silence is the end.
-            let (before, since) = *quiet_since.get_or_insert((received, Instant::now()));
-            if before != received {
+            // Over a link that loses some, a mapper that has nothing to do is the end.
+            let taken = driver.pings_sent;
+            let (before, since) = *quiet_since.get_or_insert((taken, Instant::now()));
+            if before != taken {
                 quiet_since = None;
             }
-            before == received && since.elapsed() > QUIET
+            before == taken && since.elapsed() > QUIET
         })
     }
 

@@ -18,7 +18,7 @@ use serde_json::Value;
 use crate::arguments::Command;
 use crate::config::DEFAULT_TOML;
 use crate::exit::Finish;
-use crate::pipeline::Status;
+use crate::pipeline::OnStatus;
 use crate::{logging, truth};
 
 /// # Errors
@@ -41,7 +41,7 @@ pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
 }
 
 /// A line of live figures on a terminal.
-fn show_figures() -> Box<dyn FnMut(&Status)> {
+fn show_figures() -> OnStatus {
     let figures = logging::figures_line();
     Box::new(move |status| {
         figures.set_message(format!(

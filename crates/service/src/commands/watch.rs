@@ -62,7 +62,10 @@ fn follow(
     let mut newest_status = None;
     loop {
         known = subscriber.wait_beyond(known, TICK);
-        newest_status = status.take_newest().or(newest_status);
+        if let Some(status) = status.take_newest() {
+            tracing::debug!(%status, "status");
+            newest_status = Some(status);
+        }
         figures.set_message(figures_of(subscriber, newest_status.as_ref()));
         figures.tick();
         if arguments.until_final && subscriber.is_final() {

@@ -8,6 +8,16 @@ fn error(text: &str) -> String {
 #[test]
 fn the_default_file_equals_the_defaults_in_code() {
     let parsed = Config::parse(Path::new("default.toml"), DEFAULT_TOML).unwrap();
+    let lines = |config: &Config| -> Vec<String> {
+        let text = toml::to_string(config).unwrap();
+        text.lines().map(str::to_owned).collect()
+    };
+    let (file, code) = (lines(&parsed), lines(&Config::default()));
+    let differing: Vec<_> = code.iter().filter(|line| !file.contains(line)).collect();
+    assert!(
+        differing.is_empty(),
+        "in code, not in the file: {differing:?}"
+    );
     assert_eq!(parsed, Config::default());
 }
 
@@ -71,6 +81,8 @@ fn the_default_file_explains_every_key() {
     let mut found: Vec<String> = keys.into_iter().map(|(key, _)| key).collect();
     expected.sort();
     found.sort();
+    let missing: Vec<_> = expected.iter().filter(|key| !found.contains(key)).collect();
+    assert!(missing.is_empty(), "not in the file: {missing:?}");
     assert_eq!(found, expected);
 }
 

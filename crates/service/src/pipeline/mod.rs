@@ -68,12 +68,16 @@ pub(crate) struct Hooks {
     /// Takes maps at some moments, on the mapper's thread.
     pub(crate) observer: Option<Observer>,
     /// Called once a second on the calling thread.
-    pub(crate) on_status: Option<Box<dyn FnMut(&Status)>>,
+    pub(crate) on_status: Option<OnStatus>,
     /// Asked often: whether the sonar has nothing more to say.
-    pub(crate) is_over: Option<Box<dyn FnMut(&DriverStatus) -> bool>>,
+    pub(crate) is_over: Option<IsOver>,
     /// Called with the final map once it is published, while others can still ask for it.
-    pub(crate) on_final: Option<Box<dyn FnOnce(&Arc<Snapshot>)>>,
+    pub(crate) on_final: Option<OnFinal>,
 }
+
+pub(crate) type OnStatus = Box<dyn FnMut(&Status)>;
+pub(crate) type IsOver = Box<dyn FnMut(&DriverStatus) -> bool>;
+pub(crate) type OnFinal = Box<dyn FnOnce(&Snapshot)>;
 
 /// What a run came to.
 pub(crate) struct Outcome {
@@ -105,8 +109,13 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
     let mut run = Run::start(config, setup)?;
     run.watch(stop)?;
     let outcome = run.conclude()?;
-    if let Some(map) = &config.output.map {
-        maps::write(&outcome.snapshot, map)?;
+    match &config.output.map {
+        // An earlier map at the same place is worth more than nothing.
+        Some(map) if outcome.status.report.pings_mapped == 0 => {
+            tracing::warn!(map = %map.display(), "no ping was mapped, so no map is written");
+        }
+        Some(map) => maps::write(&outcome.snapshot, map)?,
+        None => {}
     }
     Ok(outcome)
 }
@@ -210,6 +219,13 @@ impl Run {
     /// Publishes and shows the status.
     fn tell(&mut self, is_final: bool) -> anyhow::Result<()> {
         let status = self.status(is_final);
+        tracing::debug!(
+            pings_received = status.pings_received,
+            pings_mapped = status.report.pings_mapped,
+            link = ?status.link.state,
+            phase = ?status.phase,
+            "status"
+        );
         if let Some(on_status) = &mut self.hooks.on_status {
             on_status(&status);
         }

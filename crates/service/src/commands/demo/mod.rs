@@ -22,7 +22,7 @@ use crate::arguments::{DemoArguments, PoseClock};
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::pipeline::{
-    self, Gate, Hooks, Observer, Outcome, Patience, Phase, Poses, Setup, Status,
+    self, Gate, Hooks, Observer, OnFinal, OnStatus, Outcome, Patience, Phase, Poses, Setup,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
@@ -90,6 +90,9 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
     conclude(arguments, &outcome, &results, &received)
 }
 
+/// The map at the subscriber's end, once it was asked for.
+type Received = Mutex<Option<anyhow::Result<Arc<Snapshot>>>>;
+
 /// The service, the sonar with its poses, and a subscriber: three sessions that meet on a port of
 /// this demo's own.
 struct Buses {
@@ -137,7 +140,7 @@ fn loopback() -> ListenUrl {
 }
 
 /// A bar over dive time with the newest error.
-fn progress(length_s: f64, newest: Arc<Mutex<Option<Sample>>>) -> Box<dyn FnMut(&Status)> {
+fn progress(length_s: f64, newest: Arc<Mutex<Option<Sample>>>) -> OnStatus {
     let bar: ProgressBar = logging::progress_bar(
         length_s as u64,
         "{bar:40} {pos:>3} of {len} s of dive · {msg}",
@@ -161,10 +164,7 @@ fn progress(length_s: f64, newest: Arc<Mutex<Option<Sample>>>) -> Box<dyn FnMut(
 }
 
 /// Keeps what the subscriber has in the end.
-fn receiving(
-    subscriber: MapSubscriber,
-    received: &Arc<Mutex<Option<anyhow::Result<Arc<Snapshot>>>>>,
-) -> Box<dyn FnOnce(&Arc<Snapshot>)> {
+fn receiving(subscriber: MapSubscriber, received: &Arc<Received>) -> OnFinal {
     let received = Arc::clone(received);
     Box::new(move |_| {
         let map = subscriber.wait_final(SUBSCRIBER_LIMIT);
@@ -177,7 +177,7 @@ fn conclude(
     arguments: &DemoArguments,
     outcome: &Outcome,
     results: &Results,
-    received: &Mutex<Option<anyhow::Result<Arc<Snapshot>>>>,
+    received: &Received,
 ) -> anyhow::Result<Finish> {
     let received = received
         .lock()

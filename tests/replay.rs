@@ -1,0 +1,96 @@
+//! A replay is the same to the last bit, says what it did, and makes the best of a damaged log.
+
+use std::fs;
+use std::time::Duration;
+
+use serde_json::Value;
+
+use crate::dive::{PING_COUNT, file, replay};
+use crate::harness::{Program, bus_at, free_port};
+
+const LONG: Duration = Duration::from_secs(120);
+
+/// Replays to the end; what it printed.
+fn run(arguments: &[String], code: i32) -> Value {
+    let mut program = Program::echosplat(arguments);
+    program.wait_exit_code(code, LONG);
+    program.only_json()
+}
+
+#[test]
+fn one_thread_and_two_published_or_not_give_the_same_bits() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = |name: &str| folder.path().join(name).display().to_string();
+    let of = |name: &str, more: &[&str]| {
+        let map = map(name);
+        let arguments = replay(&[&["--json", "--map", &map], more].concat());
+        run(&arguments, 0)
+    };
+    let first = of("a.ply", &["--threads", "1", "--no-publish"]);
+    of("b.ply", &["--threads", "2", "--no-publish"]);
+    let bus = bus_at(free_port());
+    let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
+    of("c.ply", &[&["--threads", "2"], bus.as_slice()].concat());
+    for kind in ["ply", "ambiguous.ply"] {
+        let bytes = |name| fs::read(map(&format!("{name}.{kind}"))).unwrap();
+        assert_eq!(bytes("a"), bytes("b"), "threads change {kind}");
+        assert_eq!(bytes("a"), bytes("c"), "publishing changes {kind}");
+    }
+    let published = first["gaussians"].as_u64().unwrap() + first["ambiguous"].as_u64().unwrap();
+    assert!(published > 0, "a map of something: {first}");
+}
+
+#[test]
+fn every_ping_is_accounted_for() {
+    let summary = run(&replay(&["--json", "--no-publish"]), 0);
+    assert_eq!(summary["pings_received"], PING_COUNT);
+    assert_eq!(summary["pings_mapped"], PING_COUNT);
+    assert_eq!(summary["pings_without_pose"], 0);
+    assert_eq!(summary["frames_bad"], 0);
+    assert_eq!(summary["bytes_skipped"], 0);
+    for field in ["compute_s", "wall_s", "peak_memory_bytes"] {
+        assert!(summary[field].as_f64().unwrap() > 0.0, "{field}: {summary}");
+    }
+    let part = run(
+        &replay(&["--json", "--no-publish", "--start", "2", "--duration", "3"]),
+        0,
+    );
+    assert_eq!(part["pings_mapped"], 120);
+    assert_eq!(part["pings_before_start"], 80);
+}
+
+#[test]
+fn a_cut_log_is_mapped_as_far_as_it_goes() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let whole = fs::read(file("dive.svlog")).unwrap();
+    let frame_bytes = 62 + 1200;
+    let cut = &whole[..whole.len() - 10 * frame_bytes - frame_bytes / 2];
+    fs::write(path("cut.svlog"), cut).unwrap();
+    let (log, poses, map) = (path("cut.svlog"), file("dive.tum"), path("map.ply"));
+    let arguments = ["replay", &log, "--poses", &poses, "--map", &map];
+    let arguments = [&arguments[..], &["--json", "--no-publish"]].concat();
+    let arguments: Vec<String> = arguments.iter().map(ToString::to_string).collect();
+    let summary = run(&arguments, 3);
+    assert_eq!(summary["pings_received"], PING_COUNT - 11);
+    assert!(summary["bytes_skipped"].as_u64().unwrap() > 0);
+    assert!(fs::metadata(map).unwrap().len() > 0);
+}
+
+#[test]
+fn what_simulate_leaves_is_a_truth_to_evaluate_by() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("map.ply").display().to_string();
+    let dive = file("");
+    run(&replay(&["--json", "--no-publish", "--map", &map]), 0);
+    let evaluate = |truth: &str| {
+        let mut program = Program::echosplat(&["evaluate", &map, "--truth", truth, "--json"]);
+        program.wait_exit_code(0, LONG);
+        program.only_json()
+    };
+    let seen = evaluate(&dive);
+    let whole = evaluate("fence");
+    let samples = |metrics: &Value| metrics["truth_sample_count"].as_u64().unwrap();
+    assert!(samples(&seen) > 0 && samples(&seen) < samples(&whole));
+    assert_eq!(seen["accuracy_m"], whole["accuracy_m"]);
+}
