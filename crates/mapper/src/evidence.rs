@@ -47,6 +47,8 @@ pub(crate) struct Block {
     pub(crate) evidence: Box<[f32; VOXELS]>,
     /// Slots of the Gaussians born here, by voxel.
     pub(crate) gaussians: Vec<(u16, u32)>,
+    /// Voxels whose Gaussian was let go as the tail of a stronger one, a bit each.
+    pub(crate) barred: [u64; VOXELS / 64],
     /// The most evidence of any voxel.
     pub(crate) best: f32,
     touched: bool,
@@ -94,6 +96,16 @@ impl Evidence {
 
     pub(crate) fn block_mut(&mut self, index: BlockIndex) -> &mut Block {
         &mut self.blocks[index as usize]
+    }
+
+    /// Lets every place be a candidate again.
+    pub(crate) fn lift_bars(&mut self) {
+        for block in &mut self.blocks {
+            if block.barred != [0; VOXELS / 64] {
+                block.barred = [0; VOXELS / 64];
+                block.touched = true;
+            }
+        }
     }
 
     /// Centre of a voxel of a block.
@@ -218,6 +230,7 @@ impl Evidence {
             key,
             evidence: Box::new([0.0; VOXELS]),
             gaussians: Vec::new(),
+            barred: [0; VOXELS / 64],
             best: 0.0,
             touched: true,
             settled: false,
@@ -254,6 +267,16 @@ fn arc_points(look: &Look, range_m: f32, step_m: f32, mut each: impl FnMut(Vec3)
 }
 
 impl Block {
+    pub(crate) fn is_barred(&self, voxel: usize) -> bool {
+        self.barred[voxel / 64] >> (voxel % 64) & 1 == 1
+    }
+
+    /// Takes the Gaussian of a voxel away and lets none be born there until bars are lifted.
+    pub(crate) fn bar(&mut self, voxel: u16) {
+        self.gaussians.retain(|&(other, _)| other != voxel);
+        self.barred[usize::from(voxel) / 64] |= 1 << (voxel % 64);
+    }
+
     fn center_m(&self, voxel_m: f32) -> Vec3 {
         (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
     }

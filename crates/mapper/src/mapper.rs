@@ -27,15 +27,18 @@ const DROP_PART: f32 = 0.1;
 /// does not make darkness infinitely telling.
 const LEAST_NOISE: f32 = 1e-4;
 /// Newest and older pings of one optimisation step.
-const NEWEST_PINGS: usize = 64;
-const OLDER_PINGS: usize = 64;
+const NEWEST_PINGS: usize = 128;
+const OLDER_PINGS: usize = 384;
+/// A running map lets go of tails after so many steps, and of that judgement when it has seen
+/// twice as many pings.
+const STEPS_BETWEEN_DROPS: usize = 8;
 /// Most pings a running assessment looks at.
 const ASSESSED_PINGS: usize = 768;
 /// A new Gaussian starts below what a typical echo needs and is raised by what it explains.
 const NEWBORN_STRENGTH: f32 = 0.2;
 /// Steps of the multiplicative rule for gamma speckle, whole and on part of the pings.
 const FULL_STEP: f32 = 0.5;
-const PART_STEP: f32 = 0.25;
+const PART_STEP: f32 = 0.35;
 /// Looks a finish makes at each ping, all its steps together.
 const FINISH_LOOKS_PER_PING: f64 = 7.5;
 /// A step of a finished dive looks at every so many-th ping.
@@ -114,6 +117,7 @@ pub struct Mapper {
     last_look: Option<Look>,
     /// Which of the older pings the next step takes.
     cursor: usize,
+    bars_lifted_at: usize,
     sequence: u64,
     unit_strength: f32,
     /// As of the last work done.
@@ -148,6 +152,7 @@ impl Mapper {
             pending: 0,
             last_look: None,
             cursor: 0,
+            bars_lifted_at: 0,
             sequence: 0,
             unit_strength: 0.0,
             pairs_per_ping: 0.0,
@@ -223,6 +228,10 @@ impl Mapper {
         let pings = self.history.pings();
         let start = pings.len() - self.pending.min(pings.len());
         self.pending = 0;
+        if pings.len() > 2 * self.bars_lifted_at + 256 {
+            self.bars_lifted_at = pings.len();
+            world.evidence.lift_bars();
+        }
         let evidence = &mut world.evidence;
         self.status.voxel_looks += self.pool.install(|| evidence.integrate(pings, start));
         let strength = NEWBORN_STRENGTH * self.unit_strength;
@@ -258,6 +267,7 @@ impl Mapper {
     }
 
     fn step(&mut self) -> u64 {
+        let floor = self.floor();
         let Some(world) = &self.world else { return 0 };
         let pings = self.history.pings();
         let newest = pings.len().saturating_sub(NEWEST_PINGS);
@@ -266,10 +276,14 @@ impl Mapper {
         let offset = self.cursor.wrapping_mul(7) % stride;
         let older = pings[..newest].iter().skip(offset).step_by(stride);
         let subset: Vec<&Past> = older.chain(&pings[newest..]).collect();
-        let floor = self.floor();
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
-        self.pool
-            .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP))
+        let pairs = self
+            .pool
+            .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP));
+        if self.cursor % STEPS_BETWEEN_DROPS == 0 {
+            self.drop_tails(TAIL_PART);
+        }
+        pairs
     }
 
     /// The map as it stands.
@@ -285,6 +299,7 @@ impl Mapper {
         if self.pending > 0 {
             self.take_in_slice();
         }
+        self.lift_bars();
         // Steps without end sharpen noise, so that a finished map starts even and stops early.
         let newborn = Lobes::even(NEWBORN_STRENGTH * self.unit_strength);
         self.gaussians.strength.fill(newborn);
@@ -306,6 +321,15 @@ impl Mapper {
         self.interleaved_steps(steps / 3, INTERLEAVE);
         self.assess_every(2 * self.thinning());
         self.publish()
+    }
+
+    /// Makes every place with enough evidence a candidate again.
+    fn lift_bars(&mut self) {
+        let Some(world) = &mut self.world else { return };
+        world.evidence.lift_bars();
+        let strength = NEWBORN_STRENGTH * self.unit_strength;
+        let spawn = self.config.spawn_evidence;
+        follow_evidence(&mut world.evidence, &mut self.gaussians, spawn, strength);
     }
 
     /// How many times fewer looks a finish must make do with to stay within its work.
@@ -371,9 +395,8 @@ impl Mapper {
     fn drop_tails(&mut self, part: f32) {
         let Some(world) = &mut self.world else { return };
         for slot in tails(&self.gaussians, world.evidence.voxel_m(), part) {
-            let (block, _) = self.gaussians.home[slot];
-            let held = &mut world.evidence.block_mut(block).gaussians;
-            held.retain(|&(_, other)| other as usize != slot);
+            let (block, voxel) = self.gaussians.home[slot];
+            world.evidence.block_mut(block).bar(voxel);
             self.gaussians.remove(slot as u32);
         }
     }
@@ -499,7 +522,7 @@ fn births(evidence: &Evidence, index: u32, spawn_evidence: f32) -> Vec<(u16, Vec
     let full = sums.filter(|&(_, &sum)| sum >= spawn_evidence);
     let free = full.filter(|&(voxel, _)| {
         let held = |&(other, _): &(u16, u32)| usize::from(other) == voxel;
-        !block.gaussians.iter().any(held)
+        !block.gaussians.iter().any(held) && !block.is_barred(voxel)
     });
     free.map(|(voxel, _)| (voxel as u16, evidence.center_m(block.key, voxel)))
         .collect()

@@ -97,6 +97,19 @@ impl Drivers {
     }
 }
 
+/// A frame that was cut by our own stop is no damage of the link.
+fn without_own_cut(before: &DriverStatus, mut after: DriverStatus) -> DriverStatus {
+    let new_bad = after
+        .session
+        .frames_bad
+        .saturating_sub(before.session.frames_bad);
+    if after.link == LinkState::Stopped && new_bad <= 1 {
+        after.session.frames_bad = before.session.frames_bad;
+        after.session.bytes_skipped = before.session.bytes_skipped;
+    }
+    after
+}
+
 /// Counters of both, the rest of the later one.
 fn add(sum: &DriverStatus, mut next: DriverStatus) -> DriverStatus {
     add_session(&mut next.session, &sum.session);
@@ -185,6 +198,22 @@ fn fields(counters: &mut SessionCounters) -> [&mut u64; 27] {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_the_frame_that_the_stop_cut_is_forgiven() {
+        let before = DriverStatus::default();
+        let mut after = DriverStatus {
+            link: LinkState::Stopped,
+            ..DriverStatus::default()
+        };
+        after.session.frames_bad = 1;
+        after.session.bytes_skipped = 700;
+        let forgiven = without_own_cut(&before, after.clone());
+        assert_eq!(forgiven.session.bytes_skipped, 0);
+        after.link = LinkState::Ended;
+        let cut_log = without_own_cut(&before, after);
+        assert_eq!(cut_log.session.bytes_skipped, 700);
+    }
 
     #[test]
     fn logs_add_up() {

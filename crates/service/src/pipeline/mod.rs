@@ -41,6 +41,8 @@ use worker::{THREAD_NAME, Worker};
 /// How often flags are looked at.
 const TICK: Duration = Duration::from_millis(20);
 const STATUS_EVERY: Duration = Duration::from_secs(1);
+/// The mapper's thread is asked for its part so long before.
+const REPORT_TIME: Duration = Duration::from_millis(100);
 const SYNC_EVERY: Duration = Duration::from_millis(500);
 /// How long publishing the final map may take.
 const FLUSH_LIMIT: Duration = Duration::from_secs(30);
@@ -190,6 +192,9 @@ impl Run {
             match self.shared.phase() {
                 Phase::Running => self.drivers.go_on_to_next()?,
                 Phase::InputEnded | Phase::Finishing => self.drivers.stop(),
+            }
+            if told.elapsed() + REPORT_TIME >= STATUS_EVERY {
+                self.shared.ask_for_report();
             }
             if told.elapsed() >= STATUS_EVERY {
                 told = Instant::now();

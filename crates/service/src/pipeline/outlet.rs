@@ -5,14 +5,15 @@ use std::sync::Arc;
 use echosplat_bus::{Bus, MapPublisher};
 use echosplat_model::Snapshot;
 
-use super::worker::THREAD_NAME;
-use crate::{clock, processor};
+use crate::clock;
 
 /// When in the dive a map was made, and what had been spent on it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub(crate) struct Moment {
     /// Since the first ping, on the pings' clock.
     pub(crate) dive_s: f64,
+    /// Processor seconds of mapping so far.
+    pub(crate) compute_s: f64,
     /// Gaussian–bin pairs so far.
     pub(crate) pairs: u64,
     /// Pings so far.
@@ -24,8 +25,6 @@ pub(crate) struct Moment {
 pub(crate) struct Observed {
     pub(crate) snapshot: Arc<Snapshot>,
     pub(crate) moment: Moment,
-    /// Processor seconds of the mapper's threads so far.
-    pub(crate) compute_s: f64,
 }
 
 /// Takes maps at some moments of the dive; on the mapper's thread, so it must be quick.
@@ -90,7 +89,6 @@ impl Outlet {
             (observer.take)(Observed {
                 snapshot: Arc::clone(&snapshot),
                 moment,
-                compute_s: processor::thread_seconds(THREAD_NAME).unwrap_or(0.0),
             });
         }
         snapshot

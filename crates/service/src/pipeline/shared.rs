@@ -109,9 +109,13 @@ impl Shared {
         self.phase.fetch_max(phase as u8, Ordering::AcqRel);
     }
 
-    /// Asks the mapper's thread for a report, and gives the newest there is.
-    pub(crate) fn report(&self) -> MapperReport {
+    /// Asks the mapper's thread for a report.
+    pub(crate) fn ask_for_report(&self) {
         self.report_wanted.store(true, Ordering::Relaxed);
+    }
+
+    /// The newest report there is.
+    pub(crate) fn report(&self) -> MapperReport {
         lock(&self.report).clone()
     }
 
@@ -195,7 +199,7 @@ mod tests {
     fn a_report_is_made_when_asked_for() {
         let shared = Shared::new();
         assert!(!shared.report_is_wanted());
-        shared.report();
+        shared.ask_for_report();
         assert!(shared.report_is_wanted());
         assert!(!shared.report_is_wanted());
     }

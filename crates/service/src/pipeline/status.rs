@@ -120,6 +120,7 @@ impl Status {
             "dive_s": self.report.dive_s,
             "peak_memory_bytes": self.peak_memory_bytes,
             "pairs": self.report.mapper.pairs,
+            "snapshots": self.report.snapshots,
             "lossy": self.loss(),
             "poses": self.report.poses,
             "pings_before_start": self.report.pings_before_start,

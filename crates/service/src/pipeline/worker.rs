@@ -53,6 +53,8 @@ pub(crate) struct State {
     latency: Latency,
     /// Work allowed and not yet done; below zero what the last step took too much.
     credit_pairs: i64,
+    /// Processor seconds of maps made only to be judged.
+    observing_s: f64,
     first_ping: Option<Timestamp>,
     next_snapshot_s: f64,
     next_snapshot_at: Instant,
@@ -65,6 +67,7 @@ impl State {
             report: MapperReport::default(),
             latency: Latency::default(),
             credit_pairs: 0,
+            observing_s: 0.0,
             first_ping: None,
             next_snapshot_s: 0.0,
             next_snapshot_at: begin,
@@ -169,7 +172,11 @@ impl Worker {
             return;
         }
         let begin = Instant::now();
+        let spent_s = thread_seconds();
         let snapshot = self.mapper.snapshot();
+        if !is_due {
+            self.state.observing_s += thread_seconds() - spent_s;
+        }
         self.hand_on(snapshot, dive_s);
         let pause = Duration::from_secs_f64(self.snapshot_interval_s);
         self.state.next_snapshot_s = dive_s + self.snapshot_interval_s;
@@ -180,6 +187,7 @@ impl Worker {
         let status = self.mapper.status();
         let moment = Moment {
             dive_s,
+            compute_s: self.compute_s(),
             pairs: status.pairs,
             pings: status.pings,
         };
@@ -190,10 +198,15 @@ impl Worker {
         snapshot
     }
 
+    /// Processor seconds of mapping; maps made only to be judged do not count.
+    fn compute_s(&self) -> f64 {
+        thread_seconds() - self.state.observing_s
+    }
+
     fn hand_over_report(&mut self) {
         self.state.report.mapper = self.mapper.status();
         self.state.report.latency_s = self.state.latency.report();
-        self.state.report.compute_s = processor::thread_seconds(THREAD_NAME).unwrap_or(0.0);
+        self.state.report.compute_s = self.compute_s();
         self.state.report.poses = self.poses.report();
         self.shared.hand_over(self.state.report.clone());
     }
@@ -219,4 +232,9 @@ impl Worker {
         self.hand_over_report();
         last
     }
+}
+
+/// Of the mapper's threads; 0 where the kernel does not say.
+fn thread_seconds() -> f64 {
+    processor::thread_seconds(THREAD_NAME).unwrap_or(0.0)
 }

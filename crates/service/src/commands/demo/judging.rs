@@ -108,7 +108,7 @@ fn judge_all(
         .map(|observed| {
             let sample = Sample {
                 dive_s: observed.moment.dive_s,
-                compute_s: observed.compute_s,
+                compute_s: observed.moment.compute_s,
                 pair_count: observed.moment.pairs,
                 ping_count: observed.moment.pings,
                 metrics: evaluate_raw(&MapPoints::from(&*observed.snapshot), &truth),

@@ -31,7 +31,7 @@ use judging::Judge;
 use report::Results;
 
 /// Time between two maps that are judged, on the dive's clock.
-const JUDGED_EVERY_S: f64 = 5.0;
+const JUDGED_EVERY_S: f64 = 10.0;
 /// How long the subscriber may take to have the final map.
 const SUBSCRIBER_LIMIT: Duration = Duration::from_secs(20);
 
