@@ -3,7 +3,9 @@
 use std::collections::VecDeque;
 
 use crossbeam_channel::Sender;
-use echosplat_driver::{DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus};
+use echosplat_driver::{
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState,
+};
 use echosplat_session::{ProfilesRejected, SessionCounters};
 
 use crate::exit::Usage;
@@ -85,8 +87,10 @@ impl Drivers {
     }
 
     fn stop_running(&mut self) {
-        self.done
-            .extend(self.running.take().map(DriverHandle::stop));
+        if let Some(running) = self.running.take() {
+            let before = running.status();
+            self.done.push(without_own_cut(&before, running.stop()));
+        }
     }
 
     /// Of the input at hand, with the counters of those before added.
