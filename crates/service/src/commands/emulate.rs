@@ -2,13 +2,13 @@
 
 use std::time::Duration;
 
-use echosplat_driver::ListenUrl;
-use serde_json::json;
+use echosplat_driver::{ListenUrl, ServeStatus};
+use serde_json::{Value, json};
 
 use crate::arguments::{EmulateArguments, PoseClock};
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
-use crate::rig::{PosesTo, Rig};
+use crate::rig::{PosesTo, Rig, Seen};
 use crate::signals::Stop;
 use crate::{dives, inputs, logging};
 
@@ -35,25 +35,27 @@ pub(crate) fn run(arguments: &EmulateArguments) -> anyhow::Result<Finish> {
         std::thread::sleep(TICK);
     }
     let (served, seen) = rig.stop();
-    let (seen, is_finished) = (seen.counters, seen.is_finished);
     inputs::close_bus(bus);
-    logging::print(
-        &json!({
-            "pings": seen.pings,
-            "requests": seen.requests,
-            "enables": seen.enables,
-            "disables": seen.disables,
-            "nacks": seen.nacks,
-            "bytes_skipped": seen.bytes_skipped,
-            "clients_seen": served.clients_seen,
-            "frames_sent": served.frames_sent,
-            "frames_dropped": served.frames_dropped,
-            "is_pinging": served.is_pinging,
-            "is_finished": is_finished,
-        })
-        .to_string(),
-    );
+    logging::print(&account(&served, &seen).to_string());
     Ok(Finish::Done)
+}
+
+/// What the device saw and did.
+fn account(served: &ServeStatus, seen: &Seen) -> Value {
+    let counters = &seen.counters;
+    json!({
+        "pings": counters.pings,
+        "requests": counters.requests,
+        "enables": counters.enables,
+        "disables": counters.disables,
+        "nacks": counters.nacks,
+        "bytes_skipped": counters.bytes_skipped,
+        "clients_seen": served.clients_seen,
+        "frames_sent": served.frames_sent,
+        "frames_dropped": served.frames_dropped,
+        "is_pinging": served.is_pinging,
+        "is_finished": seen.is_finished,
+    })
 }
 
 /// At real time poses are stamped as a vehicle's would be, else on the dive's own clock.

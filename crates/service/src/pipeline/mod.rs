@@ -221,7 +221,7 @@ impl Run {
             .is_some_and(|is_over| is_over(&status))
     }
 
-    /// Publishes and shows the status.
+    /// Shows, records and publishes the status.
     fn tell(&mut self, is_final: bool) -> anyhow::Result<()> {
         let status = self.status(is_final);
         tracing::debug!(
@@ -234,8 +234,15 @@ impl Run {
         if let Some(on_status) = &mut self.hooks.on_status {
             on_status(&status);
         }
-        if let Some(bus) = &self.bus {
-            bus.publish_status(&serde_json::to_value(&status)?)?;
+        let status = serde_json::to_value(&status)?;
+        if let Some(recorder) = &self.recorder {
+            recorder.event(&status);
+        }
+        // A bus that fails is no reason to stop mapping.
+        if let Some(bus) = &self.bus
+            && let Err(error) = bus.publish_status(&status)
+        {
+            tracing::debug!(%error, "status not published");
         }
         Ok(())
     }
@@ -274,7 +281,6 @@ impl Run {
         self.tell(true)?;
         let status = self.status(true);
         if let Some(recorder) = &self.recorder {
-            recorder.event(&serde_json::to_value(&status)?);
             recorder.finish();
         }
         if let Some(on_final) = self.hooks.on_final.take() {

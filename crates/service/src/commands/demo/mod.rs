@@ -16,6 +16,7 @@ use echosplat_evaluation::curve::Sample;
 use echosplat_evaluation::table;
 use echosplat_model::{Gaussian, Snapshot};
 use echosplat_pose::PoseUrl;
+use echosplat_simulator::SimulatedSonar;
 use indicatif::ProgressBar;
 
 use crate::arguments::{DemoArguments, PoseClock};
@@ -38,37 +39,56 @@ const SUBSCRIBER_LIMIT: Duration = Duration::from_secs(20);
 /// # Errors
 /// If something cannot be started or written, or the subscriber's map is not the service's.
 pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
-    let map = arguments.out.join("map.ply");
-    maps::prepare(&map)?;
+    let config = configuration(arguments)?;
     let stop = Stop::on_signals()?;
     let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
     let judge = Judge::start(sonar.scene(), sonar.dive())?;
-    let length_s = sonar.dive().duration_s();
+    let buses = Buses::open(&config.bus)?;
+    let received = Arc::new(Mutex::new(None));
+    let setup = set_up(&config, sonar, &buses, &judge, &received)?;
+    let outcome = pipeline::run(&config, setup, &stop);
+    buses.close();
+    let outcome = outcome?;
+    let results = judge.finish(&outcome, arguments)?;
+    conclude(arguments, &outcome, &results, &received)
+}
 
+fn configuration(arguments: &DemoArguments) -> anyhow::Result<Config> {
+    let map = arguments.out.join("map.ply");
+    maps::prepare(&map)?;
     let mut config = Config::default();
     config.mapper.threads = arguments.threads.unwrap_or(config.mapper.threads);
-    config.output.map = Some(map.clone());
+    config.output.map = Some(map);
     config.pose.url = PoseUrl::Zenoh;
-    let buses = Buses::open(&config.bus)?;
-    let source = inputs::poses(&config.pose.url, Some(&buses.service))?;
+    Ok(config)
+}
+
+/// Takers of poses and map first, then the sonar that makes them come.
+fn set_up(
+    config: &Config,
+    sonar: SimulatedSonar,
+    buses: &Buses,
+    judge: &Judge,
+    received: &Arc<Received>,
+) -> anyhow::Result<Setup> {
+    let poses = inputs::poses(&config.pose.url, Some(&buses.service))?;
     let subscriber = buses.subscriber.subscribe_map()?;
+    let length_s = sonar.dive().duration_s();
+    let scene = sonar.scene().name().to_owned();
     let poses_to = PosesTo {
         bus: Arc::clone(&buses.sonar),
         clock: PoseClock::Device,
     };
     let rig = Rig::start(sonar, &loopback(), 0.0, Some(poses_to))?;
     logging::print(&format!(
-        "A simulated OmniScan 450 at {}, its dive of {length_s:.0} s along the {}; the map is \
+        "A simulated OmniScan 450 at {}, {length_s:.0} s of a dive at the {scene}; the map is \
          published on {}.",
         rig.url(),
-        arguments.dive.scene,
         buses.service.keys().deltas()
     ));
-
-    let received = Arc::new(Mutex::new(None));
-    let setup = Setup {
-        drivers: vec![rig.driver(&config)?],
-        poses: Poses::new(&config.pose, source, Patience::HoldBack, None)?,
+    Ok(Setup {
+        drivers: vec![rig.driver(config)?],
+        poses: Poses::new(&config.pose, poses, Patience::HoldBack, None)?,
         gate: Gate::default(),
         bus: Some(Arc::clone(&buses.service)),
         recorder: None,
@@ -80,14 +100,9 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
             }),
             on_status: Some(progress(length_s, judge.newest())),
             is_over: Some(rig.end_of_dive()),
-            on_final: Some(receiving(subscriber, &received)),
+            on_final: Some(receiving(subscriber, received)),
         },
-    };
-    let outcome = pipeline::run(&config, setup, &stop);
-    buses.close();
-    let outcome = outcome?;
-    let results = judge.finish(&outcome, arguments)?;
-    conclude(arguments, &outcome, &results, &received)
+    })
 }
 
 /// The map at the subscriber's end, once it was asked for.
