@@ -28,6 +28,9 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// When no more pings come, poses still under way are waited for this long.
 const LAST_POSES: Duration = Duration::from_secs(1);
 
+/// The step that passes its budget is the last, so this is one step of any size.
+const ONE_STEP: Budget = Budget { pairs: 1 };
+
 /// Making maps to look at takes at most one part in so many of the thread's time.
 const SNAPSHOT_PAUSE: u32 = 5;
 
@@ -147,14 +150,14 @@ impl Worker {
         self.publish_if_due(posed.ping.transmit_time());
     }
 
-    /// Spends what the pings so far allow; what a step takes beyond it is owed.
+    /// One step if the pings so far allow it; what it takes beyond that is owed. Spread over the
+    /// dive, steps see new evidence: several at once on a small map would only cost time.
     fn optimize(&mut self) {
         let credit = self.state.credit_pairs;
         if credit <= 0 {
             return;
         }
-        let pairs = credit.unsigned_abs();
-        let done = self.mapper.optimize(Budget { pairs });
+        let done = self.mapper.optimize(ONE_STEP);
         let left = credit.saturating_sub_unsigned(done.pairs);
         // Work that could not be done now is not saved up: it would come as one long pause.
         self.state.credit_pairs = left.min(0);
