@@ -29,6 +29,8 @@ const LEAST_NOISE: f32 = 1e-4;
 /// Newest and older pings of one optimisation step.
 const NEWEST_PINGS: usize = 128;
 const OLDER_PINGS: usize = 384;
+/// What a ping costs even if it sees no Gaussian, in pairs.
+const LEAST_PAIRS_PER_LOOK: u64 = 1000;
 /// A running map lets go of tails after so many steps, and of that judgement when it has seen
 /// twice as many pings.
 const STEPS_BETWEEN_DROPS: usize = 8;
@@ -71,7 +73,8 @@ pub struct InsertReport {
 pub struct OptimizeReport {
     /// Multiplicative steps made.
     pub iterations: u64,
-    /// Gaussian–bin pairs done.
+    /// What was taken of the budget: pairs done, and at least a thousand for each ping looked at,
+    /// since finding that there is nothing to see costs as much.
     pub pairs: u64,
 }
 
@@ -254,14 +257,9 @@ impl Mapper {
     pub fn optimize(&mut self, budget: Budget) -> OptimizeReport {
         let mut report = OptimizeReport::default();
         while report.pairs < budget.pairs && self.gaussians.alive_count() > 0 {
-            let pairs = self.step();
-            if pairs == 0 {
-                break;
-            }
-            report.pairs += pairs;
+            report.pairs += self.step();
             report.iterations += 1;
         }
-        self.status.pairs += report.pairs;
         self.status.iterations += report.iterations;
         report
     }
@@ -280,10 +278,12 @@ impl Mapper {
         let pairs = self
             .pool
             .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP));
+        let looks = subset.len() as u64;
+        self.status.pairs += pairs;
         if self.cursor % STEPS_BETWEEN_DROPS == 0 {
             self.drop_tails(TAIL_PART);
         }
-        pairs
+        pairs.max(looks * LEAST_PAIRS_PER_LOOK)
     }
 
     /// The map as it stands.
