@@ -1,28 +1,25 @@
 //! The face of the mapper.
 
+mod births;
+mod finish;
+mod published;
+
 use echosplat_acoustics::{Look, SymmetricMat3};
-use echosplat_model::glam::{DVec3, Vec3};
-use echosplat_model::{Gaussian, PosedPing, Snapshot, Standing, Timestamp};
+use echosplat_model::glam::DVec3;
+use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 
 use crate::assess::{assess, tails};
 use crate::evidence::Evidence;
-use crate::expectation::{Scene, localise, maximise, over_pings, pulls};
-use crate::gaussians::{Gaussians, Lobes, Verdict};
+use crate::expectation::{Scene, maximise};
+use crate::gaussians::Gaussians;
 use crate::history::{History, Past, look_of, novelty, past_of};
 use crate::profile::Levels;
-use crate::shape::align;
 use crate::{ConfigError, MapperConfig};
 
 /// Half the beam's width at the far end is resolved; voxels stay within these bounds.
 const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
-/// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
-const DROP_EVIDENCE: f32 = 0.0;
-/// Places with less than this part of the best evidence beside them are its surroundings: less
-/// gives birth to nothing, and less still lets go.
-const SPAWN_PART: f32 = 0.15;
-const DROP_PART: f32 = 0.1;
 /// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
 /// does not make darkness infinitely telling.
 const LEAST_NOISE: f32 = 1e-4;
@@ -36,15 +33,11 @@ const LEAST_PAIRS_PER_LOOK: u64 = 1000;
 const STEPS_BETWEEN_DROPS: usize = 8;
 /// Most pings a running assessment looks at.
 const ASSESSED_PINGS: usize = 768;
-/// A new Gaussian starts below what a typical echo needs and is raised by what it explains.
-const NEWBORN_STRENGTH: f32 = 0.2;
-/// Steps of the multiplicative rule for gamma speckle, whole and on part of the pings.
-const FULL_STEP: f32 = 0.5;
+/// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
+/// disturb what explains the echo already, and is raised by what it explains.
+const NEWBORN_STRENGTH: f32 = 0.02;
+/// Exponent of the multiplicative rule on part of the pings; ½ would be that of gamma speckle.
 const PART_STEP: f32 = 0.35;
-/// Looks a finish makes at each ping, all its steps together.
-const FINISH_LOOKS_PER_PING: f64 = 7.5;
-/// A step of a finished dive looks at every so many-th ping.
-const INTERLEAVE: usize = 8;
 /// Candidates below this part of their strongest neighbour are not worth further work.
 const TAIL_PART: f32 = 0.05;
 
@@ -238,7 +231,7 @@ impl Mapper {
         let evidence = &mut world.evidence;
         self.status.voxel_looks += self.pool.install(|| evidence.integrate(pings, start));
         let strength = NEWBORN_STRENGTH * self.unit_strength;
-        let (added, pruned) = follow_evidence(
+        let (added, pruned) = births::follow_evidence(
             evidence,
             &mut self.gaussians,
             self.config.spawn_evidence,
@@ -280,7 +273,7 @@ impl Mapper {
             .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP));
         let looks = subset.len() as u64;
         self.status.pairs += pairs;
-        if self.cursor % STEPS_BETWEEN_DROPS == 0 {
+        if self.cursor.is_multiple_of(STEPS_BETWEEN_DROPS) {
             self.drop_tails(TAIL_PART);
         }
         pairs.max(looks * LEAST_PAIRS_PER_LOOK)
@@ -291,64 +284,6 @@ impl Mapper {
         let pings = self.history.pings().len();
         self.assess_every(pings.div_ceil(ASSESSED_PINGS).max(1));
         self.publish()
-    }
-
-    /// Ends a dive: what is pending is taken in, and strengths, positions and shapes are worked out
-    /// anew from the whole history, within about `finish_pairs`.
-    pub fn finish(&mut self) -> Snapshot {
-        if self.pending > 0 {
-            self.take_in_slice();
-        }
-        self.lift_bars();
-        // Steps without end sharpen noise, so that a finished map starts even and stops early.
-        let newborn = Lobes::even(NEWBORN_STRENGTH * self.unit_strength);
-        self.gaussians.strength.fill(newborn);
-        let steps = self.config.finish_passes;
-        // Few looks sort out most candidates; the rest is worth all of them.
-        self.pairs_per_ping = self.count_pairs_per_ping();
-        self.interleaved_steps(steps, 4 * INTERLEAVE);
-        self.drop_tails(TAIL_PART);
-        self.interleaved_steps(steps, INTERLEAVE);
-        self.drop_tails(TAIL_PART);
-        for _ in 0..2 {
-            self.localise_every(2);
-            self.interleaved_steps(steps / 3, INTERLEAVE);
-        }
-        self.assess_every(2 * self.thinning());
-        if let Some(world) = &self.world {
-            align(&mut self.gaussians, world.evidence.voxel_m());
-        }
-        self.interleaved_steps(steps / 3, INTERLEAVE);
-        self.assess_every(2 * self.thinning());
-        self.publish()
-    }
-
-    /// Makes every place with enough evidence a candidate again.
-    fn lift_bars(&mut self) {
-        let Some(world) = &mut self.world else { return };
-        world.evidence.lift_bars();
-        let strength = NEWBORN_STRENGTH * self.unit_strength;
-        let spawn = self.config.spawn_evidence;
-        follow_evidence(&mut world.evidence, &mut self.gaussians, spawn, strength);
-    }
-
-    /// How many times fewer looks a finish must make do with to stay within its work.
-    fn thinning(&self) -> usize {
-        let looks = FINISH_LOOKS_PER_PING * self.history.pings().len() as f64;
-        let ratio = looks * self.pairs_per_ping / self.config.finish_pairs as f64;
-        // At least some dozens of looks a step, however crowded the map.
-        let most = (self.history.pings().len() / (64 * INTERLEAVE)).max(1);
-        (ratio.ceil() as usize).clamp(1, most)
-    }
-
-    fn count_pairs_per_ping(&self) -> f64 {
-        let Some(world) = &self.world else { return 0.0 };
-        let pings = self.history.pings();
-        let sample: Vec<&Past> = pings.iter().step_by(pings.len() / 64 + 1).collect();
-        let scene = self.scene(world);
-        let count = || over_pings(scene, &sample, || (), |(), _, _| (), |(), ()| ());
-        let ((), pairs) = self.pool.install(count);
-        pairs as f64 / sample.len().max(1) as f64
     }
 
     fn scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
@@ -364,33 +299,6 @@ impl Mapper {
         LEAST_NOISE * self.levels.strongest()
     }
 
-    fn worked(&mut self, pairs: u64, looks: usize) {
-        self.status.pairs += pairs;
-        if looks > 0 {
-            self.pairs_per_ping = pairs as f64 / looks as f64;
-        }
-    }
-
-    /// Multiplicative steps, each over every `interleave`-th ping, the next over the ones beside.
-    fn interleaved_steps(&mut self, steps: usize, interleave: usize) {
-        let interleave = interleave * self.thinning();
-        for step in 0..steps {
-            // A stride through the offsets keeps neighbouring steps on different sweeps.
-            let offset = step * 5 % interleave;
-            let pings = self.history.pings();
-            let subset: Vec<&Past> = pings.iter().skip(offset).step_by(interleave).collect();
-            let looks = subset.len();
-            let floor = self.floor();
-            let Some(world) = &self.world else { return };
-            let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
-            let pairs = self
-                .pool
-                .install(|| maximise(evidence, gaussians, &subset, floor, FULL_STEP));
-            self.worked(pairs, looks);
-            self.status.iterations += 1;
-        }
-    }
-
     /// Lets go of candidates below `part` of their strongest neighbour.
     fn drop_tails(&mut self, part: f32) {
         let Some(world) = &mut self.world else { return };
@@ -399,18 +307,6 @@ impl Mapper {
             world.evidence.block_mut(block).bar(voxel);
             self.gaussians.remove(slot as u32);
         }
-    }
-
-    fn localise_every(&mut self, stride: usize) {
-        let Some(world) = &self.world else { return };
-        let pings = self.history.pings().iter();
-        let pings: Vec<&Past> = pings.step_by(stride * self.thinning()).collect();
-        let looks = pings.len();
-        let voxel_m = world.evidence.voxel_m();
-        let scene = self.scene(world);
-        let (pulls, pairs) = self.pool.install(|| pulls(scene, &pings));
-        localise(&mut self.gaussians, &pulls, 0.5 * voxel_m, voxel_m);
-        self.worked(pairs, looks);
     }
 
     fn assess_every(&mut self, stride: usize) {
@@ -427,7 +323,7 @@ impl Mapper {
     fn publish(&mut self) -> Snapshot {
         self.sequence += 1;
         let newest = self.history.pings().last();
-        let gaussians = published(&self.gaussians, self.unit_strength);
+        let gaussians = published::published(&self.gaussians, self.unit_strength);
         let confident = gaussians
             .iter()
             .filter(|g| g.standing == Standing::Confident)
@@ -481,80 +377,4 @@ fn voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {
     let width = f64::from(config.beam.azimuth_width_deg.to_radians());
     let resolved_m = 0.35 * width * first.ping.settings().range_end_m();
     resolved_m.clamp(VOXEL_LIMITS_M.0, VOXEL_LIMITS_M.1) as f32
-}
-
-/// Births and deaths where evidence changed.
-fn follow_evidence(
-    evidence: &mut Evidence,
-    gaussians: &mut Gaussians,
-    spawn_evidence: f32,
-    strength: f32,
-) -> (u64, u64) {
-    let (mut added, mut pruned) = (0, 0);
-    for index in evidence.take_touched() {
-        let scale_m = 0.5 * evidence.voxel_m();
-        let block = evidence.block_mut(index);
-        let before = block.gaussians.len();
-        let sums = &block.evidence;
-        let least = DROP_EVIDENCE.max(DROP_PART * block.best);
-        block.gaussians.retain(|&(voxel, slot)| {
-            let stays = sums[voxel as usize] > least;
-            if !stays {
-                gaussians.remove(slot);
-            }
-            stays
-        });
-        pruned += (before - block.gaussians.len()) as u64;
-        for (voxel, center_m) in births(evidence, index, spawn_evidence) {
-            let slot = gaussians.spawn(center_m, (index, voxel), scale_m, strength);
-            evidence.block_mut(index).gaussians.push((voxel, slot));
-            added += 1;
-        }
-    }
-    (added, pruned)
-}
-
-/// Voxels of a block that the evidence now fills and that hold no Gaussian yet.
-fn births(evidence: &Evidence, index: u32, spawn_evidence: f32) -> Vec<(u16, Vec3)> {
-    let block = evidence.block(index);
-    let spawn_evidence = spawn_evidence.max(SPAWN_PART * block.best);
-    let sums = block.evidence.iter().enumerate();
-    let full = sums.filter(|&(_, &sum)| sum >= spawn_evidence);
-    let free = full.filter(|&(voxel, _)| {
-        let held = |&(other, _): &(u16, u32)| usize::from(other) == voxel;
-        !block.gaussians.iter().any(held) && !block.is_barred(voxel)
-    });
-    free.map(|(voxel, _)| (voxel as u16, evidence.center_m(block.key, voxel)))
-        .collect()
-}
-
-/// Published Gaussians in order of id. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
-fn published(gaussians: &Gaussians, unit_strength: f32) -> Vec<Gaussian> {
-    // A power of two, so that the unit does not creep and every Gaussian with it.
-    let unit = (4.0 * unit_strength.max(f32::MIN_POSITIVE))
-        .log2()
-        .ceil()
-        .exp2();
-    let mut published: Vec<Gaussian> = gaussians
-        .slots()
-        .filter_map(|slot| {
-            let Verdict::Published(standing) = gaussians.verdict[slot] else {
-                return None;
-            };
-            let product = (gaussians.strength[slot].strongest() / unit).clamp(1e-12, 1.0);
-            let gaussian = Gaussian {
-                id: gaussians.id[slot],
-                mean_m: gaussians.mean_m[slot],
-                rotation: gaussians.rotation[slot],
-                scale_m: gaussians.scale_m[slot],
-                opacity: product.cbrt(),
-                reflectivity: product.cbrt() * product.cbrt(),
-                sigma_m: gaussians.sigma_m[slot],
-                standing,
-            };
-            gaussian.is_sound().then_some(gaussian)
-        })
-        .collect();
-    published.sort_unstable_by_key(|gaussian| gaussian.id);
-    published
 }

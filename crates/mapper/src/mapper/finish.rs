@@ -1,0 +1,117 @@
+//! The end of a dive: the map worked out anew from everything remembered.
+
+use echosplat_model::Snapshot;
+
+use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births};
+use crate::expectation::{localise, maximise, over_pings, pulls};
+use crate::gaussians::Lobes;
+use crate::history::Past;
+use crate::shape::align;
+
+/// What all Gaussians start with, alike.
+const EVEN_STRENGTH: f32 = 0.2;
+/// Looks made at each ping, all its steps together.
+const FINISH_LOOKS_PER_PING: f64 = 7.5;
+/// A step of a finished dive looks at every so many-th ping.
+const INTERLEAVE: usize = 8;
+/// Exponent of the multiplicative rule for gamma speckle.
+const FULL_STEP: f32 = 0.5;
+
+impl Mapper {
+    /// Ends a dive: what is pending is taken in, and strengths, positions and shapes are worked out
+    /// anew from the whole history, within about `finish_pairs`.
+    pub fn finish(&mut self) -> Snapshot {
+        if self.pending > 0 {
+            self.take_in_slice();
+        }
+        self.lift_bars();
+        // Steps without end sharpen noise, so that a finished map starts even and stops early.
+        let newborn = Lobes::even(EVEN_STRENGTH * self.unit_strength);
+        self.gaussians.strength.fill(newborn);
+        let steps = self.config.finish_passes;
+        // Few looks sort out most candidates; the rest is worth all of them.
+        self.pairs_per_ping = self.count_pairs_per_ping();
+        self.interleaved_steps(steps, 4 * INTERLEAVE);
+        self.drop_tails(TAIL_PART);
+        self.interleaved_steps(steps, INTERLEAVE);
+        self.drop_tails(TAIL_PART);
+        for _ in 0..2 {
+            self.localise_every(2);
+            self.interleaved_steps(steps / 3, INTERLEAVE);
+        }
+        self.assess_every(2 * self.thinning());
+        if let Some(world) = &self.world {
+            align(&mut self.gaussians, world.evidence.voxel_m());
+        }
+        self.interleaved_steps(steps / 3, INTERLEAVE);
+        self.assess_every(2 * self.thinning());
+        self.publish()
+    }
+
+    /// Makes every place with enough evidence a candidate again.
+    fn lift_bars(&mut self) {
+        let Some(world) = &mut self.world else { return };
+        world.evidence.lift_bars();
+        let strength = NEWBORN_STRENGTH * self.unit_strength;
+        let spawn = self.config.spawn_evidence;
+        births::follow_evidence(&mut world.evidence, &mut self.gaussians, spawn, strength);
+    }
+
+    /// How many times fewer looks a finish must make do with to stay within its work.
+    fn thinning(&self) -> usize {
+        let looks = FINISH_LOOKS_PER_PING * self.history.pings().len() as f64;
+        let ratio = looks * self.pairs_per_ping / self.config.finish_pairs as f64;
+        // At least some dozens of looks a step, however crowded the map.
+        let most = (self.history.pings().len() / (64 * INTERLEAVE)).max(1);
+        (ratio.ceil() as usize).clamp(1, most)
+    }
+
+    fn count_pairs_per_ping(&self) -> f64 {
+        let Some(world) = &self.world else { return 0.0 };
+        let pings = self.history.pings();
+        let sample: Vec<&Past> = pings.iter().step_by(pings.len() / 64 + 1).collect();
+        let scene = self.scene(world);
+        let count = || over_pings(scene, &sample, || (), |(), _, _| (), |(), ()| ());
+        let ((), pairs) = self.pool.install(count);
+        pairs as f64 / sample.len().max(1) as f64
+    }
+
+    fn worked(&mut self, pairs: u64, looks: usize) {
+        self.status.pairs += pairs;
+        if looks > 0 {
+            self.pairs_per_ping = pairs as f64 / looks as f64;
+        }
+    }
+
+    /// Multiplicative steps, each over every `interleave`-th ping, the next over the ones beside.
+    fn interleaved_steps(&mut self, steps: usize, interleave: usize) {
+        let interleave = interleave * self.thinning();
+        for step in 0..steps {
+            // A stride through the offsets keeps neighbouring steps on different sweeps.
+            let offset = step * 5 % interleave;
+            let pings = self.history.pings();
+            let subset: Vec<&Past> = pings.iter().skip(offset).step_by(interleave).collect();
+            let looks = subset.len();
+            let floor = self.floor();
+            let Some(world) = &self.world else { return };
+            let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
+            let pairs = self
+                .pool
+                .install(|| maximise(evidence, gaussians, &subset, floor, FULL_STEP));
+            self.worked(pairs, looks);
+            self.status.iterations += 1;
+        }
+    }
+
+    fn localise_every(&mut self, stride: usize) {
+        let Some(world) = &self.world else { return };
+        let pings = self.history.pings().iter();
+        let pings: Vec<&Past> = pings.step_by(stride * self.thinning()).collect();
+        let looks = pings.len();
+        let voxel_m = world.evidence.voxel_m();
+        let scene = self.scene(world);
+        let (pulls, pairs) = self.pool.install(|| pulls(scene, &pings));
+        localise(&mut self.gaussians, &pulls, 0.5 * voxel_m, voxel_m);
+        self.worked(pairs, looks);
+    }
+}

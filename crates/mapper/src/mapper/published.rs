@@ -1,0 +1,36 @@
+//! The map as others see it.
+
+use echosplat_model::Gaussian;
+
+use crate::gaussians::{Gaussians, Verdict};
+
+/// Published Gaussians in order of id. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
+pub(super) fn published(gaussians: &Gaussians, unit_strength: f32) -> Vec<Gaussian> {
+    // A power of two, so that the unit does not creep and every Gaussian with it.
+    let unit = (4.0 * unit_strength.max(f32::MIN_POSITIVE))
+        .log2()
+        .ceil()
+        .exp2();
+    let mut published: Vec<Gaussian> = gaussians
+        .slots()
+        .filter_map(|slot| {
+            let Verdict::Published(standing) = gaussians.verdict[slot] else {
+                return None;
+            };
+            let product = (gaussians.strength[slot].strongest() / unit).clamp(1e-12, 1.0);
+            let gaussian = Gaussian {
+                id: gaussians.id[slot],
+                mean_m: gaussians.mean_m[slot],
+                rotation: gaussians.rotation[slot],
+                scale_m: gaussians.scale_m[slot],
+                opacity: product.cbrt(),
+                reflectivity: product.cbrt() * product.cbrt(),
+                sigma_m: gaussians.sigma_m[slot],
+                standing,
+            };
+            gaussian.is_sound().then_some(gaussian)
+        })
+        .collect();
+    published.sort_unstable_by_key(|gaussian| gaussian.id);
+    published
+}
