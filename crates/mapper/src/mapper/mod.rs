@@ -279,7 +279,7 @@ impl Mapper {
         pairs.max(looks * LEAST_PAIRS_PER_LOOK)
     }
 
-    /// The map as it stands.
+    /// The map as it stands. Looking at it leaves no trace in what [`Mapper::finish`] gives.
     pub fn snapshot(&mut self) -> Snapshot {
         let pings = self.history.pings().len();
         self.assess_every(pings.div_ceil(ASSESSED_PINGS).max(1));
