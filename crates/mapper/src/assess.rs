@@ -14,8 +14,8 @@ use crate::visibility::{Row, Sight};
 
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
-/// Least number of independent lit looks.
-const LEAST_LOOKS: f32 = 3.0;
+/// Least number of independent lit looks. At the rim of what a dive saw, a handful agree by chance.
+const LEAST_LOOKS: f32 = 16.0;
 /// Below this part of what the best place on its arcs explains, a Gaussian is explained away. Where
 /// all places explain alike nothing is: they are ambiguous together.
 const LEAST_RIVALRY: f32 = 0.15;
@@ -33,11 +33,24 @@ struct Account {
     rivalry: f32,
 }
 
-/// Judges every Gaussian by `pings` and sets its verdict and sigma. Returns pairs done.
+impl Account {
+    /// As if each look had been made so many times.
+    fn times(self, count: f32) -> Self {
+        Self {
+            looks: self.looks * count,
+            share: self.share * count,
+            rivalry: self.rivalry * count,
+        }
+    }
+}
+
+/// Judges every Gaussian by `pings`, every `stride`-th of those remembered, and sets its verdict and
+/// sigma as if by all. Returns pairs done.
 pub(crate) fn assess(
     evidence: &Evidence,
     gaussians: &mut Gaussians,
     pings: &[&Past],
+    stride: usize,
     floor: f32,
     config: &MapperConfig,
 ) -> u64 {
@@ -51,12 +64,17 @@ pub(crate) fn assess(
     let (pulls, pull_pairs) = pulls(scene, pings);
     let peaks = strongest_around(gaussians, 2.5 * evidence.voxel_m());
     let slots: Vec<usize> = gaussians.slots().collect();
+    let stride = stride as f32;
     for slot in slots {
         let (_, information) = eigen(pulls[slot].information.to_mat3());
-        gaussians.sigma_m[slot] = 1.0 / information.x.max(0.0).sqrt();
+        gaussians.sigma_m[slot] = 1.0 / (stride * information.x.max(0.0)).sqrt();
         let relative = gaussians.strength[slot].strongest() / peaks[slot];
-        gaussians.verdict[slot] =
-            verdict(accounts[slot], relative, gaussians.sigma_m[slot], config);
+        gaussians.verdict[slot] = verdict(
+            accounts[slot].times(stride),
+            relative,
+            gaussians.sigma_m[slot],
+            config,
+        );
     }
     account_pairs + pull_pairs
 }

@@ -317,7 +317,7 @@ impl Mapper {
         let config = &self.config;
         self.status.pairs += self
             .pool
-            .install(|| assess(evidence, gaussians, &pings, floor, config));
+            .install(|| assess(evidence, gaussians, &pings, stride, floor, config));
     }
 
     fn publish(&mut self) -> Snapshot {
