@@ -164,6 +164,7 @@ fn a_gap_is_fetched_and_nonsense_is_counted() {
         time: Timestamp::ZERO,
         through_ping: 0,
         origin_m: DVec3::ZERO,
+        intensity_unit: 1.0,
         tile: TileKey::default(),
         gaussians: vec![gaussian(1)],
         removed: vec![],

@@ -33,6 +33,7 @@ pub(crate) fn snapshot(epoch: u64, sequence: u64, gaussians: Vec<Gaussian>) -> A
         time: Timestamp::from_millis(sequence as i64 * 100),
         through_ping: sequence * 10,
         origin_m: DVec3::new(500_000.125, 0.1, -3.0),
+        intensity_unit: 0.3,
         gaussians,
     })
 }

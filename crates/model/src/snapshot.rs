@@ -31,6 +31,8 @@ pub struct Snapshot {
     pub through_ping: u64,
     /// Added to every mean gives the world's coordinates; fixed for an epoch.
     pub origin_m: DVec3,
+    /// Intensity per steradian, in the pings' own unit, that αρ = 1 sends back; positive.
+    pub intensity_unit: f32,
     /// In order of id.
     pub gaussians: Vec<Gaussian>,
 }
@@ -48,6 +50,8 @@ pub struct Delta {
     pub through_ping: u64,
     /// Added to every mean gives the world's coordinates.
     pub origin_m: DVec3,
+    /// Intensity per steradian, in the pings' own unit, that αρ = 1 sends back; positive.
+    pub intensity_unit: f32,
     /// Where.
     pub tile: TileKey,
     /// New or changed, whole.

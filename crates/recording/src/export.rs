@@ -81,6 +81,7 @@ mod tests {
         };
         MapFile {
             origin_m: DVec3::new(1e6, 0.0, 0.0),
+            intensity_unit: 1.0,
             gaussians: vec![gaussian],
         }
     }

@@ -34,7 +34,8 @@ pub(crate) fn prepare(map: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// If one of the two cannot be written.
 pub(crate) fn write(snapshot: &Snapshot, map: &Path) -> anyhow::Result<()> {
-    let written = ply::write_map(map, snapshot.origin_m, &snapshot.gaussians)
+    let (origin_m, unit) = (snapshot.origin_m, snapshot.intensity_unit);
+    let written = ply::write_map(map, origin_m, unit, &snapshot.gaussians)
         .with_context(|| format!("cannot write the map {}", map.display()))?;
     tracing::info!(
         map = %map.display(),

@@ -125,6 +125,8 @@ pub struct SnapshotAnswer {
     pub through_ping: u64,
     /// Added to every mean gives the world's coordinates.
     pub origin_m: DVec3,
+    /// Intensity per steradian, in the pings' own unit, that αρ = 1 sends back; positive.
+    pub intensity_unit: f32,
     /// Nothing more will come.
     pub is_final: bool,
     /// Only tiles that changed after this sequence are in it; `None`: tiles not in it are empty.

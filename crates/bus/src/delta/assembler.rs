@@ -94,6 +94,7 @@ struct Head {
     time: Timestamp,
     through_ping: u64,
     origin_m: DVec3,
+    intensity_unit: f32,
     is_final: bool,
 }
 
@@ -193,6 +194,7 @@ impl MapAssembler {
             time: delta.time,
             through_ping: delta.through_ping,
             origin_m: delta.origin_m,
+            intensity_unit: delta.intensity_unit,
             is_final,
         });
     }
@@ -240,6 +242,7 @@ impl MapAssembler {
             time: answer.time,
             through_ping: answer.through_ping,
             origin_m: answer.origin_m,
+            intensity_unit: answer.intensity_unit,
             is_final: answer.is_final,
         });
     }
@@ -341,6 +344,7 @@ impl MapAssembler {
             time: head.time,
             through_ping: head.through_ping,
             origin_m: head.origin_m,
+            intensity_unit: head.intensity_unit,
             gaussians: entries.into_iter().map(|(_, gaussian)| *gaussian).collect(),
         })
     }

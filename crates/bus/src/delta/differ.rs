@@ -109,6 +109,9 @@ impl SnapshotDiffer {
         published.is_final = false;
         published.time = target.snapshot.time;
         published.through_ping = target.snapshot.through_ping;
+        let unit_changed =
+            published.intensity_unit.to_bits() != target.snapshot.intensity_unit.to_bits();
+        published.intensity_unit = target.snapshot.intensity_unit;
 
         let mut room = budget_bytes.unwrap_or(usize::MAX);
         let mut deltas: Vec<Delta> = Vec::new();
@@ -125,6 +128,9 @@ impl SnapshotDiffer {
                 room = room.saturating_sub(cost(&sent));
                 deltas.push(publish(published, plan.tile, &sent));
             }
+        }
+        if unit_changed && deltas.is_empty() {
+            deltas.push(publish(published, TileKey::default(), &[]));
         }
         deltas
     }
@@ -239,6 +245,7 @@ fn publish(published: &mut PublishedMap, tile: TileKey, sent: &[Change]) -> Delt
         time: published.time,
         through_ping: published.through_ping,
         origin_m: published.origin_m,
+        intensity_unit: published.intensity_unit,
         tile,
         gaussians: sent.iter().filter_map(|change| change.now).collect(),
         removed: removed.map(|change| change.id).collect::<Vec<GaussianId>>(),

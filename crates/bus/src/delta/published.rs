@@ -25,6 +25,7 @@ pub struct PublishedMap {
     pub(super) time: Timestamp,
     pub(super) through_ping: u64,
     pub(super) origin_m: DVec3,
+    pub(super) intensity_unit: f32,
     pub(super) is_final: bool,
     pub(super) tile_edge_m: f64,
     /// Tiles once published stay, empty or not, so that `since` can tell that they emptied.
@@ -39,6 +40,7 @@ impl PublishedMap {
             time: snapshot.time,
             through_ping: snapshot.through_ping,
             origin_m: snapshot.origin_m,
+            intensity_unit: snapshot.intensity_unit,
             is_final: false,
             tile_edge_m,
             tiles: BTreeMap::new(),
@@ -88,6 +90,7 @@ impl PublishedMap {
             time: self.time,
             through_ping: self.through_ping,
             origin_m: self.origin_m,
+            intensity_unit: self.intensity_unit,
             is_final: self.is_final,
             since,
             tiles: tiles

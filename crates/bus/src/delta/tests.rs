@@ -20,8 +20,32 @@ fn assert_whole(assembler: &MapAssembler, sent: &Snapshot) {
     let map = assembler.to_snapshot().unwrap();
     assert!(same(&map.gaussians, &sent.gaussians));
     assert_eq!(map.origin_m, sent.origin_m);
+    assert_eq!(map.intensity_unit.to_bits(), sent.intensity_unit.to_bits());
     assert_eq!(map.through_ping, sent.through_ping);
     assert!(!assembler.needs_snapshot());
+}
+
+#[test]
+fn another_unit_alone_is_told_once() {
+    let (mut differ, mut assembler) = joined();
+    let first = snapshot(5, 1, vec![gaussian(1)]);
+    differ.offer(first.clone());
+    resync(&differ, &mut assembler);
+    let mut pass = |sent: &Arc<Snapshot>| {
+        differ.offer(Arc::clone(sent));
+        let deltas = differ.next_deltas(None);
+        let count = deltas.len();
+        for delta in deltas {
+            assert_eq!(assembler.delta(delta, false), Progress::Applied);
+        }
+        let map = assembler.to_snapshot().unwrap();
+        assert_eq!(map.intensity_unit.to_bits(), sent.intensity_unit.to_bits());
+        count
+    };
+    let mut second = Snapshot::clone(&first);
+    second.intensity_unit *= 2.0;
+    let second = Arc::new(second);
+    assert_eq!([pass(&first), pass(&second), pass(&second)], [1, 1, 0]);
 }
 
 /// The same ids with some moved to other tiles, some changed by one bit, some gone, some new.

@@ -34,6 +34,7 @@ pub(crate) struct MapHeader {
     pub(crate) through_ping: u64,
     pub(crate) time: Timestamp,
     pub(crate) origin_m: DVec3,
+    pub(crate) intensity_unit: f32,
     pub(crate) is_final: bool,
     pub(crate) part: Option<Part>,
     pub(crate) since: Option<u64>,
@@ -74,6 +75,7 @@ struct Document {
     through_ping: u64,
     time_ns: i64,
     origin_m: [f64; 3],
+    intensity_unit: f32,
     #[serde(rename = "final", default)]
     is_final: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -96,6 +98,7 @@ impl MapHeader {
             through_ping: self.through_ping,
             time_ns: self.time.nanos(),
             origin_m: self.origin_m.to_array(),
+            intensity_unit: self.intensity_unit,
             is_final: self.is_final,
             part: self.part.map(|part| part.part),
             parts: self.part.map(|part| part.parts),
@@ -117,6 +120,9 @@ impl MapHeader {
         };
         let origin_m = DVec3::from_array(document.origin_m);
         member(origin_m.is_finite(), "origin_m", "three finite numbers")?;
+        let intensity_unit = document.intensity_unit;
+        let unit_fits = intensity_unit > 0.0 && intensity_unit.is_finite();
+        member(unit_fits, "intensity_unit", "a positive number")?;
         let removed_fits = document.removed.len() <= MAX_REMOVED_PER_MESSAGE;
         member(removed_fits, "removed", "at most 2000 ids")?;
         let tile = document.tile.parse::<TileName>();
@@ -146,6 +152,7 @@ impl MapHeader {
             through_ping: document.through_ping,
             time: Timestamp::from_nanos(document.time_ns),
             origin_m,
+            intensity_unit,
             is_final: document.is_final,
             part,
             since: document.since,

@@ -79,6 +79,7 @@ fn delta_of(message: MapMessage) -> Delta {
         time: header.time,
         through_ping: header.through_ping,
         origin_m: header.origin_m,
+        intensity_unit: header.intensity_unit,
         tile: header.tile,
         gaussians: message.gaussians,
         removed: header.removed,
@@ -156,6 +157,7 @@ impl SnapshotCollector {
             time: first.time,
             through_ping: first.through_ping,
             origin_m: first.origin_m,
+            intensity_unit: first.intensity_unit,
             is_final: first.is_final,
             since: first.since,
             tiles: tiles

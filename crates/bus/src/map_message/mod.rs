@@ -10,6 +10,7 @@
 //! | `through_ping` | sequence of the newest ping whose evidence is in it |
 //! | `time_ns` | transmit time of that ping |
 //! | `origin_m` | three numbers; add to x, y, z for world coordinates |
+//! | `intensity_unit` | intensity per steradian, in the pings' own unit, that αρ = 1 sends back |
 //! | `final` | `true` on the publisher's last state: with this sequence the map is whole |
 //! | `part`, `parts` | snapshot only: this message is number `part` of `parts` of the whole answer |
 //! | `since` | snapshot only: only tiles changed after this sequence are in the answer; if left out, tiles not in it are empty |
@@ -109,6 +110,7 @@ impl Cut<'_> {
             through_ping: delta.through_ping,
             time: delta.time,
             origin_m: delta.origin_m,
+            intensity_unit: delta.intensity_unit,
             is_final,
             part: None,
             since: None,
@@ -129,6 +131,7 @@ impl Cut<'_> {
             through_ping: answer.through_ping,
             time: answer.time,
             origin_m: answer.origin_m,
+            intensity_unit: answer.intensity_unit,
             is_final: answer.is_final,
             part: None,
             since: answer.since,

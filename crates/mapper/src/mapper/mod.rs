@@ -323,7 +323,8 @@ impl Mapper {
     fn publish(&mut self) -> Snapshot {
         self.sequence += 1;
         let newest = self.history.pings().last();
-        let gaussians = published::published(&self.gaussians, self.unit_strength);
+        let intensity_unit = published::intensity_unit(self.unit_strength);
+        let gaussians = published::published(&self.gaussians, intensity_unit);
         let confident = gaussians
             .iter()
             .filter(|g| g.standing == Standing::Confident)
@@ -336,6 +337,7 @@ impl Mapper {
             time: newest.map_or(Timestamp::ZERO, |past| past.time),
             through_ping: newest.map_or(0, |past| past.sequence),
             origin_m: self.world.as_ref().map_or(DVec3::ZERO, |w| w.origin_m),
+            intensity_unit,
             gaussians,
         }
     }

@@ -4,13 +4,22 @@ use echosplat_model::Gaussian;
 
 use crate::gaussians::{Gaussians, Verdict};
 
-/// Published Gaussians in order of id. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
-pub(super) fn published(gaussians: &Gaussians, unit_strength: f32) -> Vec<Gaussian> {
-    // A power of two, so that the unit does not creep and every Gaussian with it.
-    let unit = (4.0 * unit_strength.max(f32::MIN_POSITIVE))
+/// Intensity per steradian that αρ = 1 stands for: above what a typical strongest echo needs, and a
+/// power of two, so that the unit does not creep and every Gaussian with it. 1 before any echo.
+pub(super) fn intensity_unit(unit_strength: f32) -> f32 {
+    if !(unit_strength > 0.0) {
+        return 1.0;
+    }
+    // Between the powers of two that are normal numbers.
+    (4.0 * unit_strength)
         .log2()
         .ceil()
-        .exp2();
+        .clamp(-126.0, 127.0)
+        .exp2()
+}
+
+/// Published Gaussians in order of id. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
+pub(super) fn published(gaussians: &Gaussians, unit: f32) -> Vec<Gaussian> {
     let mut published: Vec<Gaussian> = gaussians
         .slots()
         .filter_map(|slot| {

@@ -13,6 +13,7 @@ const MAX_HEADER_BYTES: usize = 64 << 10;
 #[derive(Debug)]
 pub(super) struct Header {
     pub(super) origin_m: DVec3,
+    pub(super) intensity_unit: f32,
     pub(super) vertex_count: u64,
     /// Bytes of other elements' rows before the first vertex.
     pub(super) skipped_byte_count: u64,
@@ -112,6 +113,7 @@ fn shown(text: &str) -> String {
 #[derive(Default)]
 struct Parser {
     origin_m: DVec3,
+    intensity_unit: Option<f32>,
     format_seen: bool,
     element: Element,
     skipped_byte_count: u64,
@@ -134,6 +136,7 @@ impl Parser {
             ["format", "binary_little_endian", _] => self.format_seen = true,
             ["format", other, ..] => return Err(PlyError::Format(shown(other))),
             ["comment", "origin_m", x, y, z] => self.origin_m = origin(x, y, z)?,
+            ["comment", "intensity_unit", unit] => self.intensity_unit = Some(positive(unit)?),
             ["comment" | "obj_info", ..] | [] => {}
             ["element", name, count] => {
                 let count = count.parse().map_err(|_| bad_line(line))?;
@@ -202,6 +205,7 @@ impl Parser {
             .ok_or_else(|| PlyError::Header("no `element vertex`".into()))?;
         Ok(Header {
             origin_m: self.origin_m,
+            intensity_unit: self.intensity_unit.unwrap_or(1.0),
             vertex_count,
             skipped_byte_count: self.skipped_byte_count,
             row_byte_count,
@@ -219,6 +223,16 @@ fn origin(x: &str, y: &str, z: &str) -> Result<DVec3, PlyError> {
         ));
     }
     Ok(origin_m)
+}
+
+fn positive(unit: &str) -> Result<f32, PlyError> {
+    let unit: f32 = unit.parse().unwrap_or(f32::NAN);
+    if !(unit > 0.0 && unit.is_finite()) {
+        return Err(PlyError::Header(
+            "`comment intensity_unit` needs a positive number".into(),
+        ));
+    }
+    Ok(unit)
 }
 
 fn bad_line(line: &str) -> PlyError {

@@ -4,7 +4,8 @@
 //! `opacity` is a logit, `scale_*` are natural logarithms of metres, `rot_*` is w x y z, the colour
 //! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels; `nx ny nz` is the shortest axis.
 //! `reflectivity` (linear) and `sigma` (metres, may be infinite) come last. Added to x y z, the
-//! header's `comment origin_m X Y Z` gives the world's coordinates.
+//! header's `comment origin_m X Y Z` gives the world's coordinates; times opacity, reflectivity and
+//! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it.
 
 mod header;
 mod read;
@@ -44,12 +45,25 @@ pub const PROPERTIES: [&str; 19] = [
 ];
 
 /// What one map file holds.
-#[derive(Debug, Clone, PartialEq, Default)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct MapFile {
     /// Added to every mean gives the world's coordinates, metres.
     pub origin_m: DVec3,
+    /// Intensity per steradian, in the pings' own unit, that αρ = 1 sends back; 1 in files of other
+    /// programs.
+    pub intensity_unit: f32,
     /// In the file's order; read ones are numbered from 0 and taken as confident.
     pub gaussians: Vec<Gaussian>,
+}
+
+impl Default for MapFile {
+    fn default() -> Self {
+        Self {
+            origin_m: DVec3::ZERO,
+            intensity_unit: 1.0,
+            gaussians: Vec::new(),
+        }
+    }
 }
 
 /// What a map of two files got.
@@ -74,13 +88,19 @@ pub fn ambiguous_path(path: &Path) -> PathBuf {
 ///
 /// # Errors
 /// Of the file system.
-pub fn write_map(path: &Path, origin_m: DVec3, gaussians: &[Gaussian]) -> io::Result<WrittenMap> {
+pub fn write_map(
+    path: &Path,
+    origin_m: DVec3,
+    intensity_unit: f32,
+    gaussians: &[Gaussian],
+) -> io::Result<WrittenMap> {
     let of = |standing| -> Vec<Gaussian> {
         let sound = gaussians.iter().filter(|g| g.is_sound());
         sound.filter(|g| g.standing == standing).copied().collect()
     };
     let map = |gaussians| MapFile {
         origin_m,
+        intensity_unit,
         gaussians,
     };
     let confident = map(of(Standing::Confident));
@@ -107,11 +127,13 @@ pub fn read_map(path: &Path) -> Result<MapFile, PlyError> {
         Err(error) => return Err(error.into()),
     };
     let shift_m = (beside.origin_m - map.origin_m).as_vec3();
+    let per_unit = beside.intensity_unit / map.intensity_unit;
     for gaussian in beside.gaussians {
         let id = u32::try_from(map.gaussians.len()).unwrap_or(u32::MAX);
         map.gaussians.push(Gaussian {
             id,
             mean_m: gaussian.mean_m + shift_m,
+            reflectivity: gaussian.reflectivity * per_unit,
             standing: Standing::Ambiguous,
             ..gaussian
         });

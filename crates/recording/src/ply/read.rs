@@ -77,6 +77,7 @@ pub fn read(mut reader: impl Read) -> Result<MapFile, PlyError> {
     io::copy(&mut { skipped }, &mut io::sink())?;
     let mut map = MapFile {
         origin_m: header.origin_m,
+        intensity_unit: header.intensity_unit,
         gaussians: Vec::new(),
     };
     let mut rows = Vec::new();

@@ -18,6 +18,7 @@ fn gaussian(id: u32, mean_m: Vec3) -> Gaussian {
 fn map(gaussians: Vec<Gaussian>) -> MapFile {
     MapFile {
         origin_m: DVec3::new(500_000.125, -6_000_000.1, 1e-17),
+        intensity_unit: 0.000_3,
         gaussians,
     }
 }
@@ -60,7 +61,7 @@ fn the_header_is_the_documented_one() {
     let text = String::from_utf8_lossy(&bytes);
     assert!(text.starts_with(
         "ply\nformat binary_little_endian 1.0\ncomment origin_m 500000.125 -6000000.1 1e-17\n\
-         element vertex 1\nproperty float x\nproperty float y\n"
+         comment intensity_unit 0.0003\nelement vertex 1\nproperty float x\nproperty float y\n"
     ));
     let end = b"property float reflectivity\nproperty float sigma\nend_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
@@ -103,6 +104,7 @@ fn extremes_survive_and_nan_is_left_out() {
     with_bad.insert(1, bad);
     let back = read(&bytes_of(&map(with_bad))[..]).unwrap();
     assert_eq!(back.origin_m, map(vec![]).origin_m);
+    assert_eq!(back.intensity_unit.to_bits(), 0.000_3_f32.to_bits());
     assert_eq!(back.gaussians.len(), 4);
     for (a, b) in back.gaussians.iter().zip(&all) {
         assert_close(a, b);
@@ -195,7 +197,7 @@ fn a_map_is_two_files_and_reads_back_as_one() {
     ];
     all[1].standing = Standing::Ambiguous;
     all[2].scale_m.x = f32::NAN;
-    let written = write_map(&path, DVec3::X, &all).unwrap();
+    let written = write_map(&path, DVec3::X, 8.0, &all).unwrap();
     let counts = (
         written.confident_count,
         written.ambiguous_count,
@@ -205,6 +207,7 @@ fn a_map_is_two_files_and_reads_back_as_one() {
     assert_eq!(read(File::open(&path).unwrap()).unwrap().gaussians.len(), 1);
     let back = read_map(&path).unwrap();
     assert_eq!(back.origin_m, DVec3::X);
+    assert_eq!(back.intensity_unit.to_bits(), 8.0_f32.to_bits());
     assert_eq!(back.gaussians[1].standing, Standing::Ambiguous);
     assert_eq!(back.gaussians[1].mean_m, Vec3::Y);
     assert!(folder.path().join("out.ambiguous.ply").exists());

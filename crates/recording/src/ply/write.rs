@@ -23,6 +23,7 @@ pub fn write(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
     let (x, y, z) = map.origin_m.into();
     writeln!(writer, "ply\nformat binary_little_endian 1.0")?;
     writeln!(writer, "comment origin_m {x:?} {y:?} {z:?}")?;
+    writeln!(writer, "comment intensity_unit {:?}", map.intensity_unit)?;
     writeln!(writer, "element vertex {}", sound().count())?;
     for property in PROPERTIES {
         writeln!(writer, "property float {property}")?;

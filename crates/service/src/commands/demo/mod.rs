@@ -227,6 +227,9 @@ fn compare(ours: &Snapshot, theirs: &Snapshot) -> anyhow::Result<usize> {
     if ours.origin_m != theirs.origin_m {
         return Err(differs("another origin".to_owned()));
     }
+    if ours.intensity_unit.to_bits() != theirs.intensity_unit.to_bits() {
+        return Err(differs("another unit of intensity".to_owned()));
+    }
     let mut pairs = ours.gaussians.iter().zip(&theirs.gaussians);
     match pairs.find(|(a, b)| !is_same(a, b)) {
         Some((a, b)) => Err(differs(format!("{b:?} in place of {a:?}"))),
