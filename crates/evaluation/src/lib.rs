@@ -4,8 +4,10 @@
 //! The paper's protocol stands beside them, marked. An empty map has infinite error, which JSON
 //! shows as `null` and reports say in words. The same input gives the same bits.
 //!
-//! Deliberately absent: a clock (times come in as numbers), running the mapper, and files other
-//! than a truth's.
+//! [`stability`] is another question: what the program's numerics make of stiff and extreme cases.
+//!
+//! Deliberately absent: a clock (times come in as numbers), running the mapper on dives (only the
+//! degenerate pings of [`stability`] go through it), and files other than a truth's.
 
 mod alignment;
 pub mod curve;
@@ -15,6 +17,7 @@ mod neighbors;
 mod nullable;
 mod point_file;
 pub mod report;
+pub mod stability;
 mod statistics;
 pub mod table;
 mod truth;

@@ -25,7 +25,7 @@ pub(super) enum Axis {
 }
 
 impl Axis {
-    fn label(self) -> &'static str {
+    pub(super) fn label(self) -> &'static str {
         match self {
             Self::Compute => "compute time, CPU s",
             Self::Dive => "dive time, s",
@@ -61,15 +61,15 @@ pub(super) struct Line {
 }
 
 /// One error over one cost.
-pub(super) struct Chart {
-    pub(super) x: Axis,
-    pub(super) y: Axis,
+pub(super) struct Chart<'a> {
+    pub(super) x_label: &'a str,
+    pub(super) y_label: &'a str,
     pub(super) lines: Vec<Line>,
 }
 
-impl Chart {
+impl Chart<'_> {
     pub(super) fn to_svg(&self) -> String {
-        let (x_label, y_label) = (self.x.label(), self.y.label());
+        let (x_label, y_label) = (super::escape(self.x_label), super::escape(self.y_label));
         let mut svg = format!(
             "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" \
              aria-label=\"{y_label} over {x_label}\">"
@@ -270,8 +270,8 @@ mod tests {
             (4.0, spread(0.5)),
         ];
         let chart = |points| Chart {
-            x: Axis::Dive,
-            y: Axis::Chamfer,
+            x_label: Axis::Dive.label(),
+            y_label: Axis::Chamfer.label(),
             lines: vec![Line {
                 name: "a<b".into(),
                 points,

@@ -10,7 +10,7 @@ use std::fmt::Write;
 
 pub use picture::Picture;
 
-use crate::curve::{Band, Curve, bands};
+use crate::curve::{Band, Curve, Spread, bands};
 use crate::{Metrics, table};
 use chart::{Axis, Chart, Line};
 
@@ -29,6 +29,20 @@ pub struct Table {
     pub note: String,
 }
 
+/// A cell that says this is drawn as what went wrong.
+pub const FAILED: &str = "failed";
+
+/// Numbers over a number, on log-log axes; what has no logarithm is left out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Plot {
+    /// What is along, with its unit.
+    pub x_label: String,
+    /// What is up, with its unit.
+    pub y_label: String,
+    /// Name and points of each line.
+    pub lines: Vec<(String, Vec<(f64, f64)>)>,
+}
+
 /// One scene, or one question.
 #[derive(Debug, Clone, Default)]
 pub struct Section {
@@ -42,6 +56,8 @@ pub struct Section {
     pub metrics: Option<Metrics>,
     /// The map beside the truth.
     pub picture: Option<Picture>,
+    /// Whatever else is worth a curve; their lines share one legend, by name.
+    pub plots: Vec<Plot>,
     /// More tables.
     pub tables: Vec<Table>,
 }
@@ -97,7 +113,18 @@ impl Report {
             "Compute time is CPU time of the mapper on the machine below and compares within this \
              report only; counted work (Gaussian–bin pairs) compares across machines.",
         ];
-        for note in own.into_iter().chain(self.notes.iter().map(String::as_str)) {
+        let judges_maps = |section: &Section| {
+            section.metrics.is_some() || !section.curves.is_empty() || section.picture.is_some()
+        };
+        let own: &[&str] = match self.sections.iter().any(judges_maps) {
+            true => &own,
+            false => &[],
+        };
+        for note in own
+            .iter()
+            .copied()
+            .chain(self.notes.iter().map(String::as_str))
+        {
             let _ = writeln!(html, "<li>{}</li>", escape(note));
         }
         html += "</ul>\n";
@@ -118,6 +145,7 @@ impl Section {
             let _ = writeln!(html, "<p>{}</p>", escape(&self.text));
         }
         html += &curves_html(&bands(&self.curves));
+        html += &plots_html(&self.plots);
         if let Some(picture) = &self.picture {
             html += &picture.to_html();
         }
@@ -144,7 +172,11 @@ impl Table {
             html += "<tr>";
             for (index, cell) in row.iter().enumerate() {
                 let tag = if index == 0 { "th" } else { "td" };
-                let _ = write!(html, "<{tag}>{}</{tag}>", escape(cell));
+                let class = match cell == FAILED {
+                    true => " class=\"failed\"",
+                    false => "",
+                };
+                let _ = write!(html, "<{tag}{class}>{}</{tag}>", escape(cell));
             }
             html += "</tr>\n";
         }
@@ -174,6 +206,46 @@ fn facts_table(facts: &[(String, String)]) -> String {
     html + "</tbody></table></div>\n"
 }
 
+/// Curves that are not errors over cost.
+fn plots_html(plots: &[Plot]) -> String {
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in plots.iter().flat_map(|plot| &plot.lines) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    if names.is_empty() {
+        return String::new();
+    }
+    let mut html = "<ul class=\"legend\">".to_owned();
+    for (index, name) in names.iter().enumerate() {
+        let (color, name) = (index % chart::COLOR_COUNT, escape(name));
+        let _ = write!(html, "<li><i class=\"s{color}\"></i>{name}</li>");
+    }
+    html += "</ul>\n<div class=\"charts\">\n";
+    for plot in plots {
+        let chart = Chart {
+            x_label: &plot.x_label,
+            y_label: &plot.y_label,
+            lines: names.iter().map(|name| plot.line(name)).collect(),
+        };
+        let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
+    }
+    html + "</div>\n"
+}
+
+impl Plot {
+    /// The line of this name, empty if there is none.
+    fn line(&self, name: &str) -> Line {
+        let own = self.lines.iter().filter(|line| line.0 == name);
+        let points = own.flat_map(|line| &line.1);
+        Line {
+            name: name.to_owned(),
+            points: points.map(|&(x, y)| (x, Spread::of([y]))).collect(),
+        }
+    }
+}
+
 /// The two errors over dive time, compute time and, where it was counted, work.
 fn curves_html(bands: &[Band]) -> String {
     if bands.is_empty() {
@@ -189,8 +261,8 @@ fn curves_html(bands: &[Band]) -> String {
     for y in [Axis::Chamfer, Axis::Hausdorff] {
         for &x in x_axes {
             let chart = Chart {
-                x,
-                y,
+                x_label: x.label(),
+                y_label: y.label(),
                 lines: lines(bands, x, y),
             };
             let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());

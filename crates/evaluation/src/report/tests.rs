@@ -25,10 +25,18 @@ fn report() -> Report {
         ],
         metrics: Some(evaluate(&points, &truth)),
         picture: Some(Picture::new(&points, &truth)),
+        plots: vec![Plot {
+            x_label: "epoch".into(),
+            y_label: "loss".into(),
+            lines: vec![(
+                "L1 <loss>".into(),
+                vec![(0.0, 1.0), (1.0, 0.5), (2.0, f64::NAN)],
+            )],
+        }],
         tables: vec![Table {
             title: "Ablation".into(),
-            columns: vec!["part".into(), "CD m".into()],
-            rows: vec![vec!["occlusion".into(), "0.03".into()]],
+            columns: vec!["part".into(), "CD m".into(), "verdict".into()],
+            rows: vec![vec!["occlusion".into(), "0.03".into(), FAILED.into()]],
             note: "n = 5".into(),
         }],
     };
@@ -60,6 +68,8 @@ fn the_report_is_whole_self_contained_and_small() {
         "seed 2: failed: out of memory",
         "1 of 12 samples",
         "Ablation",
+        "class=\"failed\"",
+        "L1 &lt;loss&gt;",
         "two cores",
         "1, 2",
         "raw",

@@ -37,6 +37,7 @@ impl Results {
             metrics: Some(*metrics),
             picture: Some(self.picture.clone()),
             tables: vec![self.run_table()],
+            ..Section::default()
         };
         let report = Report {
             title: "EchoSplat demo".to_owned(),
