@@ -58,6 +58,9 @@ impl Levels {
         let bin_length_m = settings.bin_length_m();
         let blank = blank_bins(ping, config.blanking_m);
         let open = &ping.intensity()[blank..];
+        if is_clipped(open) {
+            return self.deaf(ping);
+        }
         let noise = self.learn_noise(open);
         let peak = open.iter().copied().fold(0.0, f32::max);
         if peak > config.detection_factor * noise {
@@ -74,6 +77,16 @@ impl Levels {
             state: states(settings.bin_count, blank, &echoes, widen, shadow),
             echoes,
             noise,
+        }
+    }
+
+    /// A ping that is no evidence of anything, and from which nothing is learnt.
+    fn deaf(&self, ping: &Ping) -> Profile {
+        Profile {
+            intensity: ping.intensity().to_vec(),
+            state: vec![BinState::Blank; ping.settings().bin_count],
+            echoes: Vec::new(),
+            noise: self.noise.unwrap_or(f32::MIN_POSITIVE),
         }
     }
 
@@ -98,6 +111,14 @@ impl Levels {
         self.noise = Some(now.max(f32::MIN_POSITIVE));
         here.min(4.0 * now).max(f32::MIN_POSITIVE)
     }
+}
+
+/// Whether a quarter of the bins or more hold the very same largest power: a receiver at its stop,
+/// or a scale without a span. Silence is not: there is nothing to be heard.
+fn is_clipped(open: &[f32]) -> bool {
+    let peak = open.iter().copied().fold(0.0, f32::max);
+    let at_peak = open.iter().filter(|&&power| power >= peak).count();
+    peak > 0.0 && open.len() > 1 && 4 * at_peak >= open.len()
 }
 
 /// Bins that begin nearer than the blanking.
@@ -201,8 +222,24 @@ mod tests {
         for _ in 0..20 {
             levels.profile(&ping(noise(600)), 0.04, &MapperConfig::default());
         }
-        let full = levels.profile(&ping(vec![1000.0; 600]), 0.04, &MapperConfig::default());
+        let echoes = (0..600).map(|bin| 1000.0 + bin as f32).collect();
+        let full = levels.profile(&ping(echoes), 0.04, &MapperConfig::default());
         assert_eq!(full.echoes, [(25, 600)]);
+    }
+
+    #[test]
+    fn a_receiver_at_its_stop_hears_nothing() {
+        let mut levels = Levels::default();
+        levels.profile(&ping(noise(600)), 0.04, &MapperConfig::default());
+        let mut clipped = noise(600);
+        clipped[200..400].fill(1e4);
+        for power in [vec![1000.0; 600], clipped] {
+            let profile = levels.profile(&ping(power), 0.04, &MapperConfig::default());
+            assert!(profile.echoes.is_empty());
+            assert!(profile.state.iter().all(|&state| state == BinState::Blank));
+            assert!(profile.noise < 2.0);
+        }
+        assert!(levels.strongest() < 100.0);
     }
 
     #[test]
