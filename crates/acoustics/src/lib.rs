@@ -7,10 +7,12 @@
 mod beam;
 pub mod lanes;
 mod normal;
+pub mod paper;
 mod parameters;
 mod projector;
 mod real;
 pub mod reference;
+pub mod sample_paper;
 mod spatial_index;
 
 pub use beam::{Beam, BeamError};

@@ -1,5 +1,7 @@
 //! The slow, plain f64 twin of the fast path, written from the formulas and from nothing else.
 
+pub mod paper;
+
 use echosplat_model::glam::{DMat3, DVec3};
 
 use crate::Look;
