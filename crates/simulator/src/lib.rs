@@ -23,4 +23,4 @@ pub use device::{DeviceCounters, SimulatedDevice};
 pub use dive::{BEAMS_PER_VIEW, Dive, DiveError, DiveKind, DiveOptions};
 pub use scene::{BUILT_IN_SCENES, Hit, Scene, SceneError, SurfacePoint, SurveyPath};
 pub use seen::seen_surface;
-pub use sonar::{NoiseLevel, Profile, SimulatedPing, SimulatedSonar};
+pub use sonar::{NoiseLevel, Profile, SimulatedPing, SimulatedSonar, echoes_at_rest};

@@ -30,6 +30,8 @@ pub(super) struct SceneFile {
     #[serde(default, rename = "box")]
     pub(super) block: Vec<Spanned<BlockEntry>>,
     #[serde(default)]
+    pub(super) ellipsoid: Vec<Spanned<EllipsoidEntry>>,
+    #[serde(default)]
     pub(super) plane: Vec<Spanned<PlaneEntry>>,
     #[serde(default)]
     pub(super) height_field: Vec<Spanned<HeightFieldEntry>>,
@@ -128,6 +130,23 @@ pub(super) struct BlockEntry {
     /// Whole lengths of its edges.
     #[serde(deserialize_with = "size")]
     pub(super) size_m: DVec3,
+    /// Yaw, pitch, roll as of a vehicle.
+    #[serde(default, deserialize_with = "angles")]
+    pub(super) yaw_pitch_roll_deg: DVec3,
+    #[serde(default = "one", deserialize_with = "share")]
+    pub(super) reflectivity: f64,
+    #[serde(default, deserialize_with = "exponent")]
+    pub(super) specular: f64,
+}
+
+#[derive(Debug, serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct EllipsoidEntry {
+    #[serde(deserialize_with = "point")]
+    pub(super) center_m: DVec3,
+    /// Half its lengths along its own axes.
+    #[serde(deserialize_with = "size")]
+    pub(super) semi_axes_m: DVec3,
     /// Yaw, pitch, roll as of a vehicle.
     #[serde(default, deserialize_with = "angles")]
     pub(super) yaw_pitch_roll_deg: DVec3,

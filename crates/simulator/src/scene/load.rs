@@ -6,6 +6,7 @@ use echosplat_model::Pose;
 use glam::{DQuat, DVec3, EulerRot};
 use toml::Spanned;
 
+use super::ellipsoid::Ellipsoid;
 use super::file::{BlockEntry, HeightFieldEntry, MeshEntry, RodEntry, SceneFile};
 use super::shape::{Rod, Shape};
 use super::tree::Tree;
@@ -141,7 +142,8 @@ impl<'a> Builder<'a> {
 
     fn add_all(&mut self, file: &SceneFile) -> Result<(), SceneError> {
         let rods = file.capsule.len() + file.cylinder.len();
-        let count = rods + file.sphere.len() + file.block.len() + file.plane.len();
+        let round = file.sphere.len() + file.ellipsoid.len();
+        let count = rods + round + file.block.len() + file.plane.len();
         if count > MAX_SOLID_COUNT {
             let message = format!("{count} solids; at most {MAX_SOLID_COUNT} are allowed");
             return Err(SceneError::Toml {
@@ -167,6 +169,15 @@ impl<'a> Builder<'a> {
         }
         for entry in &file.block {
             self.push_block(entry.get_ref());
+        }
+        for entry in &file.ellipsoid {
+            let entry = entry.get_ref();
+            let shape = Shape::Ellipsoid(Ellipsoid {
+                center: entry.center_m,
+                semi_axes: entry.semi_axes_m,
+                world_from_own: rotation(entry.yaw_pitch_roll_deg),
+            });
+            self.push(shape, solid(entry.reflectivity, entry.specular));
         }
         for entry in &file.plane {
             let entry = entry.get_ref();

@@ -1,5 +1,6 @@
 //! A scene: solids with exact geometry and what they send back.
 
+mod ellipsoid;
 mod error;
 mod file;
 mod load;

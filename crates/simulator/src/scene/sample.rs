@@ -130,6 +130,19 @@ fn sample_shape(
         } => sample_block(half, spacing, random, |place, normal| {
             emit(center + world_from_block * place, world_from_block * normal);
         }),
+        Shape::Ellipsoid(solid) => {
+            // Uniform on the unit sphere, thinned by how much of the surface each place stands for.
+            let mut on_sphere = Vec::new();
+            sample_ball(solid.sampling_radius(), spacing, random, |unit| {
+                on_sphere.push(unit);
+            });
+            for unit in on_sphere {
+                if random.unit() < solid.sampling_share(unit) {
+                    let (place, normal) = solid.at(unit);
+                    emit(place, normal);
+                }
+            }
+        }
         Shape::Triangle {
             corner,
             edge_1,

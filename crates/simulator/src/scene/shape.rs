@@ -2,6 +2,7 @@
 
 use glam::{DQuat, DVec3};
 
+use super::ellipsoid::Ellipsoid;
 use super::tree::Bounds;
 
 /// A bounded surface in the world.
@@ -18,6 +19,7 @@ pub(crate) enum Shape {
         half: DVec3,
         world_from_block: DQuat,
     },
+    Ellipsoid(Ellipsoid),
     /// Both sides reflect; nothing is inside. `normal` is that of its winding.
     Triangle {
         corner: DVec3,
@@ -177,6 +179,7 @@ impl Shape {
                     ..crossing
                 })
             }
+            Self::Ellipsoid(solid) => first(solid.crossings(origin, direction), max),
             Self::Triangle {
                 corner,
                 edge_1,
@@ -213,6 +216,7 @@ impl Shape {
                     normal: world_from_block * found.normal,
                 }
             }
+            Self::Ellipsoid(solid) => solid.closest(point),
             Self::Triangle {
                 corner,
                 edge_1,
@@ -258,6 +262,7 @@ impl Shape {
                     axis(DVec3::X) * half.x + axis(DVec3::Y) * half.y + axis(DVec3::Z) * half.z;
                 (center - reach, center + reach)
             }
+            Self::Ellipsoid(solid) => solid.bounds(),
             Self::Triangle {
                 corner,
                 edge_1,
@@ -277,6 +282,7 @@ impl Shape {
             Self::Sphere { radius, .. } => radius,
             Self::Capsule(rod) | Self::Cylinder(rod) => rod.radius,
             Self::Block { half, .. } => half.max_element(),
+            Self::Ellipsoid(solid) => solid.semi_axes.min_element(),
             Self::Triangle { edge_1, edge_2, .. } => edge_1.length().max(edge_2.length()),
         }
     }
@@ -288,6 +294,7 @@ impl Shape {
             Self::Capsule(rod) => TAU * rod.radius * (rod.length + 2.0 * rod.radius),
             Self::Cylinder(rod) => TAU * rod.radius * (rod.length + rod.radius),
             Self::Block { half, .. } => 8.0 * (half.x * half.y + half.y * half.z + half.z * half.x),
+            Self::Ellipsoid(solid) => solid.area(),
             Self::Triangle { edge_1, edge_2, .. } => 0.5 * edge_1.cross(edge_2).length(),
         }
     }

@@ -11,7 +11,7 @@ pub(crate) use frame::encoded;
 pub use level::NoiseLevel;
 pub(crate) use level::PoseNoise;
 pub use profile::{Profile, SimulatedPing};
-pub use simulated::SimulatedSonar;
+pub use simulated::{SimulatedSonar, echoes_at_rest};
 
 #[cfg(test)]
 mod tests;

@@ -26,6 +26,21 @@ pub struct SimulatedSonar {
     seed: u64,
 }
 
+/// Power per bin of one ping from a sensor at rest, without any noise and without side lobes:
+/// solid angle × sensitivity × reflectivity in steradian, shape `[bin_count]`. Where its rays fall
+/// within their cells depends on `seed`; the mean over several is that of all rays there are.
+#[must_use]
+pub fn echoes_at_rest(
+    scene: &Scene,
+    world_from_sensor: &Pose,
+    settings: &PingSettings,
+    seed: u64,
+) -> Vec<f64> {
+    let sensor = MovingSensor::new(settings.range_end_m(), |_| *world_from_sensor);
+    let mut random = Random::new(seed, Purpose::Rays, 0);
+    power_per_bin(scene, &sensor, settings, &Fan::new(false), &mut random)
+}
+
 impl SimulatedSonar {
     /// Looks at 192 pings of the dive to fix its decibel scale: their strongest bin is 29 dB at
     /// gain step 0, 45 dB above the floor. If none hears anything, the scale is that of a surface
