@@ -7,16 +7,19 @@
 mod beam;
 pub mod lanes;
 mod normal;
+pub mod online;
 pub mod paper;
 mod parameters;
 mod projector;
 mod real;
 pub mod reference;
+pub mod sample;
 pub mod sample_paper;
 mod spatial_index;
 
 pub use beam::{Beam, BeamError};
 pub use normal::normal_cdf;
+pub use online::{OnlineOptions, OnlineRenderer, OnlineRow};
 pub use parameters::{
     Clamped, GaussianArrays, GradientArrays, LOG_SCALE_LIMITS, LOG_SCALE_SPREAD,
     OPACITY_LOGIT_LIMIT, OPACITY_MAX, PARAMETER_COUNT, Parameters, REFLECTIVITY_LOG_LIMIT,

@@ -11,8 +11,17 @@
 //!   with a number that is not finite are left out;
 //! * azimuth does not wrap: a Gaussian behind the sensor lies on one side of the seam at ±180°.
 
+mod band;
+mod gradient;
+mod kernel;
+mod order;
+mod projection;
+mod renderer;
+#[cfg(test)]
+mod tests;
 mod view;
 
+pub use renderer::PaperRenderer;
 pub use view::{PaperView, Transmittance};
 
 /// Where a kernel is cut: beyond, `f < 0.0022` counts as negligible.
@@ -23,5 +32,9 @@ pub const LEAST_TRANSMITTANCE: f32 = 1e-4;
 pub const LEAST_RANGE_M: f32 = 0.05;
 /// Gaussians nearer to the sensor's z axis than this share of their range are left out.
 pub const LEAST_AXIS_RATIO: f32 = 1e-3;
+/// Shorter and longer quaternions are left out: their squares would not be normal numbers.
+pub const QUATERNION_LENGTHS: [f32; 2] = [1e-12, 1e12];
+/// Larger variances in (24), pixels², are left out: a Gaussian of 10⁹ pixels says nothing.
+pub const COVARIANCE_MAX: f32 = 1e18;
 /// Larger reflectivities are left out: sums of them would not be finite.
 pub const REFLECTIVITY_MAX: f32 = 1e30;

@@ -3,8 +3,8 @@
 use echosplat_model::glam::Vec3;
 
 use crate::paper::{
-    LEAST_AXIS_RATIO, LEAST_RANGE_M, LEAST_TRANSMITTANCE, PaperView, REACH_SIGMAS,
-    REFLECTIVITY_MAX, Transmittance,
+    COVARIANCE_MAX, LEAST_AXIS_RATIO, LEAST_RANGE_M, LEAST_TRANSMITTANCE, PaperView,
+    QUATERNION_LENGTHS, REACH_SIGMAS, REFLECTIVITY_MAX, Transmittance,
 };
 use crate::{PARAMETER_COUNT, Real, opacity_of, opacity_slope};
 
@@ -178,12 +178,14 @@ fn project<R: Real>(view: &PaperView, index: usize, row: &Row<R>) -> Option<Proj
         q[1].atan2(q[0]) / steps[1] + middle,
     ];
     let (opacity, reflectivity) = (opacity_of(row[10]), row[11].exp());
-    let sound = covariance.into_iter().all(Real::is_finite)
-        && covariance[0] > R::ZERO
-        && covariance[2] > R::ZERO
+    let [short, long] = QUATERNION_LENGTHS.map(R::of_f32);
+    let sound = size > short
+        && size < long
+        && covariance[0] <= R::of_f32(COVARIANCE_MAX)
+        && covariance[2] <= R::of_f32(COVARIANCE_MAX)
         && determinant > R::ZERO
         && determinant.is_finite()
-        && opacity > R::ZERO
+        && row[10].is_finite()
         && reflectivity <= R::of_f32(REFLECTIVITY_MAX);
     sound.then_some(Projected {
         index,
