@@ -1,4 +1,7 @@
-//! The slow, plain f64 twin of the fast path, written from the formulas and from nothing else.
+//! The slow, plain twins of the fast path, written from the formulas and from nothing else.
+
+pub mod online;
+mod vector;
 
 pub mod paper;
 

@@ -1,0 +1,28 @@
+//! Where the measurement cuts and floors: one place for kernels and twin.
+
+/// Beyond this the beam is 24 dB down.
+pub(crate) const BEAM_REACH_SIGMAS: f32 = 3.3;
+/// Nothing is seen nearer than this.
+pub(crate) const NEAREST_M: f32 = 0.05;
+/// Least cosine of the angle from the beam's axis.
+pub(crate) const SIDEWAYS: f32 = 0.25;
+/// Least sensitivity of the fan.
+pub(crate) const LEAST_FAN: f32 = 1e-3;
+/// Floor of the variance in range: a tenth of a millimetre.
+pub(crate) const LEAST_VARIANCE_M2: f32 = 1e-8;
+/// Least squared cross-section (over (2π)²): where f32 still holds it and its inverse.
+pub(crate) const LEAST_AREA2_M4: f32 = 1e-30;
+/// Bins this many sigmas from the mean are left out: 2·10⁻⁴ of the energy.
+pub(crate) const RANGE_REACH_SIGMAS: f32 = 3.7;
+/// Raster cells this many sigmas from the mean are left out.
+pub(crate) const RASTER_REACH_SIGMAS: f32 = 3.5;
+/// Half the raster's width over sigma of beam and attitude.
+pub(crate) const RASTER_HALF_WIDTH_SIGMAS: f64 = 2.8;
+/// Half the raster's height over the fan's half width.
+pub(crate) const RASTER_HALF_HEIGHT: f64 = 1.3;
+/// Height of a raster cell.
+pub(crate) const RASTER_ROW_DEG: f64 = 0.5;
+/// Transmittance below this counts as 0.
+pub(crate) const LEAST_TRANSMITTANCE: f32 = 1e-4;
+/// A Gaussian whose weighted coverage is below this lies beside the raster.
+pub(crate) const LEAST_OVERLAP: f32 = 1e-20;

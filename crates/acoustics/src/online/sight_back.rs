@@ -1,0 +1,303 @@
+//! From what the loss pulls at in a ping back to the parameters, eight Gaussians at a time.
+
+use fearless_simd::f32x8;
+use fearless_simd::prelude::*;
+
+use super::rows::{OnlineRow, Pull};
+use super::sight::{Eight, Sight, Triple, View, cross, dot};
+use crate::lanes::{self, LANES};
+use crate::parameters::{GradientArrays, PARAMETER_COUNT};
+
+/// [`Pull`] of eight rows.
+#[derive(Clone, Copy)]
+struct Pulls<S: Simd> {
+    log_energy: f32x8<S>,
+    range: f32x8<S>,
+    variance: f32x8<S>,
+    opacity: f32x8<S>,
+    moments: [f32x8<S>; 6],
+}
+
+impl<S: Simd> Pulls<S> {
+    #[inline(always)]
+    fn gather(simd: S, pulls: &[Pull]) -> Self {
+        let mut eight = [Pull::default(); LANES];
+        eight[..pulls.len()].copy_from_slice(pulls);
+        let moment = |k: usize| f32x8::simd_from(simd, eight.map(|pull| pull.moments[k]));
+        Self {
+            log_energy: f32x8::simd_from(simd, eight.map(|pull| pull.log_energy)),
+            range: f32x8::simd_from(simd, eight.map(|pull| pull.range)),
+            variance: f32x8::simd_from(simd, eight.map(|pull| pull.variance)),
+            opacity: f32x8::simd_from(simd, eight.map(|pull| pull.opacity)),
+            moments: [
+                moment(0),
+                moment(1),
+                moment(2),
+                moment(3),
+                moment(4),
+                moment(5),
+            ],
+        }
+    }
+}
+
+/// Derivatives by the quantities of a [`Sight`].
+struct SightPull<S: Simd> {
+    range_m: f32x8<S>,
+    lever_m: f32x8<S>,
+    azimuth: f32x8<S>,
+    elevation: f32x8<S>,
+    rr: f32x8<S>,
+    rt: f32x8<S>,
+    tt: f32x8<S>,
+    tp: f32x8<S>,
+    pp: f32x8<S>,
+    section2: f32x8<S>,
+    side2: f32x8<S>,
+}
+
+/// Adds the gradients of `rows` to theirs; returns how many were not finite and left out.
+#[inline(always)]
+pub(super) fn accumulate<S: Simd>(
+    simd: S,
+    view: &View,
+    fields: &[&[f32]; PARAMETER_COUNT],
+    rows: &[OnlineRow],
+    pulls: &[Pull],
+    occlusion: bool,
+    gradients: &mut GradientArrays,
+) -> u64 {
+    let mut not_finite = 0;
+    let mut fields_back = gradients.fields_mut();
+    for (rows, pulls) in rows.chunks(LANES).zip(pulls.chunks(LANES)) {
+        let mut indices = [rows[0].index; LANES];
+        for (index, row) in indices.iter_mut().zip(rows) {
+            *index = row.index;
+        }
+        let eight = Eight::gather(simd, fields, indices);
+        let sight = Sight::new(view, &eight);
+        let gradient = gradient(view, &eight, &sight, &Pulls::gather(simd, pulls), occlusion);
+        let mut nothing = gradient[0] - gradient[0];
+        for part in &gradient[1..] {
+            nothing += *part - *part;
+        }
+        let bits = nothing.simd_eq(0.0).to_bitmask();
+        for (field, part) in fields_back.iter_mut().zip(gradient) {
+            let part = part.to_array();
+            for lane in 0..rows.len() {
+                if let Some(sum) = field.get_mut(indices[lane] as usize) {
+                    *sum += if bits >> lane & 1 == 1 {
+                        part[lane]
+                    } else {
+                        0.0
+                    };
+                }
+            }
+        }
+        not_finite += (0..rows.len()).filter(|lane| bits >> lane & 1 == 0).count() as u64;
+    }
+    not_finite
+}
+
+#[inline(always)]
+fn gradient<S: Simd>(
+    view: &View,
+    eight: &Eight<S>,
+    sight: &Sight<S>,
+    pulls: &Pulls<S>,
+    occlusion: bool,
+) -> [f32x8<S>; PARAMETER_COUNT] {
+    let mut by = measurement_back(view, sight, pulls);
+    if occlusion {
+        shadow_back(view, sight, pulls, &mut by);
+    }
+    let [gu, gv, gw] = axes_back(sight, &by);
+    let [mx, my, mz] = mean_back(view, sight, &by, gu, gv, gw);
+    let [qx, qy, qz, qw] = rotation_back(sight, gu, gv, gw);
+    let [sx, sy, sz] = scale_back(sight, &by);
+    let by_opacity = pulls.log_energy / eight.opacity() + pulls.opacity;
+    let logit = by_opacity * eight.opacity_slope();
+    [
+        mx,
+        my,
+        mz,
+        qx,
+        qy,
+        qz,
+        qw,
+        sx,
+        sy,
+        sz,
+        logit,
+        pulls.log_energy,
+    ]
+}
+
+/// Through energy, r′ and s².
+#[inline(always)]
+fn measurement_back<S: Simd>(view: &View, sight: &Sight<S>, pulls: &Pulls<S>) -> SightPull<S> {
+    let simd = sight.rr.simd;
+    let one = f32x8::splat(simd, 1.0);
+    let zero = f32x8::splat(simd, 0.0);
+    let (e, lever) = (pulls.log_energy, sight.lever_m);
+    let by_total = one / sight.total2;
+    let above_floor = sight.range_variance(view).1;
+    let variance = lanes::only(above_floor, pulls.variance);
+    let arc = sight.azimuth * lever;
+    let by_total2 = (e * (arc * arc * by_total - one) * 0.5
+        + pulls.range * arc * sight.rt * by_total
+        - variance * sight.own_variance())
+        * by_total;
+    let by_beam2 = by_total2 + variance * sight.rr * by_total;
+    let by_arc = -(e * arc + pulls.range * sight.rt) * by_total;
+    SightPull {
+        range_m: pulls.range - e * 2.0 / sight.range_m,
+        lever_m: e / lever + by_arc * sight.azimuth + lever * by_beam2 * (2.0 * view.beam_variance),
+        azimuth: by_arc * lever,
+        elevation: e * fan_slope(view, sight.elevation),
+        rr: variance * sight.beam2 * by_total,
+        rt: -pulls.range * arc * by_total,
+        tt: by_total2,
+        tp: zero,
+        pp: zero,
+        section2: e * 0.5 / sight.section2,
+        side2: variance * by_total,
+    }
+}
+
+/// `d ln g(φ)/dφ`.
+#[inline(always)]
+fn fan_slope<S: Simd>(view: &View, elevation: f32x8<S>) -> f32x8<S> {
+    let x = elevation * view.inverse_half_width;
+    let x2 = x * x;
+    let slope = -8.0 * std::f32::consts::LN_2 * view.inverse_half_width;
+    x2 * x2 * x2 * x * slope
+}
+
+/// Through what is covered on the raster.
+#[inline(always)]
+fn shadow_back<S: Simd>(view: &View, sight: &Sight<S>, pulls: &Pulls<S>, by: &mut SightPull<S>) {
+    let shadow = sight.shadow(view);
+    let (a, b, slope) = (shadow.inverse_width, shadow.inverse_height, shadow.slope);
+    let [h, h1, h2, h11, h12, h22] = pulls.moments;
+    let by_elevation = h2 * b;
+    by.elevation += by_elevation;
+    by.azimuth += h1 * a - slope * by_elevation;
+    // ½ S⁻¹(d dᵀ − S)S⁻¹ in the whitened frame.
+    let (k11, k22) = (h11 - h, h22 - h);
+    let pp = b * b * k22;
+    let tp = b * (a * h12 - slope * b * k22);
+    let tt = a * a * k11 - a * slope * b * h12 * 2.0 + slope * slope * pp;
+    let one = f32x8::splat(h.simd, 1.0);
+    let (by_lever, by_range) = (one / sight.lever_m, one / sight.range_m);
+    by.tt += tt * by_lever * by_lever * 0.5;
+    by.tp += tp * by_lever * by_range;
+    by.pp += pp * by_range * by_range * 0.5;
+    by.section2 += h * 0.5 / sight.section2;
+    by.lever_m -= (h + tt * shadow.tt + tp * shadow.tp) * by_lever;
+    by.range_m -= (h + pp * shadow.pp + tp * shadow.tp) * by_range;
+}
+
+/// By the directions of range, azimuth and elevation along the Gaussian's own axes.
+#[inline(always)]
+fn axes_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> [Triple<S>; 3] {
+    let (u, v, w) = (sight.along, sight.across, sight.up);
+    let (rr, tt, pp) = (by.rr * 2.0, by.tt * 2.0, by.pp * 2.0);
+    let (section2, side2) = (by.section2 * 2.0, by.side2 * 2.0);
+    let along =
+        |k: usize| sight.scale2[k] * (rr * u[k] + by.rt * v[k]) + section2 * sight.area2[k] * u[k];
+    let across = |k: usize| sight.scale2[k] * (tt * v[k] + by.rt * u[k] + by.tp * w[k]);
+    let up =
+        |k: usize| sight.scale2[k] * (pp * w[k] + by.tp * v[k]) + side2 * sight.area2[k] * w[k];
+    [
+        [along(0), along(1), along(2)],
+        [across(0), across(1), across(2)],
+        [up(0), up(1), up(2)],
+    ]
+}
+
+#[inline(always)]
+fn scale_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> Triple<S> {
+    let (u, v, w) = (sight.along, sight.across, sight.up);
+    let area = |k: usize| sight.area2[k] * (by.section2 * u[k] * u[k] + by.side2 * w[k] * w[k]);
+    let spread = |k: usize| {
+        (by.rr * u[k] + by.rt * v[k]) * u[k]
+            + (by.tt * v[k] + by.tp * w[k]) * v[k]
+            + by.pp * w[k] * w[k]
+    };
+    let (a0, a1, a2) = (area(0), area(1), area(2));
+    // Area k is the product of the two scales other than k.
+    [
+        (sight.scale2[0] * spread(0) + a1 + a2) * 2.0,
+        (sight.scale2[1] * spread(1) + a2 + a0) * 2.0,
+        (sight.scale2[2] * spread(2) + a0 + a1) * 2.0,
+    ]
+}
+
+/// By the mean: along range, azimuth and elevation, back through the drift, into the world.
+#[inline(always)]
+fn mean_back<S: Simd>(
+    view: &View,
+    sight: &Sight<S>,
+    by: &SightPull<S>,
+    gu: Triple<S>,
+    gv: Triple<S>,
+    gw: Triple<S>,
+) -> Triple<S> {
+    let (u, v, w) = (sight.along, sight.across, sight.up);
+    let one = f32x8::splat(u[0].simd, 1.0);
+    let (by_range, by_lever) = (one / sight.range_m, one / sight.lever_m);
+    let [x, y, z] = sight.mean;
+    let (cos, sin) = (sight.lever_m * by_range, z * by_range);
+    let azimuth = by.azimuth + cos * (dot(gu, v) - dot(gv, u)) + sin * (dot(gv, w) - dot(gw, v));
+    let elevation = by.elevation + dot(gu, w) - dot(gw, u) - z * by.lever_m;
+    let range = (by.range_m + cos * by.lever_m) * by_range;
+    let sideways = azimuth * by_lever * by_lever;
+    let upward = elevation * by_range * by_range;
+    let sunk = range - upward * z * by_lever;
+    let moved = [
+        x * sunk - y * sideways,
+        y * sunk + x * sideways,
+        z * range + sight.lever_m * upward,
+    ];
+    view.in_world_frame(drift_back(view, sight, moved))
+}
+
+/// `Dᵀg` with D the derivative of the drifted mean by the still one.
+#[inline(always)]
+fn drift_back<S: Simd>(view: &View, sight: &Sight<S>, g: Triple<S>) -> Triple<S> {
+    let [left, turn, roll] = view.drift_per_m;
+    let [x, y, z] = sight.still;
+    let late = sight.still_m - view.reference_range_m;
+    let rate = (x * turn - z * roll + left) / sight.still_m;
+    [
+        g[0] - g[1] * (rate * x + late * turn),
+        g[1] - g[1] * rate * y,
+        g[2] - g[1] * (rate * z - late * roll),
+    ]
+}
+
+/// By the raw quaternion: the torque about the own axes, doubled, through the normalisation.
+#[inline(always)]
+fn rotation_back<S: Simd>(
+    sight: &Sight<S>,
+    gu: Triple<S>,
+    gv: Triple<S>,
+    gw: Triple<S>,
+) -> [f32x8<S>; 4] {
+    let (a, b, c) = (
+        cross(gu, sight.along),
+        cross(gv, sight.across),
+        cross(gw, sight.up),
+    );
+    let torque = [a[0] + b[0] + c[0], a[1] + b[1] + c[1], a[2] + b[2] + c[2]];
+    let [x, y, z, w] = sight.unit;
+    let turned = cross([x, y, z], torque);
+    let factor = sight.inverse_length * 2.0;
+    [
+        factor * (w * torque[0] + turned[0]),
+        factor * (w * torque[1] + turned[1]),
+        factor * (w * torque[2] + turned[2]),
+        -factor * dot([x, y, z], torque),
+    ]
+}
