@@ -4,10 +4,19 @@
 //! would write down first, in single precision; they are here to show why the program's way is
 //! not theirs.
 
+mod crowds;
+mod dive;
 mod draw;
+mod frames;
+mod limits;
+mod naive;
 mod pings;
 mod report;
 mod row;
+mod scene;
+mod shadows;
+mod shapes;
+mod twins;
 
 pub use report::{section, text};
 pub use row::{Figure, Row};
@@ -31,10 +40,22 @@ impl Case {
 /// All of them, in the order of the report.
 #[must_use]
 pub fn cases() -> Vec<Case> {
-    vec![Case {
-        name: "degenerate pings",
-        make: pings::rows,
-    }]
+    let case = |name, make: fn(u64, bool) -> Vec<Row>| Case { name, make };
+    vec![
+        case("covariance condition", shapes::condition),
+        case("far origins", frames::far),
+        case("polar axis", shapes::polar),
+        case("range to 0", shapes::near),
+        case("azimuth across ±180°", frames::wrap),
+        case("transmittance", shadows::transmittance),
+        case("backward near α = 0.999", shadows::cap),
+        case("parameters out of range", limits::rows),
+        case("crowds and mixed sizes", crowds::rows),
+        case("degenerate pings", pings::rows),
+        case("gradients against central differences", twins::differences),
+        case("online kernels against twins", twins::online),
+        case("paper's kernels against twins", twins::paper),
+    ]
 }
 
 #[cfg(test)]

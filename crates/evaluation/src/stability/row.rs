@@ -86,13 +86,13 @@ impl Comparison {
 
     /// Of many numbers that belong together, at the one where the program is furthest off; errors
     /// are relative to the largest that is true. What should be nothing at all is measured as it is.
-    pub(crate) fn of_many(truth: &[f64], program: &[f32]) -> Self {
+    pub(crate) fn of_many<N: Copy + Into<f64>>(truth: &[f64], program: &[N]) -> Self {
         let at = worst_of(truth, program);
-        let value = |of: &[f32]| of.get(at).copied().map_or(f64::NAN, f64::from);
-        let truth_there = truth.get(at).copied().unwrap_or(0.0);
-        match truth.len() == program.len() {
-            true => Self::of(truth_there, value(program), scale_of(truth)),
-            false => Self::of(f64::NAN, f64::NAN, 1.0),
+        match (truth.get(at), program.get(at)) {
+            (Some(&truth_there), Some(&there)) if truth.len() == program.len() => {
+                Self::of(truth_there, there.into(), scale_of(truth))
+            }
+            _ => Self::of(f64::NAN, f64::NAN, 1.0),
         }
     }
 
@@ -159,11 +159,8 @@ fn scale_of(truth: &[f64]) -> f64 {
     if largest > 0.0 { largest } else { 1.0 }
 }
 
-fn worst_of(truth: &[f64], other: &[f32]) -> usize {
-    let errors = truth
-        .iter()
-        .zip(other)
-        .map(|(t, &o)| (f64::from(o) - t).abs());
+fn worst_of<N: Copy + Into<f64>>(truth: &[f64], other: &[N]) -> usize {
+    let errors = truth.iter().zip(other).map(|(t, &o)| (o.into() - t).abs());
     let start = (0, f64::NEG_INFINITY);
     let (at, _) = errors
         .enumerate()
@@ -197,28 +194,28 @@ mod tests {
     #[test]
     fn the_worst_of_many_is_shown_and_nan_is_worst() {
         let truth = [1.0, 4.0, 2.0];
-        let c = Comparison::of_many(&truth, &[1.0, 4.5, 2.25]);
+        let c = Comparison::of_many(&truth, &[1.0_f32, 4.5, 2.25]);
         assert!((c.error - 0.125).abs() < 1e-12 && (c.truth - 4.0).abs() < 1e-12);
         assert!(
             Comparison::of_many(&truth, &[1.0, f32::NAN, 9.0])
                 .error
                 .is_nan()
         );
-        assert!(Comparison::of_many(&truth, &[1.0, 4.0]).error.is_nan());
+        assert!(Comparison::of_many(&truth, &[1.0_f32, 4.0]).error.is_nan());
         let nan = Comparison::of(1.0, f64::NAN, 1.0);
         assert!(nan.worse(c).error.is_nan() && c.worse(nan).error.is_nan());
     }
 
     #[test]
     fn out_of_nothing_anything_counts_as_it_is() {
-        let c = Comparison::of_many(&[0.0, 0.0], &[0.0, 1e-3]);
+        let c = Comparison::of_many(&[0.0, 0.0], &[0.0, 1e-3_f32]);
         assert!((c.error - 1e-3).abs() < 1e-9);
     }
 
     #[test]
     fn the_naive_way_is_judged_by_itself() {
         let truth = [1.0, 4.0];
-        let c = Comparison::of_many(&truth, &[1.5, 4.0]).with_naive_many(&truth, &[1.0, 8.0]);
+        let c = Comparison::of_many(&truth, &[1.5_f32, 4.0]).with_naive_many(&truth, &[1.0, 8.0]);
         assert_eq!(c.naive, Some((8.0, 1.0)));
         let d = Comparison::of(1.0, 1.0, 1.0).with_naive(f64::NAN, 1.0);
         assert!(c.worse(d).naive.is_some_and(|naive| naive.1.is_nan()));
