@@ -11,11 +11,13 @@
 
 mod alignment;
 pub mod curve;
+pub mod held_back;
 mod map_points;
 mod metrics;
 mod neighbors;
 mod nullable;
 mod point_file;
+mod rendering;
 pub mod report;
 pub mod stability;
 mod statistics;
@@ -24,5 +26,6 @@ mod truth;
 
 pub use map_points::{MapPoint, MapPoints};
 pub use metrics::{Figures, Metrics, Normals, PaperFigures, evaluate, evaluate_raw};
+pub use rendering::MapRenderer;
 pub use statistics::Directed;
 pub use truth::{Truth, TruthError};

@@ -71,8 +71,10 @@ impl History {
     }
 }
 
-/// The look of a posed ping on the map's local coordinates, and its pose for the next weight.
-pub(crate) fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Look {
+/// The look of a posed ping on the local coordinates of a map with this origin, as the mapper
+/// takes it in: what renders a map for a ping starts from the same.
+#[must_use]
+pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Look {
     let settings = posed.ping.settings();
     let pose = &posed.world_from_sensor;
     let beam_turn = DQuat::from_rotation_z(posed.ping.beam_azimuth_rad().into());

@@ -18,4 +18,5 @@ mod shape;
 mod visibility;
 
 pub use config::{ConfigError, MapperConfig};
+pub use history::look_of;
 pub use mapper::{Budget, InsertReport, Mapper, MapperStatus, OptimizeReport};

@@ -5,10 +5,12 @@
 
 mod chart;
 mod picture;
+mod sonar_image;
 
 use std::fmt::Write;
 
 pub use picture::Picture;
+pub use sonar_image::{Column, Panel, SonarImage};
 
 use crate::curve::{Band, Curve, Spread, bands};
 use crate::{Metrics, table};

@@ -1,0 +1,60 @@
+//! What a map says that a ping measures, from anywhere.
+
+use echosplat_acoustics::{GaussianArrays, Look, OnlineOptions, OnlineRenderer, SpatialIndex};
+use echosplat_model::Gaussian;
+use glam::DVec3;
+
+/// A map made ready for rendering pings by the `online` measurement.
+pub struct MapRenderer {
+    origin_m: DVec3,
+    intensity_unit: f32,
+    gaussians: GaussianArrays,
+    index: SpatialIndex,
+    renderer: OnlineRenderer,
+    visible: Vec<u32>,
+    intensity: Vec<f32>,
+}
+
+impl MapRenderer {
+    /// Of Gaussians relative to `origin_m`, confident and ambiguous alike: together they explain
+    /// the echoes. `intensity_unit` is intensity per steradian that αρ = 1 sends back. Gaussians
+    /// that are not finite are left out.
+    #[must_use]
+    pub fn new(
+        origin_m: DVec3,
+        intensity_unit: f32,
+        gaussians: &[Gaussian],
+        occlusion: bool,
+    ) -> Self {
+        let sound = gaussians.iter().filter(|gaussian| gaussian.is_sound());
+        let sound: Vec<Gaussian> = sound.copied().collect();
+        let gaussians = GaussianArrays::from_gaussians(&sound);
+        Self {
+            origin_m,
+            intensity_unit,
+            index: SpatialIndex::new(&gaussians),
+            gaussians,
+            renderer: OnlineRenderer::new(OnlineOptions { occlusion }),
+            visible: Vec::new(),
+            intensity: Vec::new(),
+        }
+    }
+
+    /// Looks are relative to this, world coordinates.
+    #[must_use]
+    pub fn origin_m(&self) -> DVec3 {
+        self.origin_m
+    }
+
+    /// Intensity per bin without noise in the unit of the pings that the map was made of, shape
+    /// `[bin_count]`.
+    pub fn ping(&mut self, look: &Look) -> &[f32] {
+        self.index.visible(look, &mut self.visible);
+        let rendered = self.renderer.forward(look, &self.gaussians, &self.visible);
+        let unit = self.intensity_unit;
+        self.intensity.clear();
+        self.intensity
+            .extend(rendered.iter().map(|energy| energy * unit));
+        &self.intensity
+    }
+}
