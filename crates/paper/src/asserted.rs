@@ -31,5 +31,7 @@ pub(crate) fn asserted(
 /// How many [`asserted`] gives, of finite Gaussians.
 pub(crate) fn count(arrays: &GaussianArrays, least_opacity: f32) -> usize {
     let logits = arrays.opacity_logit.iter();
-    logits.filter(|logit| opacity_of(**logit) > least_opacity).count()
+    logits
+        .filter(|logit| opacity_of(**logit) > least_opacity)
+        .count()
 }

@@ -55,7 +55,10 @@ pub(crate) fn beam_width_m(images: &Images, choices: &Choices) -> f32 {
     let mut ranges_m: Vec<f32> = images.images.par_iter().flat_map_iter(ranges).collect();
     ranges_m.sort_unstable_by(f32::total_cmp);
     let middle_m = ranges_m.get(ranges_m.len() / 2).copied().unwrap_or(1.0);
-    let step_rad = images.images.first().map_or(0.01, |image| image.geometry.azimuth_step_rad());
+    let step_rad = images
+        .images
+        .first()
+        .map_or(0.01, |image| image.geometry.azimuth_step_rad());
     (middle_m * step_rad).max(1e-3)
 }
 
@@ -72,7 +75,12 @@ fn active_pixels<'a>(
 
 /// (11): points on the elevation arc of one pixel, relative to the images' origin, evenly spaced in
 /// elevation and both ends included.
-fn arc(image: &Image, beam: usize, bin: usize, choices: &Choices) -> impl Iterator<Item = Vec3> + use<> {
+fn arc(
+    image: &Image,
+    beam: usize,
+    bin: usize,
+    choices: &Choices,
+) -> impl Iterator<Item = Vec3> + use<> {
     let g = image.geometry;
     let range_m = g.range_min_m + bin as f32 * g.range_step_m;
     let azimuth = beam as f32 * g.azimuth_step_rad() - 0.5 * g.fov_rad;
@@ -82,7 +90,11 @@ fn arc(image: &Image, beam: usize, bin: usize, choices: &Choices) -> impl Iterat
     (0..=steps).map(move |step| {
         let elevation = half * (2.0 * step as f32 / steps as f32 - 1.0);
         let level = elevation.cos();
-        let ray = Vec3::new(level * azimuth.cos(), level * azimuth.sin(), elevation.sin());
+        let ray = Vec3::new(
+            level * azimuth.cos(),
+            level * azimuth.sin(),
+            elevation.sin(),
+        );
         g.position_m + g.axes * (ray * range_m)
     })
 }
@@ -157,7 +169,9 @@ impl Merged {
     fn cell_of(&mut self, point: Vec3) -> Option<usize> {
         let cell = (point / self.cell_m).floor().to_array();
         // 21 bits per axis: two million cells each way.
-        let key = cell.iter().fold(0, |key, &c| (key << 21) | (c as i64 as u64 & 0x1f_ffff));
+        let key = cell
+            .iter()
+            .fold(0, |key, &c| (key << 21) | (c as i64 as u64 & 0x1f_ffff));
         let next = self.weight.len();
         if let Some(at) = self.cells.get(&key) {
             return Some(*at as usize);
@@ -186,7 +200,9 @@ fn supported(merged: &Merged, radius_m: f32) -> Candidates {
         row.fill(0);
         grid.for_each_within(&positions_m, positions_m[place], radius_m, |near| {
             let theirs = merged.tags.row(near as usize);
-            row.iter_mut().zip(theirs).for_each(|(mine, word)| *mine |= word);
+            row.iter_mut()
+                .zip(theirs)
+                .for_each(|(mine, word)| *mine |= word);
         });
         row.iter().map(|word| word.count_ones()).sum::<u32>() >= merged.counts.views_needed
     };
@@ -207,7 +223,11 @@ fn supported(merged: &Merged, radius_m: f32) -> Candidates {
     let mut all = Candidates::none_like(&merged.tags);
     for chunk in &chunks {
         for place in 0..chunk.value.len() {
-            all.push(chunk.position_m[place], chunk.value[place], chunk.tags.row(place));
+            all.push(
+                chunk.position_m[place],
+                chunk.value[place],
+                chunk.tags.row(place),
+            );
         }
     }
     all
@@ -278,7 +298,9 @@ mod tests {
     fn support_counts_views_and_not_pings_or_pixels() {
         // Two views see the place, one of them with many pixels around it; three are asked for.
         let few = sample::images(vec![
-            sample::image(0, |beam, bin| (4..7).contains(&beam) && (39..42).contains(&bin)),
+            sample::image(0, |beam, bin| {
+                (4..7).contains(&beam) && (39..42).contains(&bin)
+            }),
             sample::image(1, |beam, bin| (beam, bin) == (5, 40)),
         ]);
         let choices = Choices {
@@ -287,7 +309,10 @@ mod tests {
             ..Choices::default()
         };
         let (found, counts) = find(&few, 0.1, &choices);
-        assert_eq!((counts.active_pixels, counts.kept, found.value.len()), (10, 0, 0));
+        assert_eq!(
+            (counts.active_pixels, counts.kept, found.value.len()),
+            (10, 0, 0)
+        );
 
         let choices = Choices {
             support_views: 2,

@@ -122,8 +122,8 @@ impl Default for Choices {
             elevation_half_width_rad: 25f32.to_radians(),
             elevation_step_beams: 1.0,
             merge_beams: 1.0,
-            support_beams: 1.5,
-            support_share: 0.16,
+            support_beams: 1.0,
+            support_share: 0.08,
             support_views: 3,
             reflectivity_share: 0.4,
             scale_beams: 0.25,
@@ -146,8 +146,8 @@ impl Default for Choices {
             alignment_memory: 0.9,
             alignment_decay: 0.002,
             epochs: 100,
-            prune_from_epoch: 10,
-            prune_every_epochs: 5,
+            prune_from_epoch: 2,
+            prune_every_epochs: 2,
             prune_opacity: 0.05,
             prune_distance_beams: 0.2,
             density_radius_beams: 2.0,
@@ -224,7 +224,11 @@ impl Choices {
                 format!("{} of the views", self.support_share),
                 "M of (12): a fixed M would mean less the more views there are; near the printed counts 38,024 and 174,637",
             ),
-            row("support_views", self.support_views, "M of (12) where views are few"),
+            row(
+                "support_views",
+                self.support_views,
+                "M of (12) where views are few",
+            ),
         ]
     }
 
@@ -255,21 +259,41 @@ impl Choices {
                 format!("{} px²", self.least_pixel_variance),
                 "added to (24) so that no Gaussian falls between pixels; as optical splatting does",
             ),
-            row("shadowing", shadowing, "(29), (30) is the paper's own way of training"),
+            row(
+                "shadowing",
+                shadowing,
+                "(29), (30) is the paper's own way of training",
+            ),
             row(
                 "loss",
                 "sum over pixels, one view per step",
                 "(31), (32) as printed, not divided by anything",
             ),
-            row("opacity_weight", self.opacity_weight, "λ_α of (42), on the view's Gaussians at every step"),
-            row("scale_weight", self.scale_weight, "λ_s of (42), scales in beam widths"),
+            row(
+                "opacity_weight",
+                self.opacity_weight,
+                "λ_α of (42), on the view's Gaussians at every step",
+            ),
+            row(
+                "scale_weight",
+                self.scale_weight,
+                "λ_s of (42), scales in beam widths",
+            ),
             row(
                 "elevation_weight",
                 self.elevation_weight,
                 "λ_elev of (42); small, since (39) draws a front and a back of one structure together",
             ),
-            row("depth_weight", format!("{} per m²", self.depth_weight), "λ_depth of (40)"),
-            row("entropy_epsilon", self.entropy_epsilon, "ε of (37), \"a small constant\""),
+            row(
+                "depth_weight",
+                format!("{} per m²", self.depth_weight),
+                "λ_depth of (40)",
+            ),
+            row(
+                "entropy_epsilon",
+                self.entropy_epsilon,
+                "ε of (37), \"a small constant\"",
+            ),
             row(
                 "elevation_bin_rad",
                 format!("{:.1}°", self.elevation_bin_rad.to_degrees()),
@@ -290,36 +314,84 @@ impl Choices {
                 "Adam (0.9, 0.999), one step per view on its tagged Gaussians",
                 "\"the optimisation step\" is all the paper says; Adam is what Gaussian splatting uses",
             ),
-            row("rate_mean_beams", format!("{} beam widths", self.rate_mean_beams), "step of the mean"),
-            row("rate_rotation", self.rate_rotation, "step of the quaternion"),
-            row("rate_log_scale", self.rate_log_scale, "step of the log scale, as Gaussian splatting"),
-            row("rate_opacity", self.rate_opacity, "step of the logit; larger ones overshoot in the first epoch and lose the structure"),
+            row(
+                "rate_mean_beams",
+                format!("{} beam widths", self.rate_mean_beams),
+                "step of the mean",
+            ),
+            row(
+                "rate_rotation",
+                self.rate_rotation,
+                "step of the quaternion",
+            ),
+            row(
+                "rate_log_scale",
+                self.rate_log_scale,
+                "step of the log scale, as Gaussian splatting",
+            ),
+            row(
+                "rate_opacity",
+                self.rate_opacity,
+                "step of the logit; larger ones overshoot in the first epoch and lose the structure",
+            ),
             row(
                 "rate_reflectivity",
                 self.rate_reflectivity,
                 "0: without shadowing only αρ shows in an image, and the map is read off α",
             ),
-            row("rate_at_end", self.rate_at_end, "all steps shrink to this share, as Gaussian splatting's means"),
-            row("alignment_rate", self.alignment_rate, "η of (44), after every step"),
+            row(
+                "rate_at_end",
+                self.rate_at_end,
+                "all steps shrink to this share, as Gaussian splatting's means",
+            ),
+            row(
+                "alignment_rate",
+                self.alignment_rate,
+                "η of (44), after every step",
+            ),
             row("alignment_memory", self.alignment_memory, "β of (45)"),
             row("alignment_decay", self.alignment_decay, "λ_h of (46)"),
             row("epochs", self.epochs, "figure 3 ends at epoch 100"),
-            row("shuffle_seed", self.shuffle_seed, "order of views, new in every epoch"),
+            row(
+                "shuffle_seed",
+                self.shuffle_seed,
+                "order of views, new in every epoch",
+            ),
         ]
     }
 
     fn rows_of_pruning_and_map(&self) -> Vec<Choice> {
         vec![
-            row("prune_from_epoch", self.prune_from_epoch, "once the shared excess of the start is worked off"),
-            row("prune_every_epochs", self.prune_every_epochs, "no interval printed"),
-            row("prune_opacity", self.prune_opacity, "V-D1 \"below a specified threshold\""),
+            row(
+                "prune_from_epoch",
+                self.prune_from_epoch,
+                "once the shared excess of the start is worked off",
+            ),
+            row(
+                "prune_every_epochs",
+                self.prune_every_epochs,
+                "no interval printed",
+            ),
+            row(
+                "prune_opacity",
+                self.prune_opacity,
+                "V-D1 \"below a specified threshold\"",
+            ),
             row(
                 "prune_distance_beams",
                 format!("{} beam widths", self.prune_distance_beams),
                 "V-D1 \"distance from the surrounding Gaussians reduces below\": of two so close the less opaque goes",
             ),
-            row("density_radius_beams", format!("{} beam widths", self.density_radius_beams), "r_d of (47)"),
-            row("density_least", self.density_least, "N_min of (48), itself counted as (47) does"),
+            row(
+                "density_radius_beams",
+                format!("{} beam widths", self.density_radius_beams),
+                "r_d of (47)",
+            ),
+            row(
+                "density_least",
+                self.density_least,
+                "N_min of (48), itself counted as (47) does",
+            ),
             row(
                 "guard_share",
                 self.guard_share,
@@ -352,8 +424,15 @@ mod tests {
         let rows = choices.rows();
         let fields = serde_json::to_value(&choices).unwrap();
         for (name, _) in fields.as_object().unwrap() {
-            assert_eq!(rows.iter().filter(|row| row.name == name).count(), 1, "{name}");
+            assert_eq!(
+                rows.iter().filter(|row| row.name == name).count(),
+                1,
+                "{name}"
+            );
         }
-        assert!(rows.iter().all(|row| !row.value.is_empty() && !row.why.is_empty()));
+        assert!(
+            rows.iter()
+                .all(|row| !row.value.is_empty() && !row.why.is_empty())
+        );
     }
 }

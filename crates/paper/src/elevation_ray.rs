@@ -7,10 +7,10 @@
 
 use echosplat_acoustics::{GaussianArrays, GradientArrays};
 use glam::Vec3;
+use rayon::prelude::*;
 
 use crate::Choices;
 use crate::images::Image;
-use crate::tags::ViewTags;
 
 /// One Gaussian on its ray.
 #[derive(Debug, Clone, Copy)]
@@ -30,11 +30,12 @@ struct OnRay {
     azimuth_axis: Vec3,
 }
 
-/// One view's geometry, measured image and tags: what places Gaussians on its rays.
+/// One view's geometry and measured image, and how often Gaussians are seen: what places Gaussians on its rays.
 #[derive(Clone, Copy)]
 pub(crate) struct RayView<'a> {
     pub(crate) image: &'a Image,
-    pub(crate) tags: &'a ViewTags,
+    /// Views that each Gaussian is observed in.
+    pub(crate) view_counts: &'a [u32],
     pub(crate) choices: &'a Choices,
 }
 
@@ -55,18 +56,24 @@ impl ElevationRays {
         subset: &[u32],
         gradients: &mut GradientArrays,
     ) -> f64 {
-        self.on_rays.clear();
-        let on_rays = subset.iter().filter_map(|&index| {
+        let on_ray = |&index: &u32| {
             let mean_m = Vec3::from_array([0, 1, 2].map(|k| gaussians.mean_m[k][index as usize]));
             view.place(index, mean_m)
-        });
-        self.on_rays.extend(on_rays);
-        self.on_rays.sort_unstable_by(|a, b| {
+        };
+        self.on_rays.clear();
+        self.on_rays
+            .par_extend(subset.par_iter().with_min_len(1024).filter_map(on_ray));
+        // No two are equal: any sort gives the same order.
+        self.on_rays.par_sort_unstable_by(|a, b| {
             let by_range = a.range_m.total_cmp(&b.range_m);
             a.ray.cmp(&b.ray).then(by_range).then(a.index.cmp(&b.index))
         });
         let of_one_ray = |ray: &&[OnRay]| ray.len() >= 2;
-        let rays = || self.on_rays.chunk_by(|a, b| a.ray == b.ray).filter(of_one_ray);
+        let rays = || {
+            self.on_rays
+                .chunk_by(|a, b| a.ray == b.ray)
+                .filter(of_one_ray)
+        };
         let count = rays().count();
         if count == 0 {
             return 0.0;
@@ -104,9 +111,12 @@ impl RayView<'_> {
             ),
             index,
             range_m: f64::from(range_m),
-            views: f64::from(self.tags.count(index as usize)),
+            views: f64::from(self.view_counts[index as usize]),
             value: f64::from(value),
-            slope: [f64::from(along / g.range_step_m), f64::from(across / step_rad)],
+            slope: [
+                f64::from(along / g.range_step_m),
+                f64::from(across / step_rad),
+            ],
             range_axis: g.axes * (q / range_m),
             azimuth_axis: g.axes * (Vec3::new(-q.y, q.x, 0.0) / level2),
         })
@@ -116,12 +126,19 @@ impl RayView<'_> {
 /// Measured intensity at a place between pixels, bilinear, and its slope along range and azimuth
 /// per pixel; 0 outside the image.
 fn between_pixels(image: &Image, row: f32, column: f32) -> (f32, f32, f32) {
-    let (bins, beams) = (image.geometry.range_bins as i64, i64::from(image.geometry.beams));
+    let (bins, beams) = (
+        image.geometry.range_bins as i64,
+        i64::from(image.geometry.beams),
+    );
     let (bin, beam) = (row.floor() as i64, column.floor() as i64);
     let (s, t) = (row - row.floor(), column - column.floor());
     let at = |beam: i64, bin: i64| {
         let inside = (0..beams).contains(&beam) && (0..bins).contains(&bin);
-        if inside { image.at(beam as usize, bin as usize) } else { 0.0 }
+        if inside {
+            image.at(beam as usize, bin as usize)
+        } else {
+            0.0
+        }
     };
     let [a, b] = [at(beam, bin), at(beam, bin + 1)];
     let [c, d] = [at(beam + 1, bin), at(beam + 1, bin + 1)];
@@ -138,7 +155,10 @@ fn one_ray(
     share: f64,
     gradients: &mut GradientArrays,
 ) -> f64 {
-    let (epsilon, depth) = (f64::from(choices.entropy_epsilon), f64::from(choices.depth_weight));
+    let (epsilon, depth) = (
+        f64::from(choices.entropy_epsilon),
+        f64::from(choices.depth_weight),
+    );
     let score = |k: &OnRay| k.views * k.value;
     let highest = ray.iter().map(score).fold(f64::NEG_INFINITY, f64::max);
     mass.clear();
@@ -152,13 +172,19 @@ fn one_ray(
     let variance: f64 = ray.iter().zip(&*mass).map(|(k, p)| p * from_mean2(k)).sum();
 
     // ∂L/∂p; what the variance loses through the mean range cancels.
-    let by_mass = |k: &OnRay, p: f64| depth * from_mean2(k) - (p + epsilon).ln() - p / (p + epsilon);
-    let middle: f64 = ray.iter().zip(&*mass).map(|(k, p)| p * by_mass(k, *p)).sum();
+    let by_mass =
+        |k: &OnRay, p: f64| depth * from_mean2(k) - (p + epsilon).ln() - p / (p + epsilon);
+    let middle: f64 = ray
+        .iter()
+        .zip(&*mass)
+        .map(|(k, p)| p * by_mass(k, *p))
+        .sum();
     for (k, &p) in ray.iter().zip(&*mass) {
         let by_value = k.views * p * (by_mass(k, p) - middle);
         let by_range = depth * 2.0 * p * (k.range_m - mean_m) + by_value * k.slope[0];
         let by_azimuth = by_value * k.slope[1];
-        let by_mean = k.range_axis * (share * by_range) as f32 + k.azimuth_axis * (share * by_azimuth) as f32;
+        let by_mean =
+            k.range_axis * (share * by_range) as f32 + k.azimuth_axis * (share * by_azimuth) as f32;
         for axis in 0..3 {
             gradients.mean_m[axis][k.index as usize] += by_mean[axis];
         }
@@ -171,7 +197,9 @@ mod tests {
     use super::*;
     use crate::sample;
 
-    fn setting() -> (Image, GaussianArrays, ViewTags, Choices) {
+    type Setting = (Image, GaussianArrays, Vec<u32>, Choices);
+
+    fn setting() -> Setting {
         let image = sample::image(0, |_, _| false);
         let mut smooth = image.clone();
         let bins = image.geometry.range_bins as usize;
@@ -180,7 +208,7 @@ mod tests {
             *value = 0.5 + 0.3 * (0.11 * bin).sin() + 0.15 * (0.4 * beam).cos();
         }
         // Three on one ray, two on another, one alone.
-        let (mut gaussians, mut tags) = (GaussianArrays::new(), ViewTags::new(8));
+        let (mut gaussians, mut view_counts) = (GaussianArrays::new(), Vec::new());
         let g = image.geometry;
         for (azimuth, elevation, range_m, views) in [
             (0.02f32, 0.05f32, 4.013f32, 2),
@@ -191,24 +219,31 @@ mod tests {
             (0.2, 0.3, 4.5, 4),
         ] {
             let level = elevation.cos();
-            let ray = Vec3::new(level * azimuth.cos(), level * azimuth.sin(), elevation.sin());
+            let ray = Vec3::new(
+                level * azimuth.cos(),
+                level * azimuth.sin(),
+                elevation.sin(),
+            );
             let mut one = sample::gaussians(1).get(0);
             one.mean_m = g.position_m + g.axes * (ray * range_m);
             gaussians.push(one);
-            let row = tags.push_empty();
-            (0..views).for_each(|view| tags.set(row, view));
+            view_counts.push(views);
         }
         let choices = Choices {
             elevation_weight: 1.0,
             depth_weight: 1.7,
             ..Choices::default()
         };
-        (smooth, gaussians, tags, choices)
+        (smooth, gaussians, view_counts, choices)
     }
 
-    fn loss(setting: &(Image, GaussianArrays, ViewTags, Choices), gradients: &mut GradientArrays) -> f64 {
-        let (image, gaussians, tags, choices) = setting;
-        let view = RayView { image, tags, choices };
+    fn loss(setting: &Setting, gradients: &mut GradientArrays) -> f64 {
+        let (image, gaussians, view_counts, choices) = setting;
+        let view = RayView {
+            image,
+            view_counts,
+            choices,
+        };
         ElevationRays::default().add(view, gaussians, &[5, 4, 3, 2, 1, 0], gradients)
     }
 
@@ -226,7 +261,10 @@ mod tests {
                 };
                 let expected = (at(1e-3) - at(-1e-3)) / 2e-3;
                 let found = f64::from(gradients.mean_m[axis][index]);
-                assert!((found - expected).abs() < 0.02 * (0.02 + expected.abs()), "{index} {axis}: {found} {expected}");
+                assert!(
+                    (found - expected).abs() < 0.02 * (0.02 + expected.abs()),
+                    "{index} {axis}: {found} {expected}"
+                );
             }
         }
         assert_eq!(gradients.get(5), [0.0; 12], "alone on its ray");

@@ -51,7 +51,8 @@ impl Grid {
 
     fn hash(&self, cell: [i32; 3]) -> u32 {
         let [x, y, z] = cell.map(|c| c as u32);
-        let mixed = x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791);
+        let mixed =
+            x.wrapping_mul(73_856_093) ^ y.wrapping_mul(19_349_663) ^ z.wrapping_mul(83_492_791);
         (mixed ^ (mixed >> 15)) & self.mask
     }
 
@@ -108,7 +109,9 @@ mod tests {
     fn it_finds_what_looking_at_all_finds() {
         let mut random = Random::new(3);
         let mut draw = || random.unit() * 4.0 - 2.0;
-        let mut points: Vec<Vec3> = (0..500).map(|_| Vec3::new(draw(), draw(), draw())).collect();
+        let mut points: Vec<Vec3> = (0..500)
+            .map(|_| Vec3::new(draw(), draw(), draw()))
+            .collect();
         points.push(Vec3::NAN);
         points.push(points[0]);
         for (cell_m, radius_m) in [(0.3, 0.3), (0.1, 0.45), (1.0, 0.2)] {

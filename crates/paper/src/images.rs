@@ -43,7 +43,9 @@ pub struct Images {
 #[non_exhaustive]
 pub enum ImageError {
     /// None belongs to a view, or all are dark.
-    #[error("no image shows anything: of {ping_count} pings, {left_out_count} carry no view number")]
+    #[error(
+        "no image shows anything: of {ping_count} pings, {left_out_count} carry no view number"
+    )]
     Nothing {
         /// Pings given.
         ping_count: usize,
@@ -207,7 +209,11 @@ impl FanAxes {
             .map(|(_, ping)| ping.world_from_sensor.translation_m)
             .sum::<DVec3>()
             / count;
-        let up = axes.iter().map(|a| a.z_axis).sum::<DVec3>().try_normalize()?;
+        let up = axes
+            .iter()
+            .map(|a| a.z_axis)
+            .sum::<DVec3>()
+            .try_normalize()?;
         let along = axes.iter().map(|a| a.x_axis).sum::<DVec3>();
         let along = (along - up * along.dot(up)).try_normalize()?;
         let rough = DMat3::from_cols(along, up.cross(along), up);
@@ -217,7 +223,10 @@ impl FanAxes {
         };
         let mut azimuths_rad: Vec<f64> = axes.iter().map(azimuth).collect();
         let low = azimuths_rad.iter().copied().fold(f64::INFINITY, f64::min);
-        let high = azimuths_rad.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let high = azimuths_rad
+            .iter()
+            .copied()
+            .fold(f64::NEG_INFINITY, f64::max);
         let middle = 0.5 * (low + high);
         for azimuth in &mut azimuths_rad {
             *azimuth -= middle;
@@ -252,4 +261,105 @@ fn median_of_peaks(images: &[Image]) -> f32 {
     let mut peaks: Vec<f32> = images.iter().map(peak).collect();
     peaks.sort_unstable_by(f32::total_cmp);
     peaks.get(peaks.len() / 2).copied().unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use super::*;
+    use echosplat_model::{Ping, PingSettings, Pose, Twist};
+
+    const BEAMS: usize = 8;
+    const STEP_RAD: f64 = 0.02;
+
+    fn view_pose() -> Pose {
+        Pose::from_yaw_pitch_roll(2.0, 0.3, -0.2, DVec3::new(1e6, -3.0, 5.0))
+    }
+
+    /// Beam `beam` lit in bin `beam`, its own pose turned about z by its azimuth.
+    fn ping(view: Option<u32>, sequence: u64, beam: usize) -> PosedPing {
+        let settings = PingSettings {
+            range_start_m: 1.0,
+            range_length_m: 4.0,
+            bin_count: 20,
+            speed_of_sound_mps: 1500.0,
+            frequency_hz: 0.0,
+            pulse_duration_s: 0.0,
+            gain_index: 0,
+        };
+        let mut intensity = vec![0.0; 20];
+        intensity[beam] = 4.0;
+        let time = Timestamp::from_secs_f64(sequence as f64);
+        let ping = Ping::new(sequence, time, settings, intensity).unwrap();
+        let ping = view.map_or(ping.clone(), |view| ping.with_beam(0.0, view));
+        let azimuth = (beam as f64 - 3.5) * STEP_RAD;
+        PosedPing {
+            ping: Arc::new(ping),
+            world_from_sensor: view_pose()
+                * Pose::from_yaw_pitch_roll(azimuth, 0.0, 0.0, DVec3::ZERO),
+            twist: Twist::default(),
+            reference_range_m: 0.0,
+            uncertainty: None,
+        }
+    }
+
+    fn pings() -> Vec<PosedPing> {
+        // Not in the order of azimuth.
+        let beams = [3, 1, 0, 2, 7, 6, 4, 5].into_iter().enumerate();
+        beams
+            .map(|(sequence, beam)| ping(Some(9), sequence as u64, beam))
+            .collect()
+    }
+
+    #[test]
+    fn the_views_pose_and_beams_are_recovered_from_its_pings() {
+        let mut all = pings();
+        all.push(ping(None, 8, 0));
+        let images = Images::from_pings(&all, &Choices::default()).unwrap();
+        let [image] = images.images.as_slice() else {
+            panic!("one image");
+        };
+        assert_eq!(
+            (image.view, images.left_out_count, images.through_ping),
+            (9, 1, 7)
+        );
+        assert_eq!(images.origin_m, view_pose().translation_m);
+        let expected = DMat3::from_quat(view_pose().rotation).as_mat3();
+        assert!(image.geometry.axes.abs_diff_eq(expected, 1e-5));
+        let step = image.geometry.azimuth_step_rad();
+        assert!((f64::from(step) - STEP_RAD).abs() < 1e-6);
+        assert!((image.geometry.range_min_m - 1.1).abs() < 1e-6);
+        assert!((images.intensity_unit - 4.0).abs() < 1e-6);
+        for beam in 0..BEAMS {
+            for bin in 0..20 {
+                let expected = if beam == bin { 1.0 } else { 0.0 };
+                assert!(
+                    (image.at(beam, bin) - expected).abs() < 1e-6,
+                    "{beam} {bin}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_no_image_is_refused_by_name() {
+        let from =
+            |pings: &[PosedPing]| Images::from_pings(pings, &Choices::default()).unwrap_err();
+        let none = ImageError::Nothing {
+            ping_count: 1,
+            left_out_count: 1,
+        };
+        assert_eq!(from(&[ping(None, 0, 0)]), none);
+        assert_eq!(
+            from(&pings()[..1]),
+            ImageError::OneBeam { view: 9, beams: 1 }
+        );
+        let mut gap = pings();
+        gap.remove(1);
+        assert_eq!(from(&gap), ImageError::Uneven { view: 9 });
+        let mut broken = pings();
+        broken[2].world_from_sensor.translation_m.x = f64::NAN;
+        assert_eq!(from(&broken), ImageError::Pose { view: 9 });
+    }
 }

@@ -42,9 +42,7 @@ mod start;
 mod tags;
 
 pub use candidates::CandidateCounts;
-pub use choices::{
-    ASSERTED_IN_FENCE_FIGURE, ASSERTED_IN_TRUSS_FIGURE, Choice, Choices, Shadowing,
-};
+pub use choices::{ASSERTED_IN_FENCE_FIGURE, ASSERTED_IN_TRUSS_FIGURE, Choice, Choices, Shadowing};
 pub use images::{Image, ImageError, Images};
 pub use method::{EpochReport, PaperMethod};
 pub use pruning::Pruned;

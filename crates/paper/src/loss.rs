@@ -5,7 +5,10 @@
 pub(crate) fn l1(predicted: &[f32], measured: &[f32], d_image: &mut Vec<f32>) -> f64 {
     d_image.clear();
     d_image.extend(predicted.iter().zip(measured).map(|(p, m)| slope(p - m)));
-    let differences = predicted.iter().zip(measured).map(|(p, m)| f64::from((p - m).abs()));
+    let differences = predicted
+        .iter()
+        .zip(measured)
+        .map(|(p, m)| f64::from((p - m).abs()));
     differences.sum()
 }
 

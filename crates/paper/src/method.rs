@@ -51,6 +51,8 @@ pub struct PaperMethod {
     gaussians: GaussianArrays,
     ids: Vec<GaussianId>,
     tags: ViewTags,
+    /// Views of each row of `tags`: `n_k` of (35).
+    view_counts: Vec<u32>,
     gradients: GradientArrays,
     adam: Adam,
     alignment: Alignment,
@@ -59,6 +61,7 @@ pub struct PaperMethod {
     renderer: PaperRenderer,
     rays: ElevationRays,
     order: Random,
+    loss_of_nothing: f64,
     epoch: u32,
     pairs: u64,
     buffers: Buffers,
@@ -86,6 +89,7 @@ impl PaperMethod {
             counts,
             gaussians,
             ids: (0..count as GaussianId).collect(),
+            view_counts: (0..count).map(|row| found.tags.count(row)).collect(),
             tags: found.tags,
             gradients: GradientArrays::zeros(count),
             adam: Adam::new(count),
@@ -94,6 +98,11 @@ impl PaperMethod {
             renderer: PaperRenderer::parallel(),
             rays: ElevationRays::default(),
             order: Random::new(choices.shuffle_seed),
+            loss_of_nothing: images
+                .images
+                .iter()
+                .map(|i| loss::of_nothing(&i.value))
+                .sum(),
             epoch: 0,
             pairs: 0,
             buffers: Buffers::default(),
@@ -117,6 +126,7 @@ impl PaperMethod {
             report.pruned = self.prune();
         }
         report.epoch = self.epoch;
+        report.loss_of_nothing = self.loss_of_nothing;
         report.elevation_loss /= view_count as f64;
         report.size_loss /= view_count as f64;
         report.gaussians = self.gaussians.len();
@@ -222,7 +232,6 @@ impl PaperMethod {
             .renderer
             .forward(&image.geometry, &self.gaussians, subset, shadowing);
         report.loss += loss::l1(predicted, &image.value, d_image);
-        report.loss_of_nothing += loss::of_nothing(&image.value);
         report.pairs += self.renderer.pair_count();
         self.renderer
             .backward(&self.gaussians, d_image, &mut self.gradients);
@@ -252,7 +261,7 @@ impl PaperMethod {
         );
         let view = RayView {
             image: &self.images.images[view],
-            tags: &self.tags,
+            view_counts: &self.view_counts,
             choices: &self.choices,
         };
         report.elevation_loss += self
@@ -275,11 +284,17 @@ impl PaperMethod {
 
     /// (44) to (46), after the step.
     fn align_opacities(&mut self) {
-        let gradients = self.buffers.subset.iter().zip(&self.buffers.opacity_gradient);
+        let gradients = self
+            .buffers
+            .subset
+            .iter()
+            .zip(&self.buffers.opacity_gradient);
         for (&index, &gradient) in gradients {
             let index = index as usize;
             let opacity = opacity_of(self.gaussians.opacity_logit[index]);
-            let aligned = self.alignment.aligned(index, opacity, gradient, &self.choices);
+            let aligned = self
+                .alignment
+                .aligned(index, opacity, gradient, &self.choices);
             self.gaussians.opacity_logit[index] = logit(aligned);
         }
     }
@@ -295,7 +310,11 @@ impl PaperMethod {
             }
             let fields = &mut self.gaussians.rotation;
             let length2: f32 = fields.iter().map(|field| field[index] * field[index]).sum();
-            let scale = if length2 > 1e-12 { length2.sqrt().recip() } else { 1.0 };
+            let scale = if length2 > 1e-12 {
+                length2.sqrt().recip()
+            } else {
+                1.0
+            };
             fields.iter_mut().for_each(|field| field[index] *= scale);
         }
     }
@@ -327,9 +346,112 @@ impl PaperMethod {
         self.tags.retain(keep);
         self.adam.retain(keep);
         self.alignment.retain(keep);
-        let mut kept = keep.iter();
-        self.ids.retain(|_| *kept.next().unwrap_or(&false));
+        retain(&mut self.ids, keep);
+        retain(&mut self.view_counts, keep);
         self.gradients = GradientArrays::zeros(self.gaussians.len());
         self.impact = vec![0.0; self.gaussians.len()];
+    }
+}
+
+/// Keeps the values whose place in `keep` is true.
+pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
+    let mut keep = keep.iter();
+    values.retain(|_| *keep.next().unwrap_or(&false));
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::{Arc, LazyLock};
+
+    use super::*;
+    use echosplat_model::PosedPing;
+    use echosplat_simulator::{Dive, DiveKind, NoiseLevel, Scene, SimulatedSonar};
+
+    const SPHERE: &str = "name = \"sphere\"\n\
+        [viewpoints]\ncount = 12\nstandoff_m = 3\n\
+        [[sphere]]\ncenter_m = [0, 0, 0]\nradius_m = 0.3\n";
+
+    static IMAGES: LazyLock<Images> = LazyLock::new(|| {
+        let scene = Arc::new(Scene::parse(SPHERE, None).unwrap());
+        let dive = Dive::plan(DiveKind::Viewpoints, &scene, NoiseLevel::None, 1).unwrap();
+        let dive = Arc::new(dive);
+        let sonar = SimulatedSonar::new(scene, dive.clone(), NoiseLevel::None, 1);
+        let trajectory = dive.trajectory(0.5);
+        let ping = |index| sonar.posed_ping(index, &trajectory);
+        let pings: Vec<PosedPing> = (0..dive.pings()).filter_map(ping).collect();
+        Images::from_pings(&pings, &Choices::default()).unwrap()
+    });
+
+    /// Few epochs, so larger steps.
+    fn choices() -> Choices {
+        Choices {
+            epochs: 30,
+            support_views: 6,
+            rate_opacity: 0.1,
+            alignment_rate: 0.02,
+            ..Choices::default()
+        }
+    }
+
+    fn run(threads: usize, epochs: usize) -> (PaperMethod, Vec<EpochReport>) {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build();
+        pool.unwrap().install(|| {
+            let mut method = PaperMethod::new(IMAGES.clone(), choices());
+            let reports = (0..epochs).map(|_| method.run_epoch()).collect();
+            (method, reports)
+        })
+    }
+
+    #[test]
+    fn twelve_views_of_a_sphere_become_a_sphere() {
+        let (method, reports) = run(2, 30);
+        let (first, last) = (reports[0], reports[29]);
+        assert!(
+            last.loss < 0.7 * first.loss,
+            "{} to {}",
+            first.loss,
+            last.loss
+        );
+        assert!(
+            last.loss < 0.7 * last.loss_of_nothing,
+            "{} {}",
+            last.loss,
+            last.loss_of_nothing
+        );
+        assert!(method.is_done() && last.pairs > 0 && last.non_finite == 0);
+        assert_eq!(
+            method.pair_count(),
+            reports.iter().map(|r| r.pairs).sum::<u64>()
+        );
+
+        let snapshot = method.snapshot();
+        assert_eq!(snapshot.gaussians.len(), last.asserted);
+        let near_share = |gaussians: &[Gaussian]| {
+            let off_m = |g: &&Gaussian| {
+                ((snapshot.origin_m + g.mean_m.as_dvec3()).length() - 0.3).abs() < 0.1
+            };
+            let near = gaussians.iter().filter(off_m).count();
+            (near, near as f64 / gaussians.len() as f64)
+        };
+        let (_, at_first) = near_share(&run(1, 0).0.gaussians_above(0.0));
+        let (near, share) = near_share(&snapshot.gaussians);
+        assert!(
+            near > 50 && share > 0.6 && share > 1.5 * at_first,
+            "{near}: {at_first} to {share}"
+        );
+        assert!(snapshot.gaussians.iter().is_sorted_by_key(|g| g.id));
+    }
+
+    #[test]
+    fn one_thread_or_two_give_the_same_bits() {
+        let ((one, first), (two, second)) = (run(1, 12), run(2, 12));
+        assert_eq!(first, second);
+        assert!(first[11].pruned.by_opacity + first[9].pruned.by_opacity > 0);
+        let bits = |method: &PaperMethod| -> Vec<u32> {
+            let fields = method.gaussians.fields().into_iter().flatten();
+            fields.map(|value| value.to_bits()).collect()
+        };
+        assert_eq!(bits(&one), bits(&two));
+        assert_eq!(one.ids, two.ids);
     }
 }

@@ -30,7 +30,11 @@ pub struct Pruned {
 }
 
 /// Which Gaussians stay, and why the others do not.
-pub(crate) fn prune(all: &Prunable<'_>, beam_width_m: f32, choices: &Choices) -> (Vec<bool>, Pruned) {
+pub(crate) fn prune(
+    all: &Prunable<'_>,
+    beam_width_m: f32,
+    choices: &Choices,
+) -> (Vec<bool>, Pruned) {
     let count = all.mean_m.len();
     let guard = Guard::new(all.impact, choices.guard_share);
     let mut pruned = Pruned::default();
@@ -48,15 +52,30 @@ pub(crate) fn prune(all: &Prunable<'_>, beam_width_m: f32, choices: &Choices) ->
             keep[index] = false;
             pruned.not_finite += 1;
         } else if !(all.opacity[index] >= choices.prune_opacity) {
-            let_go(&mut keep[index], index, &mut pruned.by_opacity, &mut pruned.guarded);
+            let_go(
+                &mut keep[index],
+                index,
+                &mut pruned.by_opacity,
+                &mut pruned.guarded,
+            );
         }
     }
     for index in too_close(all, &keep, choices.prune_distance_beams * beam_width_m) {
-        let_go(&mut keep[index], index, &mut pruned.by_distance, &mut pruned.guarded);
+        let_go(
+            &mut keep[index],
+            index,
+            &mut pruned.by_distance,
+            &mut pruned.guarded,
+        );
     }
     let radius_m = choices.density_radius_beams * beam_width_m;
     for index in isolated(all.mean_m, &keep, radius_m, choices.density_least) {
-        let_go(&mut keep[index], index, &mut pruned.by_density, &mut pruned.guarded);
+        let_go(
+            &mut keep[index],
+            index,
+            &mut pruned.by_density,
+            &mut pruned.guarded,
+        );
     }
     (keep, pruned)
 }
@@ -71,7 +90,11 @@ impl Guard {
         let mut sorted: Vec<f32> = impact.iter().copied().filter(|s| s.is_finite()).collect();
         sorted.sort_unstable_by(|a, b| b.total_cmp(a));
         let protected = (sorted.len() as f32 * share) as usize;
-        let least = if protected == 0 { f32::INFINITY } else { sorted[protected - 1] };
+        let least = if protected == 0 {
+            f32::INFINITY
+        } else {
+            sorted[protected - 1]
+        };
         Self { least }
     }
 
@@ -92,7 +115,9 @@ fn too_close(all: &Prunable<'_>, keep: &[bool], radius_m: f32) -> Vec<usize> {
     let mut gone = Vec::new();
     for index in order {
         let mut is_close = false;
-        grid.for_each_within(all.mean_m, all.mean_m[index], radius_m, |near| is_close |= stays[near as usize]);
+        grid.for_each_within(all.mean_m, all.mean_m[index], radius_m, |near| {
+            is_close |= stays[near as usize]
+        });
         stays[index] = !is_close;
         if is_close {
             gone.push(index);
@@ -114,7 +139,11 @@ fn isolated(mean_m: &[Vec3], keep: &[bool], radius_m: f32, least: u32) -> Vec<us
         neighbors < least
     };
     let isolated: Vec<bool> = points.par_iter().map(is_isolated).collect();
-    staying.into_iter().zip(isolated).filter_map(|(index, is)| is.then_some(index)).collect()
+    staying
+        .into_iter()
+        .zip(isolated)
+        .filter_map(|(index, is)| is.then_some(index))
+        .collect()
 }
 
 #[cfg(test)]
@@ -125,7 +154,7 @@ mod tests {
         Choices {
             prune_opacity: 0.1,
             prune_distance_beams: 0.5,
-            density_radius_beams: 2.0,
+            density_radius_beams: 2.5,
             density_least: 3,
             guard_share: 0.0,
             ..Choices::default()
@@ -148,7 +177,7 @@ mod tests {
             impact: &[0.0; 8],
         };
         let (keep, pruned) = prune(&all, 1.0, &choices());
-        // The fifth has but one neighbour left within 2 once the fourth is gone.
+        // The fifth has but one neighbour left within 2.5 once the fourth is gone.
         assert_eq!(keep, [true, true, true, false, false, false, false, false]);
         let expected = Pruned {
             by_opacity: 1,

@@ -18,7 +18,8 @@ pub(crate) fn add(
         let logit = gaussians.opacity_logit[index];
         let opacity = opacity_of(logit);
         loss += f64::from(choices.opacity_weight * opacity * opacity);
-        gradients.opacity_logit[index] += choices.opacity_weight * 2.0 * opacity * opacity_slope(logit);
+        gradients.opacity_logit[index] +=
+            choices.opacity_weight * 2.0 * opacity * opacity_slope(logit);
         for axis in 0..3 {
             let scale = gaussians.log_scale[axis][index].exp() / beam_width_m;
             loss += f64::from(choices.scale_weight * scale * scale);
@@ -56,7 +57,10 @@ mod tests {
                 };
                 let expected = (at(1e-2) - at(-1e-2)) / 2e-2;
                 let found = f64::from(gradients.get(index)[field]);
-                assert!((found - expected).abs() < 1e-3 * (1e-2 + expected.abs()), "{index} {field}: {found} {expected}");
+                assert!(
+                    (found - expected).abs() < 1e-3 * (1e-2 + expected.abs()),
+                    "{index} {field}: {found} {expected}"
+                );
             }
         }
     }

@@ -10,7 +10,11 @@ use crate::candidates::Candidates;
 const OPACITY_MIN: f32 = 1e-5;
 
 /// One Gaussian per candidate: reflectivity as its pixels' value, `α = √ρ`, a sphere.
-pub(crate) fn gaussians(found: &Candidates, beam_width_m: f32, choices: &Choices) -> GaussianArrays {
+pub(crate) fn gaussians(
+    found: &Candidates,
+    beam_width_m: f32,
+    choices: &Choices,
+) -> GaussianArrays {
     let mut arrays = GaussianArrays::with_capacity(found.value.len());
     let log_scale = Vec3::splat((choices.scale_beams * beam_width_m).ln());
     for (position_m, value) in found.position_m.iter().zip(&found.value) {

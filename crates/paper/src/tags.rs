@@ -23,12 +23,6 @@ impl ViewTags {
         self.words.len() / self.words_per_row.max(1)
     }
 
-    /// Whether there is no row.
-    #[must_use]
-    pub(crate) fn is_empty(&self) -> bool {
-        self.words.is_empty()
-    }
-
     /// Words of a row.
     #[must_use]
     pub(crate) fn words_per_row(&self) -> usize {
@@ -54,7 +48,7 @@ impl ViewTags {
     }
 
     /// Whether a row has a view.
-    #[inline]
+    #[cfg(test)]
     #[must_use]
     pub(crate) fn contains(&self, row: usize, view: usize) -> bool {
         self.words[row * self.words_per_row + view / 64] >> (view % 64) & 1 == 1
@@ -78,7 +72,11 @@ impl ViewTags {
     pub(crate) fn rows_of(&self, view: usize, rows: &mut Vec<u32>) {
         let (word, bit) = (view / 64, view % 64);
         let column = self.words.iter().skip(word).step_by(self.words_per_row);
-        rows.extend((0u32..).zip(column).filter_map(|(row, word)| (word >> bit & 1 == 1).then_some(row)));
+        rows.extend(
+            (0u32..)
+                .zip(column)
+                .filter_map(|(row, word)| (word >> bit & 1 == 1).then_some(row)),
+        );
     }
 
     /// Keeps the rows whose place in `keep` is true.
@@ -86,7 +84,8 @@ impl ViewTags {
         let width = self.words_per_row;
         let mut kept = 0;
         for (row, _) in keep.iter().enumerate().filter(|(_, keep)| **keep) {
-            self.words.copy_within(row * width..(row + 1) * width, kept * width);
+            self.words
+                .copy_within(row * width..(row + 1) * width, kept * width);
             kept += 1;
         }
         self.words.truncate(kept * width);
