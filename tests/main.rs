@@ -4,6 +4,7 @@
 mod harness;
 mod python;
 
+mod bench;
 mod device;
 mod dive;
 mod link;

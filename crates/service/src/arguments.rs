@@ -64,8 +64,12 @@ pub(crate) enum Command {
     Emulate(EmulateArguments),
     /// Follows the map of a running service
     Watch(WatchArguments),
-    /// Judges a map against the truth
+    /// Judges a map against the truth, or against pings that were kept from it
     Evaluate(EvaluateArguments),
+    /// Renders what a sonar would hear of a map, from any pose
+    Render(RenderArguments),
+    /// Measures the program: speed, stiff and extreme cases, the paper's method
+    Bench(BenchArguments),
     /// Prints the default configuration
     Config,
     /// Validates a configuration file
@@ -100,6 +104,9 @@ pub(crate) struct ServiceArguments {
     /// Seed of everything random
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
+    /// Leave every Nth ping out of the map, for `evaluate --held-back`; 0 leaves out none
+    #[arg(long, value_name = "N")]
+    pub(crate) hold_back: Option<u64>,
     #[command(flatten)]
     pub(crate) bus: BusArguments,
 }
@@ -180,6 +187,9 @@ pub(crate) struct DemoArguments {
     /// Threads of the mapper; 0 takes one per processor
     #[arg(long, value_name = "N")]
     pub(crate) threads: Option<usize>,
+    /// Leave every Nth ping out of the map; 0 leaves out none
+    #[arg(long, value_name = "N")]
+    pub(crate) hold_back: Option<u64>,
     #[command(flatten)]
     pub(crate) dive: DiveArguments,
 }
@@ -280,11 +290,149 @@ pub(crate) struct EvaluateArguments {
     #[arg(value_name = "MAP.ply")]
     pub(crate) map: PathBuf,
     /// A scene, a mesh, points or a simulated dive's directory
-    #[arg(long, value_name = "TRUTH")]
-    pub(crate) truth: PathBuf,
+    #[arg(long, value_name = "TRUTH", required_unless_present = "held_back")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Score the pings that `--hold-back N` kept from the map
+    #[arg(long, value_name = "N", requires_all = ["log", "poses"],
+        value_parser = clap::value_parser!(u64).range(2..))]
+    pub(crate) held_back: Option<u64>,
+    /// The log (.svlog) the map was made of
+    #[arg(long, value_name = "LOG", requires = "held_back")]
+    pub(crate) log: Option<PathBuf>,
+    /// Its poses, as a TUM file
+    #[arg(long, value_name = "F.tum", requires = "held_back")]
+    pub(crate) poses: Option<PathBuf>,
+    /// Draw the held-back pings, measured beside predicted
+    #[arg(long, value_name = "OUT.svg", requires = "held_back")]
+    pub(crate) picture: Option<PathBuf>,
+    /// Configuration file the map was made with: mount, time offset, blanking, beam
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RenderArguments {
+    /// The map
+    #[arg(value_name = "MAP.ply")]
+    pub(crate) map: PathBuf,
+    /// Where the sonar is, as a TUM file
+    #[arg(long, value_name = "F.tum")]
+    pub(crate) poses: PathBuf,
+    /// A log (.svlog) whose pings are rendered, measured beside predicted; without one, a ping at
+    /// each pose
+    #[arg(long, value_name = "LOG")]
+    pub(crate) log: Option<PathBuf>,
+    /// Only the pings at these times, seconds from the first
+    #[arg(long, value_name = "SECONDS", num_args = 1.., value_parser = not_negative,
+        conflicts_with = "ping")]
+    pub(crate) at: Vec<f64>,
+    /// Only the pings with these numbers: of the log, or counted from 0 along the poses
+    #[arg(long, value_name = "N", num_args = 1..)]
+    pub(crate) ping: Vec<u64>,
+    /// Sweep the beam over so many degrees from one pose
+    #[arg(long, value_name = "DEGREES", value_parser = sweep)]
+    pub(crate) sweep_deg: Option<f64>,
+    /// Beams of the sweep
+    #[arg(long, value_name = "N", default_value_t = 64, requires = "sweep_deg",
+        value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub(crate) beams: u32,
+    /// Near end of a ping, metres, where no log says it
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, conflicts_with = "log",
+        value_parser = not_negative)]
+    pub(crate) start_m: f64,
+    /// Far end of a ping, metres, where no log says it
+    #[arg(long, value_name = "METRES", default_value_t = 10.0, conflicts_with = "log",
+        value_parser = positive)]
+    pub(crate) range_m: f64,
+    /// Bins of a ping, where no log says it
+    #[arg(long, value_name = "N", default_value_t = 600, conflicts_with = "log")]
+    pub(crate) bins: usize,
+    /// Speed of sound, metres a second, where no log says it
+    #[arg(long, value_name = "MPS", default_value_t = 1500.0, conflicts_with = "log",
+        value_parser = positive)]
+    pub(crate) speed_of_sound: f64,
+    /// Length of the pulse, microseconds, where no log says it
+    #[arg(long, value_name = "US", default_value_t = 20.0, conflicts_with = "log",
+        value_parser = not_negative)]
+    pub(crate) pulse_us: f64,
+    /// One sigma of the sensor's position, metres; the configuration's mapper.position_sigma_m
+    /// without
+    #[arg(long, value_name = "METRES", value_parser = not_negative)]
+    pub(crate) position_sigma_m: Option<f64>,
+    /// One sigma of its attitude, degrees; mapper.attitude_sigma_deg without
+    #[arg(long, value_name = "DEGREES", value_parser = not_negative)]
+    pub(crate) attitude_sigma_deg: Option<f64>,
+    /// Let nothing hide anything
+    #[arg(long)]
+    pub(crate) no_occlusion: bool,
+    /// Configuration file: mount, time offset, beam
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// The picture, range upward: PNG, or SVG with axes
+    #[arg(long, value_name = "OUT.png|svg")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print one JSON object on standard output: intensities per ping and bin
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct BenchArguments {
+    #[command(subcommand)]
+    pub(crate) bench: Bench,
+}
+
+#[derive(Debug, Subcommand)]
+pub(crate) enum Bench {
+    /// Gaussian–bin pairs per second and core of the rendering kernels
+    Kernels(BenchOptions),
+    /// Stiff and extreme cases: the program against f64 and against naive f32
+    Stability(BenchOptions),
+    /// The paper's method on the paper's two cases, beside the figures it prints
+    Paper(PaperBenchArguments),
+}
+
+/// What all benches share.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct BenchOptions {
+    /// Less of everything, for a first look
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub(crate) seed: u64,
+    /// Where the report goes, as JSON and as HTML
+    #[arg(long, value_name = "DIR", default_value = "out/bench")]
+    pub(crate) out: PathBuf,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct PaperBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    /// Which of the paper's cases
+    #[arg(long, value_enum, default_value_t = PaperCase::Both)]
+    pub(crate) case: PaperCase,
+    /// Epochs; the paper's 100 without, a fifth of it with --quick
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub(crate) epochs: Option<u32>,
+}
+
+/// The paper's cases.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum PaperCase {
+    /// Case 1: three rods and a bar, 249 views.
+    Fence,
+    /// Case 2: a tower of 20 × 20 × 40 m, 886 views.
+    Truss,
+    /// One after the other.
+    Both,
 }
 
 fn dive_kind() -> impl TypedValueParser<Value = DiveKind> {
@@ -323,6 +471,14 @@ fn positive(text: &str) -> Result<f64, String> {
     match value > 0.0 {
         true => Ok(value),
         false => Err("it must be more than 0".to_owned()),
+    }
+}
+
+fn sweep(text: &str) -> Result<f64, String> {
+    let value = positive(text)?;
+    match value <= 360.0 {
+        true => Ok(value),
+        false => Err("it must be at most 360".to_owned()),
     }
 }
 

@@ -50,16 +50,42 @@ fn ticks_of(stat: &str, prefix: &str) -> Option<u64> {
     Some(user + system)
 }
 
+/// Processor seconds of the whole process so far, in steps of 10 ms; 0 where the kernel does not
+/// say.
+pub(crate) fn process_seconds() -> f64 {
+    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    ticks_of(&stat, "").unwrap_or(0) as f64 / TICKS_PER_SECOND
+}
+
+/// Lets [`peak_memory_bytes`] count anew from what is held now, where the kernel allows it.
+pub(crate) fn forget_peak_memory() {
+    // A kernel without it keeps the peak of the whole process, which is no less.
+    let _ = std::fs::write("/proc/self/clear_refs", "5");
+}
+
+/// The processor's own name.
+pub(crate) fn model_name() -> String {
+    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let named = info
+        .lines()
+        .find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    named
+        .map_or("unknown", |(_, model)| model.trim())
+        .to_owned()
+}
+
+/// Threads it runs at once.
+pub(crate) fn core_count() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
 /// Processor, number of threads it runs at once, and this program's version.
 pub(crate) fn description() -> Vec<(String, String)> {
-    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let model = info
-        .lines()
-        .find_map(|line| line.strip_prefix("model name")?.split_once(':'))
-        .map_or("unknown", |(_, model)| model.trim());
-    let count = std::thread::available_parallelism().map_or(1, usize::from);
     vec![
-        ("processor".to_owned(), format!("{count} × {model}")),
+        (
+            "processor".to_owned(),
+            format!("{} × {}", core_count(), model_name()),
+        ),
         ("echosplat".to_owned(), crate::arguments::VERSION.to_owned()),
     ]
 }

@@ -1,20 +1,188 @@
-//! `echosplat evaluate MAP.ply --truth …`.
+//! `echosplat evaluate MAP.ply`: against a truth, against pings that were kept from it, or both.
 
-use echosplat_evaluation::{MapPoints, evaluate, table};
+use std::path::Path;
+
+use echosplat_evaluation::held_back::{HeldBack, Pair, is_held_back, score};
+use echosplat_evaluation::report::{Column, Panel, SonarImage};
+use echosplat_evaluation::{MapPoints, MapRenderer, evaluate, table};
+use echosplat_mapper::look_of;
+use echosplat_model::PosedPing;
+use echosplat_recording::ply::MapFile;
+use serde_json::{Map, Value};
 
 use crate::arguments::EvaluateArguments;
-use crate::exit::Finish;
+use crate::commands::render::write_picture;
+use crate::config::Config;
+use crate::exit::{Finish, Usage};
+use crate::logs::{self, Thinned};
 use crate::{logging, maps, truth};
 
+/// Most held-back pings scored, and most others the fit is made on.
+const MOST_PINGS: usize = 8192;
+
 /// # Errors
-/// If map or truth cannot be read.
+/// If map, truth or log cannot be read, or no ping was held back.
 pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
     let map = maps::read(&arguments.map)?;
-    let truth = truth::load(&arguments.truth)?;
-    let metrics = evaluate(&MapPoints::new(map.origin_m, &map.gaussians), &truth);
-    match arguments.json {
-        true => logging::print(&serde_json::to_string(&metrics)?),
-        false => logging::print(table::metrics(&metrics).trim_end()),
+    let mut said = Value::Object(Map::new());
+    if let Some(path) = &arguments.truth {
+        let truth = truth::load(path)?;
+        let metrics = evaluate(&MapPoints::new(map.origin_m, &map.gaussians), &truth);
+        if !arguments.json {
+            logging::print(table::metrics(&metrics).trim_end());
+        }
+        said = serde_json::to_value(metrics)?;
+    }
+    if let (Some(every), Some(log), Some(poses)) =
+        (arguments.held_back, &arguments.log, &arguments.poses)
+    {
+        let config = match &arguments.config {
+            Some(file) => Config::load(file)?,
+            None => Config::default(),
+        };
+        let pings = rendered(&map, every, log, poses, &config)?;
+        let found = score_of(&pings, log, every)?;
+        if let Some(path) = &arguments.picture {
+            write_picture(path, picture(&pings.held, &found).to_svg().as_bytes())?;
+        }
+        if !arguments.json {
+            logging::print(&account(&found));
+        }
+        said["held_back"] = serde_json::to_value(found)?;
+    }
+    if arguments.json {
+        logging::print(&said.to_string());
     }
     Ok(Finish::Done)
+}
+
+/// One ping beside what the map says of it, without its blanked bins.
+struct Rendered {
+    at_s: f64,
+    /// Near edge of the first bin that counts.
+    range_start_m: f64,
+    range_length_m: f64,
+    pair: Pair,
+}
+
+struct RenderedPings {
+    held: Vec<Rendered>,
+    /// Of the map's own pings as many, halfway between the held ones.
+    fit: Vec<Rendered>,
+}
+
+fn rendered(
+    map: &MapFile,
+    every: u64,
+    log: &Path,
+    poses: &Path,
+    config: &Config,
+) -> anyhow::Result<RenderedPings> {
+    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
+    let [mut held, mut fit] = [Thinned::new(MOST_PINGS), Thinned::new(MOST_PINGS)];
+    let mut first = None;
+    logs::posed_pings(log, poses, config, |posed| {
+        let time = posed.ping.transmit_time();
+        let at_s = time.seconds_since(*first.get_or_insert(time));
+        let sequence = posed.ping.sequence();
+        let render = || render(&mut renderer, &posed, at_s, config);
+        if is_held_back(sequence, every) {
+            held.push(render);
+        } else if sequence % every == (every - 1) / 2 {
+            fit.push(render);
+        }
+    })?;
+    Ok(RenderedPings {
+        held: held.into_kept(),
+        fit: fit.into_kept(),
+    })
+}
+
+fn render(renderer: &mut MapRenderer, posed: &PosedPing, at_s: f64, config: &Config) -> Rendered {
+    let settings = posed.ping.settings();
+    let look = look_of(posed, renderer.origin_m(), &config.mapper);
+    let blank_m = config.mapper.blanking_m - settings.range_start_m;
+    let blank = (blank_m / settings.bin_length_m()).ceil().max(0.0) as usize;
+    let blank = blank.min(settings.bin_count);
+    let range_start_m = settings.bin_edge_m(blank);
+    Rendered {
+        at_s,
+        range_start_m,
+        range_length_m: settings.range_end_m() - range_start_m,
+        pair: Pair {
+            measured: posed.ping.intensity()[blank..].to_vec(),
+            rendered: renderer.ping(&look)[blank..].to_vec(),
+        },
+    }
+}
+
+fn score_of(pings: &RenderedPings, log: &Path, every: u64) -> anyhow::Result<HeldBack> {
+    let pairs = |all: &[Rendered]| all.iter().map(|one| one.pair.clone()).collect::<Vec<_>>();
+    score(&pairs(&pings.fit), &pairs(&pings.held)).ok_or_else(|| {
+        Usage::error(format!(
+            "log {}: of its pings with a pose, {} are held back by {every} and {} are not; both \
+             must be there, and something heard",
+            log.display(),
+            pings.held.len(),
+            pings.fit.len()
+        ))
+    })
+}
+
+fn picture(held: &[Rendered], found: &HeldBack) -> SonarImage {
+    let column = |one: &Rendered, intensity: Vec<f32>| Column {
+        range_start_m: one.range_start_m,
+        range_length_m: one.range_length_m,
+        intensity,
+    };
+    let measured = held
+        .iter()
+        .map(|one| column(one, one.pair.measured.clone()));
+    let predicted = held.iter().map(|one| {
+        let rendered = one.pair.rendered.iter();
+        column(one, rendered.map(|&i| found.predicted(i)).collect())
+    });
+    let panel = |title: &str, columns| Panel {
+        title: title.to_owned(),
+        columns,
+    };
+    let ends = [held.first(), held.last()];
+    SonarImage {
+        title: format!("{} pings that the map was not made of", found.ping_count),
+        panels: vec![
+            panel("measured", measured.collect()),
+            panel(
+                "predicted by the map, with its noise floor",
+                predicted.collect(),
+            ),
+        ],
+        across: "time, seconds".to_owned(),
+        across_limits: ends.map(|one| one.map_or(0.0, |one| one.at_s)),
+        notes: account(found).lines().map(str::to_owned).collect(),
+    }
+}
+
+fn account(found: &HeldBack) -> String {
+    let HeldBack { map, constant, .. } = found;
+    format!(
+        "{} held-back pings, {} bins: {:+.4} nats per bin against a constant\n\
+         the map: log likelihood {:.4} per bin ({} looks), L1 {:.4e}; gain {:.3}, noise floor {:.3e}\n\
+         a constant of {:.3e}: log likelihood {:.4} per bin ({} looks), L1 {:.4e}",
+        found.ping_count,
+        found.bin_count,
+        found.gain_per_bin,
+        map.log_likelihood_per_bin,
+        rounded(map.looks),
+        map.l1,
+        found.gain,
+        found.noise_floor,
+        found.constant_level,
+        constant.log_likelihood_per_bin,
+        rounded(constant.looks),
+        constant.l1,
+    )
+}
+
+fn rounded(looks: f64) -> f64 {
+    (looks * 100.0).round() / 100.0
 }

@@ -1,9 +1,11 @@
 //! One file per command.
 
+mod bench;
 mod check;
 mod demo;
 mod emulate;
 mod evaluate;
+mod render;
 mod replay;
 mod run;
 mod simulate;
@@ -32,6 +34,8 @@ pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
         Command::Emulate(arguments) => emulate::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Render(arguments) => render::run(&arguments),
+        Command::Bench(arguments) => bench::run(&arguments),
         Command::Config => {
             logging::print(DEFAULT_TOML.trim_end());
             Ok(Finish::Done)

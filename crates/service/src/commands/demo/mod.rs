@@ -60,7 +60,9 @@ fn configuration(arguments: &DemoArguments) -> anyhow::Result<Config> {
     config.mapper.threads = arguments.threads.unwrap_or(config.mapper.threads);
     config.output.map = Some(map);
     config.pose.url = PoseUrl::Zenoh;
-    Ok(config)
+    let pipeline = &mut config.pipeline;
+    pipeline.hold_back_every = arguments.hold_back.unwrap_or(pipeline.hold_back_every);
+    config.checked()
 }
 
 /// Takers of poses and map first, then the sonar that makes them come.

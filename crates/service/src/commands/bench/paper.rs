@@ -1,0 +1,483 @@
+//! `echosplat bench paper`: the paper's method on the paper's two cases, beside what it prints.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::Context;
+use echosplat_evaluation::report::{Picture, Plot, Report, Section, Table};
+use echosplat_evaluation::{MapPoints, Metrics, Truth, evaluate, evaluate_raw, table};
+use echosplat_model::PosedPing;
+use echosplat_paper::{
+    ASSERTED_IN_FENCE_FIGURE, ASSERTED_IN_TRUSS_FIGURE, CandidateCounts, Choices, EpochReport,
+    Images, PaperMethod,
+};
+use echosplat_simulator::{Dive, DiveKind, DiveOptions, NoiseLevel, Scene, SimulatedSonar};
+use rayon::prelude::*;
+use serde::Serialize;
+use serde_json::{Map, Value, json};
+
+use super::Results;
+use crate::arguments::{PaperBenchArguments, PaperCase};
+use crate::{logging, processor, truth};
+
+const QUICK_SHARE: u32 = 5;
+/// Judging a truss takes as long as some epochs.
+const TRUSS_JUDGED_EVERY: u32 = 10;
+
+/// One of the paper's cases, with what the paper prints of it.
+#[derive(Debug, Clone, Copy, Serialize)]
+struct Printed {
+    #[serde(skip)]
+    scene: &'static str,
+    views: usize,
+    candidates: usize,
+    kept: usize,
+    /// Aligned and cropped.
+    cd_m: f64,
+    hd_m: f64,
+    /// The least opacity that its figures show.
+    opacity: f32,
+}
+
+const FENCE: Printed = Printed {
+    scene: "fence",
+    views: 249,
+    candidates: 50_940,
+    kept: 38_024,
+    cd_m: 0.129,
+    hd_m: 1.391,
+    opacity: ASSERTED_IN_FENCE_FIGURE,
+};
+
+const TRUSS: Printed = Printed {
+    scene: "truss",
+    views: 886,
+    candidates: 811_690,
+    kept: 174_637,
+    cd_m: 0.740,
+    hd_m: 10.181,
+    opacity: ASSERTED_IN_TRUSS_FIGURE,
+};
+
+/// After an epoch.
+#[derive(Debug, Clone, Serialize)]
+struct Epoch {
+    #[serde(flatten)]
+    report: EpochReport,
+    /// Of the method alone, from its images on.
+    wall_s: f64,
+    compute_s: f64,
+    /// Raw; only where it was judged.
+    cd_m: Option<f64>,
+    hd_m: Option<f64>,
+}
+
+/// What a case came to.
+struct Outcome {
+    printed: Printed,
+    views: usize,
+    counts: CandidateCounts,
+    beam_width_m: f32,
+    start_s: f64,
+    epochs: Vec<Epoch>,
+    pairs: u64,
+    peak_memory_bytes: u64,
+    metrics: Metrics,
+    /// The map at other thresholds than the one it asserts.
+    at_opacity: Vec<(f32, Metrics)>,
+    picture: Picture,
+}
+
+/// # Errors
+/// If a case cannot be simulated, or shows nothing.
+pub(super) fn run(arguments: &PaperBenchArguments) -> anyhow::Result<Results> {
+    let cases: &[Printed] = match arguments.case {
+        PaperCase::Fence => &[FENCE],
+        PaperCase::Truss => &[TRUSS],
+        PaperCase::Both if arguments.options.quick => &[FENCE],
+        PaperCase::Both => &[FENCE, TRUSS],
+    };
+    let mut choices = Choices::default();
+    if arguments.options.quick {
+        choices.epochs /= QUICK_SHARE;
+    }
+    choices.epochs = arguments.epochs.unwrap_or(choices.epochs);
+    let outcomes: Vec<Outcome> = cases
+        .iter()
+        .map(|case| reconstruct(*case, &choices, arguments))
+        .collect::<Result<_, _>>()?;
+    results(&outcomes, &choices)
+}
+
+fn reconstruct(
+    printed: Printed,
+    choices: &Choices,
+    arguments: &PaperBenchArguments,
+) -> anyhow::Result<Outcome> {
+    let (truth, pings) = simulated(printed.scene, arguments)?;
+    processor::forget_peak_memory();
+    let mut clock = Clock::start();
+    let images = Images::from_pings(&pings, choices).context(printed.scene)?;
+    drop(pings);
+    let mut method = PaperMethod::new(images, choices.clone());
+    clock.pause();
+    let start_s = clock.wall_s;
+    let epochs = epochs(&mut method, printed, &truth, &mut clock);
+    let peak_memory_bytes = processor::peak_memory_bytes();
+    let points = |opacity| {
+        let map = method.gaussians_above(opacity);
+        MapPoints::new(method.images().origin_m, &map)
+    };
+    let asserted = points(choices.asserted_opacity);
+    let thresholds = [ASSERTED_IN_TRUSS_FIGURE, 0.5, ASSERTED_IN_FENCE_FIGURE];
+    Ok(Outcome {
+        printed,
+        views: method.images().images.len(),
+        counts: method.candidate_counts(),
+        beam_width_m: method.beam_width_m(),
+        start_s,
+        epochs,
+        pairs: method.pair_count(),
+        peak_memory_bytes,
+        metrics: evaluate(&asserted, &truth),
+        at_opacity: thresholds
+            .map(|opacity| (opacity, evaluate(&points(opacity), &truth)))
+            .into(),
+        picture: Picture::new(&asserted, &truth),
+    })
+}
+
+/// As the paper says: still images from planes at the four sides, no noise.
+fn simulated(
+    scene: &str,
+    arguments: &PaperBenchArguments,
+) -> anyhow::Result<(Truth, Vec<PosedPing>)> {
+    let scene = Arc::new(Scene::named(scene)?);
+    let options = DiveOptions {
+        view_share: match arguments.options.quick {
+            true => 1.0 / f64::from(QUICK_SHARE),
+            false => 1.0,
+        },
+        ..DiveOptions::default()
+    };
+    let (noise, seed) = (NoiseLevel::None, arguments.options.seed);
+    let dive = Dive::plan_with(DiveKind::Viewpoints, &scene, noise, seed, &options)?;
+    let dive = Arc::new(dive);
+    let truth = truth::of_simulated(&scene, &dive);
+    let sonar = SimulatedSonar::new(scene, Arc::clone(&dive), noise, seed);
+    let trajectory = dive.trajectory(0.5);
+    let pings = (0..dive.pings()).into_par_iter();
+    let pings = pings.filter_map(|index| sonar.posed_ping(index, &trajectory));
+    Ok((truth, pings.collect()))
+}
+
+fn epochs(
+    method: &mut PaperMethod,
+    printed: Printed,
+    truth: &Truth,
+    clock: &mut Clock,
+) -> Vec<Epoch> {
+    let count = method.choices().epochs;
+    let every = match printed.scene == TRUSS.scene {
+        true => TRUSS_JUDGED_EVERY,
+        false => 1,
+    };
+    let template = "{bar:40} epoch {pos:>3} of {len} · {msg}";
+    let bar = logging::progress_bar(u64::from(count), template);
+    let mut epochs = Vec::new();
+    while !method.is_done() {
+        clock.go_on();
+        let report = method.run_epoch();
+        clock.pause();
+        let is_judged = report.epoch == 1 || report.epoch % every == 0 || method.is_done();
+        let judged = is_judged.then(|| {
+            let points = MapPoints::new(method.images().origin_m, &method.gaussians());
+            evaluate_raw(&points, truth)
+        });
+        let finite = |value: f64| value.is_finite().then_some(value);
+        epochs.push(Epoch {
+            report,
+            wall_s: clock.wall_s,
+            compute_s: clock.compute_s,
+            cd_m: judged.and_then(|metrics| finite(metrics.cd_m)),
+            hd_m: judged.and_then(|metrics| finite(metrics.hd_m)),
+        });
+        let (scene, asserted) = (printed.scene, report.asserted);
+        bar.set_message(format!(
+            "{scene} · loss {:.0} · {asserted} asserted",
+            report.loss
+        ));
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    epochs
+}
+
+/// Counts the method's own time, not that of judging it.
+struct Clock {
+    wall_s: f64,
+    compute_s: f64,
+    began: (Instant, f64),
+}
+
+impl Clock {
+    fn start() -> Self {
+        Self {
+            wall_s: 0.0,
+            compute_s: 0.0,
+            began: (Instant::now(), processor::process_seconds()),
+        }
+    }
+
+    fn go_on(&mut self) {
+        self.began = (Instant::now(), processor::process_seconds());
+    }
+
+    fn pause(&mut self) {
+        self.wall_s += self.began.0.elapsed().as_secs_f64();
+        self.compute_s += processor::process_seconds() - self.began.1;
+    }
+}
+
+impl Outcome {
+    fn time_s(&self) -> (f64, f64) {
+        let last = self.epochs.last();
+        last.map_or((self.start_s, 0.0), |epoch| (epoch.wall_s, epoch.compute_s))
+    }
+
+    fn json(&self) -> anyhow::Result<Value> {
+        let (wall_s, compute_s) = self.time_s();
+        let at =
+            |(opacity, metrics): &(f32, Metrics)| json!({"opacity": opacity, "metrics": metrics});
+        Ok(json!({
+            "case": self.printed.scene,
+            "printed": self.printed,
+            "views": self.views,
+            "candidates": self.counts,
+            "beam_width_m": self.beam_width_m,
+            "start_s": self.start_s,
+            "wall_s": wall_s,
+            "compute_s": compute_s,
+            "pairs": self.pairs,
+            "peak_memory_bytes": self.peak_memory_bytes,
+            "metrics": self.metrics,
+            "at_opacity": self.at_opacity.iter().map(at).collect::<Vec<_>>(),
+            "epochs": serde_json::to_value(&self.epochs)?,
+        }))
+    }
+
+    /// By the paper's protocol; infinite for an empty map.
+    fn its_way(metrics: &Metrics) -> (f64, f64) {
+        let paper = metrics.paper;
+        paper.map_or((f64::INFINITY, f64::INFINITY), |paper| {
+            (paper.cd_m, paper.hd_m)
+        })
+    }
+
+    fn beside(&self) -> Table {
+        let (printed, metrics) = (&self.printed, &self.metrics);
+        let (cd_m, hd_m) = Self::its_way(metrics);
+        let (wall_s, compute_s) = self.time_s();
+        let row = |what: &str, ours: String, theirs: String| vec![what.to_owned(), ours, theirs];
+        let none = || "–".to_owned();
+        let whole = |value: usize| value.to_string();
+        Table {
+            title: "Beside the printed figures".to_owned(),
+            columns: ["what", "here", "paper"].map(str::to_owned).into(),
+            rows: vec![
+                row("views", whole(self.views), whole(printed.views)),
+                row(
+                    "candidates",
+                    whole(self.counts.candidates),
+                    whole(printed.candidates),
+                ),
+                row(
+                    "kept by several views",
+                    whole(self.counts.kept),
+                    whole(printed.kept),
+                ),
+                row(
+                    "asserted at the end",
+                    whole(metrics.confident_count),
+                    none(),
+                ),
+                row(
+                    "CD aligned and cropped, m",
+                    table::metres(cd_m),
+                    table::metres(printed.cd_m),
+                ),
+                row(
+                    "HD aligned and cropped, m",
+                    table::metres(hd_m),
+                    table::metres(printed.hd_m),
+                ),
+                row("CD raw, m", table::metres(metrics.cd_m), none()),
+                row("HD raw, m", table::metres(metrics.hd_m), none()),
+                row("seconds by the clock", format!("{wall_s:.1}"), none()),
+                row("processor seconds", format!("{compute_s:.1}"), none()),
+                row(
+                    "Gaussian–pixel pairs",
+                    format!("{:.3e}", self.pairs as f64),
+                    none(),
+                ),
+                row(
+                    "peak memory, MB",
+                    whole(self.peak_memory_bytes as usize / 1_000_000),
+                    none(),
+                ),
+            ],
+            note: "CD is the half-sum. The printed figures are for the paper's own simulation of \
+                   the same structure."
+                .to_owned(),
+        }
+    }
+
+    fn thresholds(&self) -> Table {
+        let row = |(opacity, metrics): &(f32, Metrics)| {
+            let (cd_m, hd_m) = Self::its_way(metrics);
+            let metres = [metrics.cd_m, metrics.hd_m, cd_m, hd_m].map(table::metres);
+            let mut row = vec![opacity.to_string(), metrics.confident_count.to_string()];
+            row.extend(metres);
+            row
+        };
+        let columns = [
+            "opacity above",
+            "points",
+            "CD raw, m",
+            "HD raw, m",
+            "CD its way, m",
+            "HD its way, m",
+        ];
+        Table {
+            title: "What is shown of it".to_owned(),
+            columns: columns.map(str::to_owned).into(),
+            rows: self.at_opacity.iter().map(row).collect(),
+            note: format!(
+                "The paper's figures of this case show opacity above {}.",
+                self.printed.opacity
+            ),
+        }
+    }
+
+    fn plots(&self) -> Vec<Plot> {
+        let line = |name: &str, x: fn(&Epoch) -> f64, y: fn(&Epoch) -> Option<f64>| {
+            let points = self
+                .epochs
+                .iter()
+                .filter_map(|epoch| Some((x(epoch), y(epoch)?)));
+            (name.to_owned(), points.collect::<Vec<_>>())
+        };
+        let epoch = |epoch: &Epoch| f64::from(epoch.report.epoch);
+        let compute = |epoch: &Epoch| epoch.compute_s;
+        let loss = |epoch: &Epoch| Some(epoch.report.loss / epoch.report.loss_of_nothing);
+        let plot = |x: &str, y: &str, lines| Plot {
+            x_label: x.to_owned(),
+            y_label: y.to_owned(),
+            lines,
+        };
+        vec![
+            plot(
+                "epoch",
+                "loss over that of an empty map",
+                vec![line("L1", epoch, loss)],
+            ),
+            plot(
+                "epoch",
+                "raw error, m",
+                vec![line("CD", epoch, |e| e.cd_m), line("HD", epoch, |e| e.hd_m)],
+            ),
+            plot(
+                "compute time, CPU s",
+                "raw error, m",
+                vec![
+                    line("CD", compute, |e| e.cd_m),
+                    line("HD", compute, |e| e.hd_m),
+                ],
+            ),
+        ]
+    }
+
+    fn section(&self) -> Section {
+        Section {
+            title: format!("The paper's case: {}", self.printed.scene),
+            text: format!(
+                "{} still images of 64 beams over 60°, no noise, {} epochs.",
+                self.views,
+                self.epochs.len()
+            ),
+            metrics: Some(self.metrics),
+            picture: Some(self.picture.clone()),
+            plots: self.plots(),
+            tables: vec![self.beside(), self.thresholds()],
+            ..Section::default()
+        }
+    }
+
+    fn text(&self) -> String {
+        let mut text = format!("{}\n", self.printed.scene);
+        for row in self.beside().rows {
+            text += &format!("  {:<28} {:>12} {:>12}\n", row[0], row[1], row[2]);
+        }
+        text
+    }
+}
+
+fn choices_section(choices: &Choices) -> Section {
+    let rows = choices.rows();
+    let row = |choice: &echosplat_paper::Choice| {
+        vec![
+            choice.name.to_owned(),
+            choice.value.clone(),
+            choice.why.to_owned(),
+        ]
+    };
+    Section {
+        title: "What the paper leaves open".to_owned(),
+        text: "Chosen once for both cases.".to_owned(),
+        tables: vec![Table {
+            title: "Choices".to_owned(),
+            columns: ["choice", "value", "why"].map(str::to_owned).into(),
+            rows: rows.iter().map(row).collect(),
+            note: String::new(),
+        }],
+        ..Section::default()
+    }
+}
+
+fn results(outcomes: &[Outcome], choices: &Choices) -> anyhow::Result<Results> {
+    let cases: Vec<Value> = outcomes
+        .iter()
+        .map(Outcome::json)
+        .collect::<Result<_, _>>()?;
+    let mut fields = Map::new();
+    fields.insert("cases".to_owned(), Value::Array(cases));
+    fields.insert("choices".to_owned(), serde_json::to_value(choices.rows())?);
+    let highlights = outcomes.iter().map(|outcome| {
+        let (cd_m, printed) = (Outcome::its_way(&outcome.metrics).0, outcome.printed);
+        let (ours, theirs) = (table::metres(cd_m), table::metres(printed.cd_m));
+        (
+            format!("{}: CD its way", printed.scene),
+            format!("{ours} m (paper {theirs})"),
+        )
+    });
+    let empty = outcomes
+        .iter()
+        .filter(|outcome| !outcome.metrics.cd_m.is_finite());
+    let failures = empty.map(|outcome| format!("{}: the map is empty", outcome.printed.scene));
+    Ok(Results {
+        name: "paper",
+        report: Report {
+            title: "The paper's method".to_owned(),
+            highlights: highlights.collect(),
+            sections: outcomes
+                .iter()
+                .map(Outcome::section)
+                .chain([choices_section(choices)])
+                .collect(),
+            ..Report::default()
+        },
+        text: outcomes.iter().map(Outcome::text).collect(),
+        failures: failures.collect(),
+        fields,
+    })
+}

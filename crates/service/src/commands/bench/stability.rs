@@ -1,0 +1,55 @@
+//! `echosplat bench stability`.
+
+use echosplat_evaluation::report::Report;
+use echosplat_evaluation::stability::{self, Row};
+use serde_json::{Map, json};
+
+use super::Results;
+use crate::arguments::BenchOptions;
+use crate::logging;
+
+/// # Errors
+/// If the rows cannot be put into JSON.
+pub(super) fn run(options: &BenchOptions) -> anyhow::Result<Results> {
+    let cases = stability::cases();
+    let bar = logging::progress_bar(cases.len() as u64, "{bar:40} {pos:>2} of {len} · {msg}");
+    let mut rows = Vec::new();
+    for case in &cases {
+        bar.set_message(case.name);
+        rows.extend(case.rows(options.seed, options.quick));
+        bar.inc(1);
+    }
+    bar.finish_and_clear();
+    results(&rows)
+}
+
+fn results(rows: &[Row]) -> anyhow::Result<Results> {
+    let failed: Vec<&Row> = rows.iter().filter(|row| !row.passed).collect();
+    let said = |row: &&Row| {
+        let limit = row.limit;
+        format!(
+            "{}, {}: error {} above {limit:e}",
+            row.case, row.input, row.error
+        )
+    };
+    let summary = format!("{} of {} rows pass", rows.len() - failed.len(), rows.len());
+    let mut fields = Map::new();
+    fields.insert("row_count".to_owned(), json!(rows.len()));
+    fields.insert("failed_count".to_owned(), json!(failed.len()));
+    fields.insert("rows".to_owned(), serde_json::to_value(rows)?);
+    Ok(Results {
+        name: "stability",
+        fields,
+        report: Report {
+            title: "Stiff and extreme cases".to_owned(),
+            highlights: vec![
+                ("rows".to_owned(), rows.len().to_string()),
+                ("failed".to_owned(), failed.len().to_string()),
+            ],
+            sections: vec![stability::section(rows)],
+            ..Report::default()
+        },
+        text: format!("{}{summary}", stability::text(rows)),
+        failures: failed.iter().map(said).collect(),
+    })
+}

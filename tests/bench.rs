@@ -1,0 +1,67 @@
+//! Benches as users run them, quickly.
+
+use std::time::Duration;
+
+use crate::harness::Program;
+
+const LONG: Duration = Duration::from_secs(180);
+
+/// The JSON object that is all of standard output; both files are written.
+fn bench(name: &str, more: &[&str]) -> serde_json::Value {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().display().to_string();
+    let mut arguments = vec!["bench", name, "--quick", "--json", "--out", &out];
+    arguments.extend(more);
+    let mut program = Program::echosplat(&arguments);
+    program.wait_exit_code(0, LONG);
+    let json = program.only_json();
+    let written = std::fs::read(folder.path().join(format!("{name}.json"))).unwrap();
+    let written: serde_json::Value = serde_json::from_slice(&written).unwrap();
+    assert_eq!(written, json);
+    let html = std::fs::read_to_string(folder.path().join(format!("{name}.html"))).unwrap();
+    assert!(html.ends_with("</html>\n") && !html.contains("http"), "{name}");
+    for field in ["processor", "cores", "simd", "version", "commit"] {
+        assert!(!json["machine"][field].is_null(), "{field}");
+    }
+    json
+}
+
+#[test]
+fn every_stiff_and_extreme_case_passes() {
+    let json = bench("stability", &[]);
+    let rows = json["rows"].as_array().unwrap();
+    assert!(rows.len() > 80, "{} rows", rows.len());
+    for row in rows {
+        assert_eq!(row["passed"], true, "{row}");
+        let error = row["error"].as_f64().unwrap();
+        assert!(error <= row["limit"].as_f64().unwrap(), "{row}");
+    }
+    let naive_fails = |row: &&serde_json::Value| {
+        let limit = row["limit"].as_f64().unwrap();
+        let error = &row["naive_error"];
+        error.is_string() || error.as_f64().is_some_and(|error| error > limit)
+    };
+    assert!(rows.iter().filter(naive_fails).count() > 30);
+}
+
+#[test]
+fn kernels_are_faster_than_their_twins() {
+    let json = bench("kernels", &[]);
+    let kernels = json["kernels"].as_array().unwrap();
+    assert_eq!(kernels.len(), 5);
+    for kernel in kernels {
+        assert!(kernel["forward_per_s"].as_f64().unwrap() > 0.0, "{kernel}");
+        assert!(kernel["pairs"].as_u64().unwrap() > 10_000, "{kernel}");
+    }
+}
+
+#[test]
+fn the_papers_method_runs_on_its_case() {
+    let json = bench("paper", &["--case", "fence", "--epochs", "2"]);
+    let case = &json["cases"][0];
+    assert_eq!(case["printed"]["candidates"], 50_940);
+    assert_eq!(case["epochs"].as_array().unwrap().len(), 2);
+    assert!(case["candidates"]["kept"].as_u64().unwrap() > 0);
+    let choices = json["choices"].as_array().unwrap();
+    assert!(choices.iter().all(|choice| choice["why"].is_string()));
+}
