@@ -92,7 +92,8 @@ fn run(mut method: PaperMethod, truth: &Truth) {
         let report = method.run_epoch();
         let epoch_s = begun.elapsed().as_secs_f64();
         compute_s += epoch_s;
-        if [1, 2, 5].contains(&report.epoch) || report.epoch % 10 == 0 || method.is_done() {
+        if [1, 2, 5].contains(&report.epoch) || report.epoch.is_multiple_of(10) || method.is_done()
+        {
             println!(
                 "epoch {:3}: {epoch_s:.2} s, {compute_s:.1} s in all, loss {:.0} of {:.0}, elevation {:.3}, {:.1} M pairs, {} Gaussians, {} asserted, {:?}, peak {} MB",
                 report.epoch,
@@ -106,7 +107,7 @@ fn run(mut method: PaperMethod, truth: &Truth) {
                 peak_memory_mb(),
             );
         }
-        if report.epoch % 20 == 0 || method.is_done() {
+        if report.epoch.is_multiple_of(20) || method.is_done() {
             judge(&method, truth);
         }
     }

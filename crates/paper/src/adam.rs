@@ -84,7 +84,8 @@ impl Adam {
         rates: &[f32; PARAMETER_COUNT],
     ) -> [f32; PARAMETER_COUNT] {
         self.steps[index] += 1;
-        let steps = self.steps[index].min(100_000) as i32;
+        // Beyond this both are 1 in f32.
+        let steps = self.steps[index].min(20_000) as i32;
         let (first_bias, second_bias) = (
             1.0 - FIRST_DECAY.powi(steps),
             1.0 - SECOND_DECAY.powi(steps),

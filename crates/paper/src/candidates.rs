@@ -196,9 +196,9 @@ impl Merged {
 fn supported(merged: &Merged, radius_m: f32) -> Candidates {
     let positions_m = merged.positions_m();
     let grid = Grid::new(&positions_m, radius_m);
-    let gather = |place: usize, row: &mut [u64]| {
+    let gather = |position_m: Vec3, row: &mut [u64]| {
         row.fill(0);
-        grid.for_each_within(&positions_m, positions_m[place], radius_m, |near| {
+        grid.for_each_within(&positions_m, position_m, radius_m, |near| {
             let theirs = merged.tags.row(near as usize);
             row.iter_mut()
                 .zip(theirs)
@@ -206,15 +206,16 @@ fn supported(merged: &Merged, radius_m: f32) -> Candidates {
         });
         row.iter().map(|word| word.count_ones()).sum::<u32>() >= merged.counts.views_needed
     };
-    let chunks: Vec<Candidates> = (0..positions_m.len().div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
+    let chunks: Vec<Candidates> = positions_m
+        .par_chunks(CHUNK)
+        .enumerate()
+        .map(|(chunk, positions_m)| {
             let mut kept = Candidates::none_like(&merged.tags);
             let mut row = vec![0; merged.tags.words_per_row()];
-            for place in chunk * CHUNK..((chunk + 1) * CHUNK).min(positions_m.len()) {
-                if gather(place, &mut row) {
+            for (place, position_m) in (chunk * CHUNK..).zip(positions_m) {
+                if gather(*position_m, &mut row) {
                     let value = merged.weight[place] / merged.samples[place] as f32;
-                    kept.push(positions_m[place], value, &row);
+                    kept.push(*position_m, value, &row);
                 }
             }
             kept

@@ -18,13 +18,13 @@ struct OnRay {
     /// `b_θ`, `b_φ` of (33), (34).
     ray: (i32, i32),
     index: u32,
-    range_m: f64,
+    range_m: f32,
     /// `n_k` of (35).
-    views: f64,
+    views: f32,
     /// `f_k` of (35).
-    value: f64,
+    value: f32,
     /// `∂f/∂r`, `∂f/∂θ`.
-    slope: [f64; 2],
+    slope: [f32; 2],
     /// `∂r/∂μ`, `∂θ/∂μ`.
     range_axis: Vec3,
     azimuth_axis: Vec3,
@@ -42,6 +42,11 @@ pub(crate) struct RayView<'a> {
 /// Reused between views.
 #[derive(Debug, Default)]
 pub(crate) struct ElevationRays {
+    /// In the order of the subset.
+    places: Vec<Option<OnRay>>,
+    /// Ray, bits of the range (positive, so in its order) and place of each.
+    keys: Vec<(u64, u32, u32)>,
+    /// Ray by ray, by increasing range.
     on_rays: Vec<OnRay>,
     mass: Vec<f64>,
 }
@@ -60,14 +65,9 @@ impl ElevationRays {
             let mean_m = Vec3::from_array([0, 1, 2].map(|k| gaussians.mean_m[k][index as usize]));
             view.place(index, mean_m)
         };
-        self.on_rays.clear();
-        self.on_rays
-            .par_extend(subset.par_iter().with_min_len(1024).filter_map(on_ray));
-        // No two are equal: any sort gives the same order.
-        self.on_rays.par_sort_unstable_by(|a, b| {
-            let by_range = a.range_m.total_cmp(&b.range_m);
-            a.ray.cmp(&b.ray).then(by_range).then(a.index.cmp(&b.index))
-        });
+        let places = subset.par_iter().with_min_len(1024).map(on_ray);
+        places.collect_into_vec(&mut self.places);
+        self.sort_along_rays();
         let of_one_ray = |ray: &&[OnRay]| ray.len() >= 2;
         let rays = || {
             self.on_rays
@@ -84,6 +84,24 @@ impl ElevationRays {
             loss += one_ray(ray, &mut self.mass, view.choices, share, gradients);
         }
         loss / count as f64
+    }
+
+    /// Sorts keys, which are a sixth of what they stand for.
+    fn sort_along_rays(&mut self) {
+        self.keys.clear();
+        let placed = (0u32..).zip(&self.places);
+        self.keys.extend(placed.filter_map(|(at, place)| {
+            let place = place.as_ref()?;
+            let (azimuth, elevation) = place.ray;
+            let ray = (u64::from(azimuth as u32) << 32) | u64::from(elevation as u32);
+            Some((ray, place.range_m.to_bits(), at))
+        }));
+        // No two are equal: any sort gives the same order.
+        self.keys.par_sort_unstable();
+        self.on_rays.clear();
+        let sorted = self.keys.iter();
+        self.on_rays
+            .extend(sorted.filter_map(|(_, _, at)| self.places[*at as usize]));
     }
 }
 
@@ -110,13 +128,10 @@ impl RayView<'_> {
                 (from_lowest / self.choices.elevation_bin_rad).floor() as i32,
             ),
             index,
-            range_m: f64::from(range_m),
-            views: f64::from(self.view_counts[index as usize]),
-            value: f64::from(value),
-            slope: [
-                f64::from(along / g.range_step_m),
-                f64::from(across / step_rad),
-            ],
+            range_m,
+            views: self.view_counts[index as usize] as f32,
+            value,
+            slope: [along / g.range_step_m, across / step_rad],
             range_axis: g.axes * (q / range_m),
             azimuth_axis: g.axes * (Vec3::new(-q.y, q.x, 0.0) / level2),
         })
@@ -147,6 +162,16 @@ fn between_pixels(image: &Image, row: f32, column: f32) -> (f32, f32, f32) {
     (near + t * (far - near), along, far - near)
 }
 
+/// (35), (36): the mass of each Gaussian on its ray.
+fn distribute(ray: &[OnRay], mass: &mut Vec<f64>) {
+    let score = |k: &OnRay| f64::from(k.views) * f64::from(k.value);
+    let highest = ray.iter().map(score).fold(f64::NEG_INFINITY, f64::max);
+    mass.clear();
+    mass.extend(ray.iter().map(|k| (score(k) - highest).exp()));
+    let total: f64 = mass.iter().sum();
+    mass.iter_mut().for_each(|p| *p /= total);
+}
+
 /// (35) to (40) of one ray; adds `share` times its gradient.
 fn one_ray(
     ray: &[OnRay],
@@ -155,38 +180,30 @@ fn one_ray(
     share: f64,
     gradients: &mut GradientArrays,
 ) -> f64 {
-    let (epsilon, depth) = (
-        f64::from(choices.entropy_epsilon),
-        f64::from(choices.depth_weight),
-    );
-    let score = |k: &OnRay| k.views * k.value;
-    let highest = ray.iter().map(score).fold(f64::NEG_INFINITY, f64::max);
-    mass.clear();
-    mass.extend(ray.iter().map(|k| (score(k) - highest).exp()));
-    let total: f64 = mass.iter().sum();
-    mass.iter_mut().for_each(|p| *p /= total);
-
-    let mean_m: f64 = ray.iter().zip(&*mass).map(|(k, p)| p * k.range_m).sum();
-    let from_mean2 = |k: &OnRay| (k.range_m - mean_m).powi(2);
-    let entropy: f64 = -mass.iter().map(|p| p * (p + epsilon).ln()).sum::<f64>();
-    let variance: f64 = ray.iter().zip(&*mass).map(|(k, p)| p * from_mean2(k)).sum();
+    let epsilon = f64::from(choices.entropy_epsilon);
+    let depth = f64::from(choices.depth_weight);
+    distribute(ray, mass);
+    let weighted = |of: &dyn Fn(&OnRay, f64) -> f64| -> f64 {
+        let masses = ray.iter().zip(&*mass);
+        masses.map(|(k, p)| p * of(k, *p)).sum()
+    };
+    let mean_m = weighted(&|k, _| f64::from(k.range_m));
+    let from_mean_m = |k: &OnRay| f64::from(k.range_m) - mean_m;
+    let entropy = weighted(&|_, p| -(p + epsilon).ln());
+    let variance = weighted(&|k, _| from_mean_m(k).powi(2));
 
     // ∂L/∂p; what the variance loses through the mean range cancels.
     let by_mass =
-        |k: &OnRay, p: f64| depth * from_mean2(k) - (p + epsilon).ln() - p / (p + epsilon);
-    let middle: f64 = ray
-        .iter()
-        .zip(&*mass)
-        .map(|(k, p)| p * by_mass(k, *p))
-        .sum();
+        |k: &OnRay, p: f64| depth * from_mean_m(k).powi(2) - (p + epsilon).ln() - p / (p + epsilon);
+    let middle = weighted(&by_mass);
     for (k, &p) in ray.iter().zip(&*mass) {
-        let by_value = k.views * p * (by_mass(k, p) - middle);
-        let by_range = depth * 2.0 * p * (k.range_m - mean_m) + by_value * k.slope[0];
-        let by_azimuth = by_value * k.slope[1];
-        let by_mean =
-            k.range_axis * (share * by_range) as f32 + k.azimuth_axis * (share * by_azimuth) as f32;
+        let by_value = f64::from(k.views) * p * (by_mass(k, p) - middle);
+        let [along, across] = k.slope.map(|slope| by_value * f64::from(slope));
+        let by_range = along + depth * 2.0 * p * from_mean_m(k);
+        let by_mean_m =
+            k.range_axis * (share * by_range) as f32 + k.azimuth_axis * (share * across) as f32;
         for axis in 0..3 {
-            gradients.mean_m[axis][k.index as usize] += by_mean[axis];
+            gradients.mean_m[axis][k.index as usize] += by_mean_m[axis];
         }
     }
     entropy + depth * variance
@@ -267,7 +284,8 @@ mod tests {
                 );
             }
         }
-        assert_eq!(gradients.get(5), [0.0; 12], "alone on its ray");
+        let alone = gradients.get(5);
+        assert!(alone.iter().all(|g| g.abs() < 1e-12), "{alone:?}");
     }
 
     #[test]

@@ -4,7 +4,7 @@ use echosplat_acoustics::paper::PaperView;
 use echosplat_model::{PosedPing, Timestamp};
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::Choices;
+use crate::choices::{ChoiceError, Choices};
 
 /// Beams may lie off the even spacing of (20) by this share of it.
 const UNEVEN_SHARE: f64 = 0.3;
@@ -42,6 +42,9 @@ pub struct Images {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum ImageError {
+    /// A choice out of range.
+    #[error(transparent)]
+    Choice(#[from] ChoiceError),
     /// None belongs to a view, or all are dark.
     #[error(
         "no image shows anything: of {ping_count} pings, {left_out_count} carry no view number"
@@ -85,8 +88,10 @@ impl Images {
     /// its beams: its z is theirs, its x the middle between the outermost beams' axes.
     ///
     /// # Errors
-    /// If no image shows anything or the beams of a view are none of one image.
+    /// If a choice is out of range, no image shows anything, or the beams of a view are none of one
+    /// image.
     pub fn from_pings(pings: &[PosedPing], choices: &Choices) -> Result<Self, ImageError> {
+        choices.check()?;
         let mut beams: Vec<(u32, &PosedPing)> = pings
             .iter()
             .filter_map(|ping| Some((ping.ping.view()?, ping)))

@@ -26,7 +26,7 @@ pub struct EpochReport {
     pub loss: f64,
     /// The same of a map of nothing.
     pub loss_of_nothing: f64,
-    /// (41) and the plain terms of (42) without their weights' `λ_elev`, mean over the views.
+    /// (41) without its weight `λ_elev`, mean over the views.
     pub elevation_loss: f64,
     /// `λ_α ‖α‖² + λ_s ‖S‖²` of (42), mean over the views.
     pub size_loss: f64,
@@ -77,7 +77,8 @@ struct Buffers {
 }
 
 impl PaperMethod {
-    /// (11) to (13): from images to the first Gaussians. Uses rayon's current pool.
+    /// (11) to (13): from images to the first Gaussians. Uses rayon's current pool. Choices that fail
+    /// [`Choices::check`] make no usable map.
     #[must_use]
     pub fn new(images: Images, choices: Choices) -> Self {
         let beam_width_m = candidates::beam_width_m(&images, &choices);
@@ -306,7 +307,7 @@ impl PaperMethod {
         for &index in &self.buffers.subset {
             let index = index as usize;
             for field in &mut self.gaussians.log_scale {
-                field[index] = field[index].clamp(low, high);
+                field[index] = field[index].max(low).min(high);
             }
             let fields = &mut self.gaussians.rotation;
             let length2: f32 = fields.iter().map(|field| field[index] * field[index]).sum();
@@ -407,13 +408,13 @@ mod tests {
         let (method, reports) = run(2, 30);
         let (first, last) = (reports[0], reports[29]);
         assert!(
-            last.loss < 0.7 * first.loss,
+            last.loss < 0.8 * first.loss,
             "{} to {}",
             first.loss,
             last.loss
         );
         assert!(
-            last.loss < 0.7 * last.loss_of_nothing,
+            last.loss < 0.8 * last.loss_of_nothing,
             "{} {}",
             last.loss,
             last.loss_of_nothing
@@ -436,7 +437,7 @@ mod tests {
         let (_, at_first) = near_share(&run(1, 0).0.gaussians_above(0.0));
         let (near, share) = near_share(&snapshot.gaussians);
         assert!(
-            near > 50 && share > 0.6 && share > 1.5 * at_first,
+            near > 50 && share > 0.75 && share > at_first + 0.1,
             "{near}: {at_first} to {share}"
         );
         assert!(snapshot.gaussians.iter().is_sorted_by_key(|g| g.id));

@@ -35,10 +35,9 @@ pub(crate) fn prune(
     beam_width_m: f32,
     choices: &Choices,
 ) -> (Vec<bool>, Pruned) {
-    let count = all.mean_m.len();
     let guard = Guard::new(all.impact, choices.guard_share);
     let mut pruned = Pruned::default();
-    let mut keep = vec![true; count];
+    let mut keep = vec![true; all.mean_m.len()];
     let let_go = |keep: &mut bool, index: usize, counter: &mut usize, guarded: &mut usize| {
         if guard.protects(all.impact[index]) {
             *guarded += 1;
@@ -47,17 +46,12 @@ pub(crate) fn prune(
             *counter += 1;
         }
     };
-    for index in 0..count {
+    for (index, keep) in keep.iter_mut().enumerate() {
         if !(all.mean_m[index].is_finite() && all.opacity[index].is_finite()) {
-            keep[index] = false;
+            *keep = false;
             pruned.not_finite += 1;
         } else if !(all.opacity[index] >= choices.prune_opacity) {
-            let_go(
-                &mut keep[index],
-                index,
-                &mut pruned.by_opacity,
-                &mut pruned.guarded,
-            );
+            let_go(keep, index, &mut pruned.by_opacity, &mut pruned.guarded);
         }
     }
     for index in too_close(all, &keep, choices.prune_distance_beams * beam_width_m) {
@@ -116,7 +110,7 @@ fn too_close(all: &Prunable<'_>, keep: &[bool], radius_m: f32) -> Vec<usize> {
     for index in order {
         let mut is_close = false;
         grid.for_each_within(all.mean_m, all.mean_m[index], radius_m, |near| {
-            is_close |= stays[near as usize]
+            is_close |= stays[near as usize];
         });
         stays[index] = !is_close;
         if is_close {
