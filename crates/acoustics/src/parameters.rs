@@ -544,8 +544,8 @@ mod tests {
         let mut gradients = GradientArrays::zeros(3);
         gradients.add(1, [1.0; PARAMETER_COUNT]);
         gradients.add(1, [2.0; PARAMETER_COUNT]);
-        assert_eq!(gradients.get(1), [3.0; PARAMETER_COUNT]);
-        assert_eq!(gradients.get(0), [0.0; PARAMETER_COUNT]);
+        assert_eq!(gradients.get(1).to_vec(), vec![3.0; PARAMETER_COUNT]);
+        assert_eq!(gradients.get(0).to_vec(), vec![0.0; PARAMETER_COUNT]);
         gradients.clear();
         assert_eq!(gradients, GradientArrays::zeros(3));
     }

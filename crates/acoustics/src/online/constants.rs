@@ -26,3 +26,5 @@ pub(crate) const RASTER_ROW_DEG: f64 = 0.5;
 pub(crate) const LEAST_TRANSMITTANCE: f32 = 1e-4;
 /// A Gaussian whose weighted coverage is below this lies beside the raster.
 pub(crate) const LEAST_OVERLAP: f32 = 1e-20;
+/// What would send back more than this is left out: sums over a ping stay finite.
+pub(crate) const STRONGEST: f32 = 1e30;

@@ -20,7 +20,6 @@ mod sight;
 mod sight_back;
 mod spread;
 
-use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch};
 
 use crate::Look;
@@ -50,6 +49,8 @@ pub struct OnlineRenderer {
     occlusion: Occlusion,
     /// Shape `[bin_count + padding]`.
     intensity: Vec<f32>,
+    /// Of that shape, for some rows at a time; else 0.
+    partial: Vec<f32>,
     loss: Loss,
     pulls: Vec<Pull>,
     pair_count: u64,
@@ -74,6 +75,7 @@ impl OnlineRenderer {
             rows: Vec::new(),
             occlusion: Occlusion::default(),
             intensity: Vec::new(),
+            partial: Vec::new(),
             loss: Loss::default(),
             pulls: Vec::new(),
             pair_count: 0,
@@ -92,6 +94,7 @@ impl OnlineRenderer {
         self.intensity.clear();
         self.intensity
             .resize(look.bin_count as usize + PADDING, 0.0);
+        self.partial.resize(self.intensity.len(), 0.0);
         let view = View::new(look);
         let occlusion = self.options.occlusion;
         if occlusion {
@@ -103,7 +106,7 @@ impl OnlineRenderer {
             if occlusion {
                 self.occlusion.forward(simd, rows);
             }
-            spread::spread(simd, look, rows, &mut self.intensity);
+            spread::spread(simd, look, rows, &mut self.partial, &mut self.intensity);
         });
         self.pair_count = self.rows.iter().map(|row| u64::from(row.bin_count)).sum();
         self.intensity()
@@ -171,12 +174,12 @@ impl OnlineRenderer {
         let Some(look) = &self.look else {
             return;
         };
+        let (from, count) = (energies.len(), row.bin_count as usize);
+        energies.resize(from + count + PADDING, 0.0);
         let strength = row.transmittance * row.energy;
-        let from = energies.len();
-        dispatch!(self.level, simd => spread::shares(simd, look, row, |_, share| {
-            energies.extend_from_slice(&(share * strength).to_array());
-        }));
-        energies.truncate(from + row.bin_count as usize);
+        let bins = &mut energies[from..];
+        dispatch!(self.level, simd => spread::add_shares(simd, look, row, strength, bins));
+        energies.truncate(from + count);
     }
 
     fn sort_visible(&mut self, visible: &[u32], count: usize) {

@@ -4,6 +4,9 @@ use super::constants::{RASTER_HALF_HEIGHT, RASTER_HALF_WIDTH_SIGMAS, RASTER_ROW_
 use crate::Look;
 use crate::lanes::LANES;
 
+/// Rows all around.
+const MOST_ROWS: f64 = 360.0 / RASTER_ROW_DEG;
+
 /// Columns of azimuth: one per lane.
 pub(crate) const COLUMNS: usize = LANES;
 
@@ -48,9 +51,11 @@ impl Raster {
         let sigma = sigma_rad(look);
         let [column_rad, row_rad] = cell_rad(look);
         let half_rad = f64::from(look.beam.elevation_half_width_rad());
-        let rows = (2.0 * RASTER_HALF_HEIGHT * half_rad / row_rad)
+        // More than the whole circle is no fan, whatever the look says.
+        // A whole number of rows stays that number, whatever an f32 angle's last bit says.
+        let rows = (2.0 * RASTER_HALF_HEIGHT * half_rad / row_rad - 1e-3)
             .ceil()
-            .max(1.0);
+            .clamp(1.0, MOST_ROWS);
         let column = |c: usize| (c as f64 - 0.5 * (COLUMNS - 1) as f64) * column_rad;
         let lowest_rad = -0.5 * (rows - 1.0) * row_rad;
         let row = |r: usize| lowest_rad + r as f64 * row_rad;

@@ -21,8 +21,9 @@ pub struct OnlineRow {
     pub reflectivity: f32,
     /// Mean range r̄, by which Gaussians shadow one another.
     pub range_m: f32,
-    /// Mean range on the beam's axis, r′.
-    pub range_on_axis_m: f32,
+    /// What the mean range on the beam's axis is more than that, r′ − r̄: apart, so that edges of
+    /// bins lose no digits against it.
+    pub offset_m: f32,
     /// One over sigma in range, 1/s.
     pub inverse_sigma: f32,
     /// Its place on the raster.

@@ -9,7 +9,7 @@ use fearless_simd::{f32x8, mask32x8};
 
 use super::constants::{
     BEAM_REACH_SIGMAS, LEAST_AREA2_M4, LEAST_FAN, LEAST_VARIANCE_M2, NEAREST_M, RANGE_REACH_SIGMAS,
-    SIDEWAYS,
+    SIDEWAYS, STRONGEST,
 };
 use super::raster;
 use super::rows::{OnlineRow, Shadow};
@@ -37,6 +37,11 @@ pub(super) fn cross<S: Simd>(a: Triple<S>, b: Triple<S>) -> Triple<S> {
         a[2].mul_sub(b[0], a[0] * b[2]),
         a[0].mul_sub(b[1], a[1] * b[0]),
     ]
+}
+
+#[inline(always)]
+fn weighted<S: Simd>(v: Triple<S>, [x, y, z]: [f32; 3]) -> f32x8<S> {
+    v[0].mul_add(x, v[1].mul_add(y, v[2] * z))
 }
 
 /// A look in single numbers, worked out once per ping.
@@ -80,20 +85,19 @@ impl View {
     /// `R v`.
     #[inline(always)]
     pub(super) fn in_world_frame<S: Simd>(&self, v: Triple<S>) -> Triple<S> {
-        let [x, y, z] = &self.axes;
-        let part = |k: usize| v[0] * x[k] + v[1] * y[k] + v[2] * z[k];
-        [part(0), part(1), part(2)]
+        let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = self.axes;
+        [
+            weighted(v, [xx, yx, zx]),
+            weighted(v, [xy, yy, zy]),
+            weighted(v, [xz, yz, zz]),
+        ]
     }
 
     /// `Rᵀ v`.
     #[inline(always)]
     fn in_beam_frame<S: Simd>(&self, v: Triple<S>) -> Triple<S> {
-        let part = |axis: &[f32; 3]| v[0] * axis[0] + v[1] * axis[1] + v[2] * axis[2];
-        [
-            part(&self.axes[0]),
-            part(&self.axes[1]),
-            part(&self.axes[2]),
-        ]
+        let [along, left, up] = self.axes;
+        [weighted(v, along), weighted(v, left), weighted(v, up)]
     }
 }
 
@@ -107,30 +111,48 @@ pub(super) struct Eight<S: Simd> {
     reflectivity_log: f32x8<S>,
 }
 
+#[inline(always)]
+fn gathered<S: Simd>(simd: S, field: &[f32], indices: [u32; LANES]) -> f32x8<S> {
+    let (first, last) = (indices[0] as usize, indices[LANES - 1] as usize);
+    // Ascending and each once: eight in a row if the ends say so.
+    if last - first == LANES - 1 {
+        return f32x8::from_slice(simd, &field[first..=last]);
+    }
+    let mut values = [0.0; LANES];
+    for (value, index) in values.iter_mut().zip(indices) {
+        *value = field[index as usize];
+    }
+    f32x8::simd_from(simd, values)
+}
+
 impl<S: Simd> Eight<S> {
-    /// Those at `indices`, which all must exist.
+    /// Those at `indices`, which all must exist and ascend; the last may be repeated.
     #[inline(always)]
     pub(super) fn gather(
         simd: S,
         fields: &[&[f32]; PARAMETER_COUNT],
         indices: [u32; LANES],
     ) -> Self {
-        let first = indices[0] as usize;
-        let in_a_row = (0..LANES).all(|lane| indices[lane] as usize == first + lane);
-        let of = |field: &[f32]| {
-            if in_a_row {
-                f32x8::from_slice(simd, &field[first..first + LANES])
-            } else {
-                f32x8::simd_from(simd, indices.map(|index| field[index as usize]))
-            }
-        };
         let [mx, my, mz, qx, qy, qz, qw, sx, sy, sz, logit, log] = fields;
         Self {
-            mean_m: [of(mx), of(my), of(mz)],
-            rotation: [of(qx), of(qy), of(qz), of(qw)],
-            log_scale: [of(sx), of(sy), of(sz)],
-            opacity_logit: of(logit),
-            reflectivity_log: of(log),
+            mean_m: [
+                gathered(simd, mx, indices),
+                gathered(simd, my, indices),
+                gathered(simd, mz, indices),
+            ],
+            rotation: [
+                gathered(simd, qx, indices),
+                gathered(simd, qy, indices),
+                gathered(simd, qz, indices),
+                gathered(simd, qw, indices),
+            ],
+            log_scale: [
+                gathered(simd, sx, indices),
+                gathered(simd, sy, indices),
+                gathered(simd, sz, indices),
+            ],
+            opacity_logit: gathered(simd, logit, indices),
+            reflectivity_log: gathered(simd, log, indices),
         }
     }
 
@@ -153,9 +175,9 @@ impl<S: Simd> Eight<S> {
             sz,
             self.reflectivity_log,
         ];
-        let mut nothing = self.opacity_logit - self.opacity_logit;
+        let mut nothing = lanes::nothing(self.opacity_logit);
         for number in numbers {
-            nothing += number - number;
+            nothing += lanes::nothing(number);
         }
         nothing.simd_eq(0.0)
     }
@@ -213,8 +235,11 @@ fn rotated_back<S: Simd>([x, y, z, w]: [f32x8<S>; 4], v: Triple<S>) -> Triple<S>
     let axis = [x, y, z];
     let once = cross(axis, v);
     let twice = cross(axis, once);
-    let part = |k: usize| (twice[k] - w * once[k]).mul_add(2.0, v[k]);
-    [part(0), part(1), part(2)]
+    [
+        (twice[0] - w * once[0]).mul_add(2.0, v[0]),
+        (twice[1] - w * once[1]).mul_add(2.0, v[1]),
+        (twice[2] - w * once[2]).mul_add(2.0, v[2]),
+    ]
 }
 
 impl<S: Simd> Sight<S> {
@@ -242,15 +267,26 @@ impl<S: Simd> Sight<S> {
         let [qx, qy, qz, qw] = eight.rotation;
         let length2 = qx.mul_add(qx, qy * qy) + qz.mul_add(qz, qw * qw);
         let inverse_length = one / length2.sqrt();
-        let unit = [qx, qy, qz, qw].map(|part| part * inverse_length);
-        let own = |direction| rotated_back(unit, view.in_world_frame(direction));
+        let unit = [
+            qx * inverse_length,
+            qy * inverse_length,
+            qz * inverse_length,
+            qw * inverse_length,
+        ];
         let zero = f32x8::splat(simd, 0.0);
-        let along = own([x * by_range, y * by_range, z * by_range]);
-        let across = own([-y * by_lever, x * by_lever, zero]);
+        let outward = [x * by_range, y * by_range, z * by_range];
+        let along = rotated_back(unit, view.in_world_frame(outward));
+        let leftward = [-y * by_lever, x * by_lever, zero];
+        let across = rotated_back(unit, view.in_world_frame(leftward));
         let up = cross(along, across);
 
-        let scale2 = eight.log_scale.map(|log| lanes::exp(log + log));
-        let [s0, s1, s2] = scale2;
+        let [s0, s1, s2] = eight.log_scale;
+        let (s0, s1, s2) = (
+            lanes::exp(s0 + s0),
+            lanes::exp(s1 + s1),
+            lanes::exp(s2 + s2),
+        );
+        let scale2 = [s0, s1, s2];
         let area2 = [s1 * s2, s2 * s0, s0 * s1];
         let (stretched, flattened) = (times(scale2, along), times(scale2, across));
         let tt = dot(flattened, across);
@@ -302,10 +338,10 @@ impl<S: Simd> Sight<S> {
         solid_angle * pattern * self.fan * (std::f32::consts::TAU * view.sigma_b)
     }
 
-    /// r′.
+    /// r′ − r̄.
     #[inline(always)]
-    fn range_on_axis(&self) -> f32x8<S> {
-        self.range_m - self.azimuth * self.lever_m * self.rt / self.total2
+    fn offset(&self) -> f32x8<S> {
+        -(self.azimuth * self.lever_m * self.rt / self.total2)
     }
 
     /// What the Gaussian adds to s².
@@ -385,7 +421,7 @@ pub(super) fn project<S: Simd>(
     rows: &mut Vec<OnlineRow>,
 ) {
     for chunk in indices.chunks(LANES) {
-        let mut eight_indices = [chunk[0]; LANES];
+        let mut eight_indices = [chunk[chunk.len() - 1]; LANES];
         eight_indices[..chunk.len()].copy_from_slice(chunk);
         let eight = Eight::gather(simd, fields, eight_indices);
         let sight = Sight::new(view, &eight);
@@ -404,21 +440,22 @@ fn push_rows<S: Simd>(
 ) {
     let simd = eight.opacity_logit.simd;
     let energy = sight.energy(view);
-    let on_axis = sight.range_on_axis();
+    let offset = sight.offset();
+    let on_axis = sight.range_m + offset;
     let sigma = sight.range_variance(view).0.sqrt();
     let reflectivity = lanes::exp(eight.reflectivity_log);
     let inverse_sigma = f32x8::splat(simd, 1.0) / sigma;
     let reach = sigma * RANGE_REACH_SIGMAS;
-    let bin = |range_m: f32x8<S>| (range_m - view.range_start_m) / view.bin_length_m;
-    let first = bin(on_axis - reach).max(0.0).min(view.bin_count).floor();
-    let last = bin(on_axis + reach).max(0.0).min(view.bin_count).ceil();
+    let first = bin_edge(view, on_axis - reach).floor();
+    let last = bin_edge(view, on_axis + reach).ceil();
     // What is not finite here came of numbers too large to square.
-    let finite = |x: f32x8<S>| (x - x).simd_eq(0.0);
-    let seen = sight.seen & finite(energy) & finite(on_axis) & finite(sigma);
+    let nothing = lanes::nothing(energy) + lanes::nothing(on_axis) + lanes::nothing(sigma);
+    let bounded = (energy * reflectivity).simd_lt(STRONGEST);
+    let seen = sight.seen & nothing.simd_eq(0.0) & bounded;
     let bits = seen.to_bitmask();
     let (energy, opacity) = (energy.to_array(), eight.opacity().to_array());
     let (first, last) = (first.to_array(), last.to_array());
-    let (range_m, on_axis) = (sight.range_m.to_array(), on_axis.to_array());
+    let (range_m, offset) = (sight.range_m.to_array(), offset.to_array());
     let (reflectivity, inverse_sigma) = (reflectivity.to_array(), inverse_sigma.to_array());
     let from = rows.len();
     for (lane, &index) in chunk.iter().enumerate() {
@@ -434,30 +471,33 @@ fn push_rows<S: Simd>(
             opacity: opacity[lane],
             reflectivity: reflectivity[lane],
             range_m: range_m[lane],
-            range_on_axis_m: on_axis[lane],
+            offset_m: offset[lane],
             inverse_sigma: inverse_sigma[lane],
             shadow: Shadow::default(),
         });
     }
     if occlusion {
-        let lanes_seen = (0..LANES).filter(|lane| bits >> lane & 1 == 1);
-        set_shadows(view, sight, lanes_seen, &mut rows[from..]);
+        set_shadows(view, sight, bits, &mut rows[from..]);
     }
 }
 
+/// Bins and parts of one from the ping's start, inside the ping.
 #[inline(always)]
-fn set_shadows<S: Simd>(
-    view: &View,
-    sight: &Sight<S>,
-    lanes_seen: impl Iterator<Item = usize>,
-    rows: &mut [OnlineRow],
-) {
+fn bin_edge<S: Simd>(view: &View, range_m: f32x8<S>) -> f32x8<S> {
+    let position = (range_m - view.range_start_m) / view.bin_length_m;
+    position.max(0.0).min(view.bin_count)
+}
+
+#[inline(always)]
+fn set_shadows<S: Simd>(view: &View, sight: &Sight<S>, mut bits: u64, rows: &mut [OnlineRow]) {
     let shadow = sight.shadow(view);
     let (azimuth, elevation) = (sight.azimuth.to_array(), sight.elevation.to_array());
     let (inverse_width, slope) = (shadow.inverse_width.to_array(), shadow.slope.to_array());
     let (inverse_height, height) = (shadow.inverse_height.to_array(), shadow.height.to_array());
     let peak = shadow.peak.to_array();
-    for (row, lane) in rows.iter_mut().zip(lanes_seen) {
+    for row in rows {
+        let lane = bits.trailing_zeros() as usize % LANES;
+        bits &= bits.wrapping_sub(1);
         row.shadow = Shadow {
             azimuth_rad: azimuth[lane],
             elevation_rad: elevation[lane],

@@ -23,19 +23,39 @@ impl<S: Simd> Pulls<S> {
     fn gather(simd: S, pulls: &[Pull]) -> Self {
         let mut eight = [Pull::default(); LANES];
         eight[..pulls.len()].copy_from_slice(pulls);
-        let moment = |k: usize| f32x8::simd_from(simd, eight.map(|pull| pull.moments[k]));
+        let mut turned = [[0.0; LANES]; 10];
+        for (lane, pull) in eight.iter().enumerate() {
+            let [h, h1, h2, h11, h12, h22] = pull.moments;
+            let (energy, range, variance) = (pull.log_energy, pull.range, pull.variance);
+            let numbers = [
+                energy,
+                range,
+                variance,
+                pull.opacity,
+                h,
+                h1,
+                h2,
+                h11,
+                h12,
+                h22,
+            ];
+            for (lanes, number) in turned.iter_mut().zip(numbers) {
+                lanes[lane] = number;
+            }
+        }
+        let [energy, range, variance, opacity, h, h1, h2, h11, h12, h22] = turned;
         Self {
-            log_energy: f32x8::simd_from(simd, eight.map(|pull| pull.log_energy)),
-            range: f32x8::simd_from(simd, eight.map(|pull| pull.range)),
-            variance: f32x8::simd_from(simd, eight.map(|pull| pull.variance)),
-            opacity: f32x8::simd_from(simd, eight.map(|pull| pull.opacity)),
+            log_energy: f32x8::simd_from(simd, energy),
+            range: f32x8::simd_from(simd, range),
+            variance: f32x8::simd_from(simd, variance),
+            opacity: f32x8::simd_from(simd, opacity),
             moments: [
-                moment(0),
-                moment(1),
-                moment(2),
-                moment(3),
-                moment(4),
-                moment(5),
+                f32x8::simd_from(simd, h),
+                f32x8::simd_from(simd, h1),
+                f32x8::simd_from(simd, h2),
+                f32x8::simd_from(simd, h11),
+                f32x8::simd_from(simd, h12),
+                f32x8::simd_from(simd, h22),
             ],
         }
     }
@@ -70,33 +90,42 @@ pub(super) fn accumulate<S: Simd>(
     let mut not_finite = 0;
     let mut fields_back = gradients.fields_mut();
     for (rows, pulls) in rows.chunks(LANES).zip(pulls.chunks(LANES)) {
-        let mut indices = [rows[0].index; LANES];
+        let mut indices = [rows[rows.len() - 1].index; LANES];
         for (index, row) in indices.iter_mut().zip(rows) {
             *index = row.index;
         }
         let eight = Eight::gather(simd, fields, indices);
         let sight = Sight::new(view, &eight);
         let gradient = gradient(view, &eight, &sight, &Pulls::gather(simd, pulls), occlusion);
-        let mut nothing = gradient[0] - gradient[0];
+        let mut nothing = lanes::nothing(gradient[0]);
         for part in &gradient[1..] {
-            nothing += *part - *part;
+            nothing += lanes::nothing(*part);
         }
-        let bits = nothing.simd_eq(0.0).to_bitmask();
+        let finite = nothing.simd_eq(0.0);
+        let bits = finite.to_bitmask();
         for (field, part) in fields_back.iter_mut().zip(gradient) {
-            let part = part.to_array();
-            for lane in 0..rows.len() {
-                if let Some(sum) = field.get_mut(indices[lane] as usize) {
-                    *sum += if bits >> lane & 1 == 1 {
-                        part[lane]
-                    } else {
-                        0.0
-                    };
-                }
-            }
+            add(field, indices, rows.len(), lanes::only(finite, part));
         }
         not_finite += (0..rows.len()).filter(|lane| bits >> lane & 1 == 0).count() as u64;
     }
     not_finite
+}
+
+/// Adds the first `count` lanes to the places of `indices`, which ascend.
+#[inline(always)]
+fn add<S: Simd>(field: &mut [f32], indices: [u32; LANES], count: usize, part: f32x8<S>) {
+    let (first, last) = (indices[0] as usize, indices[LANES - 1] as usize);
+    if last - first == LANES - 1 {
+        if let Some(sums) = field.get_mut(first..=last) {
+            (f32x8::from_slice(part.simd, sums) + part).store_slice(sums);
+        }
+        return;
+    }
+    for (&index, part) in indices.iter().zip(part.to_array()).take(count) {
+        if let Some(sum) = field.get_mut(index as usize) {
+            *sum += part;
+        }
+    }
 }
 
 #[inline(always)]
@@ -204,33 +233,32 @@ fn axes_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> [Triple<S>; 3] {
     let (u, v, w) = (sight.along, sight.across, sight.up);
     let (rr, tt, pp) = (by.rr * 2.0, by.tt * 2.0, by.pp * 2.0);
     let (section2, side2) = (by.section2 * 2.0, by.side2 * 2.0);
-    let along =
-        |k: usize| sight.scale2[k] * (rr * u[k] + by.rt * v[k]) + section2 * sight.area2[k] * u[k];
-    let across = |k: usize| sight.scale2[k] * (tt * v[k] + by.rt * u[k] + by.tp * w[k]);
-    let up =
-        |k: usize| sight.scale2[k] * (pp * w[k] + by.tp * v[k]) + side2 * sight.area2[k] * w[k];
-    [
-        [along(0), along(1), along(2)],
-        [across(0), across(1), across(2)],
-        [up(0), up(1), up(2)],
-    ]
+    let mut back = [u; 3];
+    for k in 0..3 {
+        let (scale2, area2) = (sight.scale2[k], sight.area2[k]);
+        back[0][k] = scale2 * (rr * u[k] + by.rt * v[k]) + section2 * area2 * u[k];
+        back[1][k] = scale2 * (tt * v[k] + by.rt * u[k] + by.tp * w[k]);
+        back[2][k] = scale2 * (pp * w[k] + by.tp * v[k]) + side2 * area2 * w[k];
+    }
+    back
 }
 
 #[inline(always)]
 fn scale_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> Triple<S> {
     let (u, v, w) = (sight.along, sight.across, sight.up);
-    let area = |k: usize| sight.area2[k] * (by.section2 * u[k] * u[k] + by.side2 * w[k] * w[k]);
-    let spread = |k: usize| {
-        (by.rr * u[k] + by.rt * v[k]) * u[k]
+    let (mut scales, mut areas) = (u, u);
+    for k in 0..3 {
+        let spread = (by.rr * u[k] + by.rt * v[k]) * u[k]
             + (by.tt * v[k] + by.tp * w[k]) * v[k]
-            + by.pp * w[k] * w[k]
-    };
-    let (a0, a1, a2) = (area(0), area(1), area(2));
+            + by.pp * w[k] * w[k];
+        scales[k] = sight.scale2[k] * spread;
+        areas[k] = sight.area2[k] * (by.section2 * u[k] * u[k] + by.side2 * w[k] * w[k]);
+    }
     // Area k is the product of the two scales other than k.
     [
-        (sight.scale2[0] * spread(0) + a1 + a2) * 2.0,
-        (sight.scale2[1] * spread(1) + a2 + a0) * 2.0,
-        (sight.scale2[2] * spread(2) + a0 + a1) * 2.0,
+        (scales[0] + areas[1] + areas[2]) * 2.0,
+        (scales[1] + areas[2] + areas[0]) * 2.0,
+        (scales[2] + areas[0] + areas[1]) * 2.0,
     ]
 }
 

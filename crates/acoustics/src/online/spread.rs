@@ -10,6 +10,11 @@ use crate::lanes::{self, LANES};
 /// Numbers beyond the last bin that eight at a time may touch.
 pub(super) const PADDING: usize = LANES + 1;
 
+/// Bins narrower than this many sigmas take Φ's difference from its series at their middle: that is
+/// good to 10⁻⁶ there, while the difference of two f32 is good to 2·10⁻⁷ of 1, which would be 10⁻³
+/// of a share as small as 2·10⁻⁴.
+const CLOSE_STEP: f32 = 0.125;
+
 /// Edges of a row's bins in sigmas from the mean; edges beyond the row's last stand on it, so that
 /// nothing lies between them.
 #[derive(Clone, Copy)]
@@ -22,15 +27,35 @@ struct Edges<S: Simd> {
 impl<S: Simd> Edges<S> {
     #[inline(always)]
     fn new(simd: S, look: &Look, row: &OnlineRow) -> Self {
-        let edge_m = look
-            .bin_length_m
-            .mul_add(row.first_bin as f32, look.range_start_m);
-        let first = (edge_m - row.range_on_axis_m) * row.inverse_sigma;
+        let from_m = look.range_start_m - row.range_m;
+        let edge_m = look.bin_length_m.mul_add(row.first_bin as f32, from_m) - row.offset_m;
+        let first = edge_m * row.inverse_sigma;
         Self {
             first: f32x8::splat(simd, first),
             step: look.bin_length_m * row.inverse_sigma,
             last: row.bin_count as f32,
         }
+    }
+
+    /// Whether Φ differs so little from edge to edge that its rounding shows.
+    #[inline(always)]
+    fn are_close(&self) -> bool {
+        self.step < CLOSE_STEP
+    }
+
+    /// How often eight bins.
+    #[inline(always)]
+    fn eights(&self) -> usize {
+        (self.last as usize).div_ceil(LANES)
+    }
+
+    /// Middles of the bins `from` to `from + 7`, and ϕ there; 0 beyond the row.
+    #[inline(always)]
+    fn middle(&self, numbers: f32x8<S>, from: usize) -> (f32x8<S>, f32x8<S>) {
+        let numbers = numbers + from as f32;
+        let z = (numbers + 0.5).mul_add(self.step, self.first);
+        let inside = numbers.simd_lt(self.last);
+        (z, lanes::only(inside, lanes::normal_density(z)))
     }
 
     /// Edges `from` to `from + 7`.
@@ -42,44 +67,85 @@ impl<S: Simd> Edges<S> {
     }
 }
 
-/// Calls `put(bin, shares)` for every eight bins of a row: `Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)`,
-/// 0 beyond the row.
+/// Rows that are summed up before their sum is added to the ping's: many small ones next to a
+/// large sum would lose their digits.
+const ROWS_AT_A_TIME: usize = 128;
+
+/// Adds every row's intensity, in their order. Both are padded; `partial` is 0 before and after.
 #[inline(always)]
-pub(super) fn shares<S: Simd>(
+pub(super) fn spread<S: Simd>(
+    simd: S,
+    look: &Look,
+    rows: &[OnlineRow],
+    partial: &mut [f32],
+    intensity: &mut [f32],
+) {
+    for rows in rows.chunks(ROWS_AT_A_TIME) {
+        for row in rows {
+            let strength = row.transmittance * row.energy * row.opacity * row.reflectivity;
+            if let Some(bins) = partial.get_mut(row.first_bin as usize..) {
+                add_shares(simd, look, row, strength, bins);
+            }
+        }
+        for (sum, part) in intensity.iter_mut().zip(partial.iter_mut()) {
+            *sum += *part;
+            *part = 0.0;
+        }
+    }
+}
+
+/// Adds `strength · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]` to a row's bins, 0 to those beyond.
+#[inline(always)]
+pub(super) fn add_shares<S: Simd>(
     simd: S,
     look: &Look,
     row: &OnlineRow,
-    mut put: impl FnMut(usize, f32x8<S>),
+    strength: f32,
+    bins: &mut [f32],
 ) {
     let numbers = lanes::lane_numbers(simd);
     let edges = Edges::new(simd, look, row);
-    let count = row.bin_count as usize;
+    if edges.are_close() {
+        return add_close_shares(&edges, numbers, strength, bins);
+    }
     let mut below = lanes::normal_cdf(edges.at(numbers, 0));
-    let mut from = 0;
-    while from < count {
-        let above = lanes::normal_cdf(edges.at(numbers, from + LANES));
-        put(
-            row.first_bin as usize + from,
-            below.slide::<1>(above) - below,
-        );
+    let count = row.bin_count as usize;
+    let mut eights = bins.chunks_exact_mut(LANES);
+    let mut from = LANES;
+    for bins in eights.by_ref().take(count / LANES) {
+        let above = lanes::normal_cdf(edges.at(numbers, from));
+        add(below.slide::<1>(above) - below, strength, bins);
         below = above;
+        from += LANES;
+    }
+    if let (true, Some(bins)) = (!count.is_multiple_of(LANES), eights.next()) {
+        // The row's last edge is among these, and repeated in the last lane.
+        add(below.slide::<1>(below.reverse()) - below, strength, bins);
+    }
+}
+
+/// As [`add_shares`], where the differences of Φ would be lost in its rounding.
+#[inline(always)]
+fn add_close_shares<S: Simd>(edges: &Edges<S>, numbers: f32x8<S>, strength: f32, bins: &mut [f32]) {
+    let mut from = 0;
+    for bins in bins.chunks_exact_mut(LANES).take(edges.eights()) {
+        let (z, density) = edges.middle(numbers, from);
+        add(close_share(edges.step, z) * density, strength, bins);
         from += LANES;
     }
 }
 
-/// Adds every row's intensity, in their order; `intensity` is padded.
+/// `ΔΦ/ϕ` between two edges a small step t about z: `t (1 + t²/24 (z²−1))`.
 #[inline(always)]
-pub(super) fn spread<S: Simd>(simd: S, look: &Look, rows: &[OnlineRow], intensity: &mut [f32]) {
-    for row in rows {
-        let strength = row.transmittance * row.energy * row.opacity * row.reflectivity;
-        shares(simd, look, row, |bin, share| {
-            let Some(bins) = intensity.get_mut(bin..bin + LANES) else {
-                return;
-            };
-            let sum = share.mul_add(strength, f32x8::from_slice(simd, bins));
-            sum.store_slice(bins);
-        });
-    }
+fn close_share<S: Simd>(step: f32, z: f32x8<S>) -> f32x8<S> {
+    let cubic = step * step * step / 24.0;
+    z.mul_add(z, -1.0).mul_add(cubic, step)
+}
+
+#[inline(always)]
+fn add<S: Simd>(share: f32x8<S>, strength: f32, bins: &mut [f32]) {
+    let sum = share.mul_add(strength, f32x8::from_slice(share.simd, bins));
+    sum.store_slice(bins);
 }
 
 /// dL/dI of a ping, as the backward kernel reads it.
@@ -136,31 +202,55 @@ pub(super) fn spread_back<S: Simd>(
 fn moments<S: Simd>(simd: S, look: &Look, row: &OnlineRow, loss: &Loss) -> [f32; 3] {
     let numbers = lanes::lane_numbers(simd);
     let edges = Edges::new(simd, look, row);
+    if edges.are_close() {
+        return close_moments(&edges, numbers, &loss.before[row.first_bin as usize + 1..]);
+    }
     let zero = f32x8::splat(simd, 0.0);
-    let mut sums = [zero; 3];
-    let mut last = [zero; 3];
+    let (mut share, mut shift, mut width) = (zero, zero, zero);
     let first_bin = row.first_bin as usize;
-    let (mut from, count) = (0, row.bin_count as usize);
-    // `steps` holds the whole ping's gradient: at the row's ends, where its bins end, what belongs
-    // to the bins outside is taken back.
-    let outside = loss.before[first_bin];
-    let mut first = [0.0; 3];
-    while from <= count {
-        let z = edges.at(numbers, from);
+    let steps = loss.steps[first_bin..].chunks_exact(LANES);
+    // `steps` holds the whole ping's gradient: what belongs to the bins outside the row is taken
+    // back at its first edge and at its last, which is repeated up to the last lane.
+    let eights = row.bin_count as usize / LANES + 1;
+    let (before, beyond) = (
+        loss.before[first_bin],
+        loss.before[first_bin + eights * LANES],
+    );
+    let ends = [-before, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+    let mut ends = f32x8::simd_from(simd, ends);
+    for (eight, steps) in steps.take(eights).enumerate() {
+        if eight + 1 == eights {
+            ends += f32x8::simd_from(simd, [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, beyond]);
+        }
+        let h = f32x8::from_slice(simd, steps) + ends;
+        ends = zero;
+        let z = edges.at(numbers, eight * LANES);
         let density = lanes::normal_density(z);
-        last = [lanes::normal_cdf(z), density, z * density];
-        if from == 0 {
-            first = last.map(|moment| moment[0]);
-        }
-        let Some(steps) = loss.steps.get(first_bin + from..first_bin + from + LANES) else {
-            break;
-        };
-        let h = f32x8::from_slice(simd, steps);
-        for (sum, moment) in sums.iter_mut().zip(last) {
-            *sum = moment.mul_add(h, *sum);
-        }
+        share = lanes::normal_cdf(z).mul_add(h, share);
+        shift = density.mul_add(h, shift);
+        width = (z * density).mul_add(h, width);
+    }
+    [share.reduce_sum(), shift.reduce_sum(), width.reduce_sum()]
+}
+
+/// As [`moments`], from ΔΦ, Δϕ and Δ(zϕ) by their series about the bins' middles:
+/// `Δϕ/ϕ = −t z + t³/24 (3z − z³)`, `Δ(zϕ)/ϕ = t (1−z²) − t³/24 (z⁴ − 6z² + 3)`.
+#[inline(always)]
+fn close_moments<S: Simd>(edges: &Edges<S>, numbers: f32x8<S>, d_intensity: &[f32]) -> [f32; 3] {
+    let zero = numbers * 0.0;
+    let (mut share, mut shift, mut width) = (zero, zero, zero);
+    let cubic = edges.step * edges.step * edges.step / 24.0;
+    let mut from = 0;
+    for losses in d_intensity.chunks_exact(LANES).take(edges.eights()) {
+        let (z, density) = edges.middle(numbers, from);
+        let h = density * f32x8::from_slice(zero.simd, losses);
+        let z2 = z * z;
+        share = close_share(edges.step, z).mul_add(h, share);
+        let turning = (-z2 + 3.0) * cubic - edges.step;
+        shift = (turning * z).mul_add(h, shift);
+        let bending = ((z2 - 6.0).mul_add(z2, 3.0)) * -cubic;
+        width = (-z2 + 1.0).mul_add(edges.step, bending).mul_add(h, width);
         from += LANES;
     }
-    let beyond = loss.before.get(first_bin + from).copied().unwrap_or(0.0);
-    std::array::from_fn(|k| sums[k].reduce_sum() - outside * first[k] + beyond * last[k][LANES - 1])
+    [share.reduce_sum(), shift.reduce_sum(), width.reduce_sum()]
 }

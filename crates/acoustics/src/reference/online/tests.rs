@@ -33,7 +33,7 @@ fn shadowing_scene(dice: &mut Dice) -> (Look, GaussianArrays) {
         let mut one = sample::in_view(dice, near_m, near_m + 0.35, [0.02, 0.1]);
         one.mean_m.z = one.mean_m.x * dice.between(-0.03, 0.03);
         one.mean_m = look.pose.position_m + look.pose.axes * one.mean_m;
-        one.rotation = one.rotation * dice.between(0.3, 3.0);
+        one.rotation *= dice.between(0.3, 3.0);
         arrays.push(one);
     }
     (look, arrays)
