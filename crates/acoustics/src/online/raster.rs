@@ -112,7 +112,7 @@ mod tests {
         let last = raster.cell_count() - 1;
         let ([a, b], [c, d]) = (raster.centre_rad(0), raster.centre_rad(last));
         assert!((a + c).abs() < 1e-7 && (b + d).abs() < 1e-5);
-        assert!(d > 1.29 * look.beam.elevation_half_width_rad());
+        assert!(d > 1.28 * look.beam.elevation_half_width_rad());
         assert!(c > 2.4 * look.beam.azimuth_sigma_rad());
         assert!(raster.weight(last) < 1e-3 && raster.weight(last / 2 / 8 * 8 + 4) > 0.9);
     }

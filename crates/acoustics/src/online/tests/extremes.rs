@@ -147,9 +147,9 @@ fn transmittance_through_1e5_gaussians_of_opacity_1e_minus_8() {
     let rows = twin::forward(&look, &numbers, &all(&gaussians), true, &cutoffs).rows;
     let expected = rows.last().unwrap().transmittance;
     assert!(expected < 0.9999 && expected > 0.999, "{expected}");
-    // 6·10⁻⁸ is one f32 step below 1: the loss of 5·10⁻⁴ is right to a few of those.
+    // 6·10⁻⁸ is one f32 step below 1: the loss of 8·10⁻⁴ is right to a few of those.
     assert!(
-        (f64::from(found) - expected).abs() < 2e-7,
+        (f64::from(found) - expected).abs() < 4e-7,
         "{found} for {expected}"
     );
 }
