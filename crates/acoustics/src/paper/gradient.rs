@@ -2,17 +2,19 @@
 
 use fearless_simd::prelude::*;
 
-use super::band::{MOMENTS, Moments};
 use super::projection::{
-    Eight, Frame, KERNEL_SCALE, Projected, Splat, V, dot, each3, gather, lanes_of, on_axis, project,
+    Eight, Frame, KERNEL_SCALE, Projected, Splat, V, are_in_a_row, cross, dot, each3, gather,
+    lanes_of, on_axis, project,
 };
+use super::stroke::{MOMENTS, Moments};
 use crate::lanes::{LANES, exp};
 use crate::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
 
 /// What the pixels say of eight Gaussians: slopes to (21), (24) and to ln α, ln ρ.
 struct PixelGradient<S: Simd> {
     centre: [V<S>; 2],
-    /// rr, rθ (each of the two), θθ.
+    /// To (24) as `zz a aᵀ + dz (a bᵀ + b aᵀ) + dd b bᵀ` with a = (1, −m) across the ridge and
+    /// b = (0, 1): zz, dz, dd.
     covariance: [V<S>; 3],
     opacity_log: V<S>,
     reflectivity_log: V<S>,
@@ -38,11 +40,7 @@ fn from_moments<S: Simd>(one: &Projected<S>, sums: [V<S>; MOMENTS]) -> PixelGrad
             per_beam * ed * KERNEL_SCALE.recip() - slope * by_bin,
         ],
         // ½ Σ e s sᵀ, s = Σ⁻¹ (p − u)
-        covariance: [
-            zz,
-            dz - slope * zz,
-            dd - slope * (dz + dz) + slope * slope * zz,
-        ],
+        covariance: [zz, dz, dd],
         opacity_log: e,
         reflectivity_log,
     }
@@ -62,37 +60,55 @@ fn chain<S: Simd>(
     eight: &Eight,
 ) -> [V<S>; PARAMETER_COUNT] {
     let simd = one.opacity.simd;
-    let [rr, rt, tt] = pixels.covariance;
-    // Σ = H Hᵀ: dL/dH = 2 (dL/dΣ) H, and H = P R S.
+    let [zz, dz, dd] = pixels.covariance;
     let [h_r, h_t] = one.half;
+    let [_, rt, tt] = one.covariance;
+    let slope = rt / tt;
+    // What H's row of range has across the ridge: h_r − m h_θ, as (h_θ × (h_r × h_θ) + λ h_r)/Σ_θθ,
+    // in which a needle's length does not cancel.
+    let normal = cross(h_r, h_t);
+    let upright = cross(h_t, normal);
+    let across = each3(
+        #[inline(always)]
+        |k| (upright[k] + h_r[k] * frame.least_variance) / tt,
+    );
+    // Σ = H Hᵀ: dL/dH = 2 (dL/dΣ) H, along a and along b.
     let d_half = [
         each3(
             #[inline(always)]
-            |k| twice(rr.mul_add(h_r[k], rt * h_t[k])),
+            |k| twice(zz.mul_add(across[k], dz * h_t[k])),
         ),
         each3(
             #[inline(always)]
-            |k| twice(rt.mul_add(h_r[k], tt * h_t[k])),
+            |k| twice(dz.mul_add(across[k], dd * h_t[k])),
         ),
     ];
+    // H = P R S; columns of dL/dR = Pᵀ dL/dH S.
     let [p_r, p_t] = one.pixels_per_m;
-    // Columns: dL/dR = Pᵀ dL/dH S; what it takes of R itself is the slope to ln S.
+    let p_across = each3(
+        #[inline(always)]
+        |i| p_r[i] - slope * p_t[i],
+    );
     let columns = each3(
         #[inline(always)]
         |k| {
             let (a, b) = (d_half[0][k] * one.scale_m[k], d_half[1][k] * one.scale_m[k]);
             each3(
                 #[inline(always)]
-                |i| p_r[i].mul_add(a, p_t[i] * b),
+                |i| p_across[i].mul_add(a, p_t[i] * b),
             )
         },
     );
     let d_scale = each3(
         #[inline(always)]
-        |k| d_half[0][k].mul_add(h_r[k], d_half[1][k] * h_t[k]),
+        |k| d_half[0][k].mul_add(across[k], d_half[1][k] * h_t[k]),
     );
     let rotation = rotation_gradient(one, &columns);
-    let mean = mean_gradient(frame, one, pixels, d_half);
+    let d_half_t = each3(
+        #[inline(always)]
+        |k| d_half[1][k] - slope * d_half[0][k],
+    );
+    let mean = mean_gradient(frame, one, pixels, [d_half[0], d_half_t]);
     let falls = exp(-lanes_of(simd, eight, 10).abs());
     let one_and = falls + 1.0;
     let opacity_slope = falls / (one_and * one_and);
@@ -179,6 +195,35 @@ fn rotation_gradient<S: Simd>(one: &Projected<S>, c: &[[V<S>; 3]; 3]) -> [V<S>; 
     [held(0), held(1), held(2), held(3)]
 }
 
+/// Adds rows to the Gaussians `indices`, where `finite` has the lane's bit.
+#[inline(always)]
+fn scatter<S: Simd>(
+    rows: &[V<S>; PARAMETER_COUNT],
+    indices: &[u32],
+    finite: u64,
+    gradients: &mut [&mut [f32]; PARAMETER_COUNT],
+) {
+    let first = indices[0] as usize;
+    let all = first..first + LANES;
+    let in_a_row = finite == 0xff && are_in_a_row(indices);
+    for (gradient, row) in gradients.iter_mut().zip(rows) {
+        match gradient.get_mut(all.clone()) {
+            Some(gradient) if in_a_row => {
+                (*row + V::from_slice(row.simd, gradient)).store_slice(gradient)
+            }
+            _ => {
+                for (lane, (&index, value)) in indices.iter().zip(row.to_array()).enumerate() {
+                    if let Some(gradient) = gradient.get_mut(index as usize)
+                        && finite >> lane & 1 == 1
+                    {
+                        *gradient += value;
+                    }
+                }
+            }
+        }
+    }
+}
+
 /// Adds the gradients of all splats, whose moments are in the same order; returns how many were
 /// left out because they were not finite.
 #[inline(always)]
@@ -217,18 +262,8 @@ pub(super) fn add_gradients<S: Simd>(
             |sum, row| sum + row.abs(),
         );
         let finite = size.simd_le(f32::MAX).to_bitmask();
-        let rows = rows.map(V::to_array);
-        for (lane, &index) in indices.iter().enumerate() {
-            if finite >> lane & 1 == 0 {
-                dropped += 1;
-                continue;
-            }
-            for (gradient, row) in gradients.iter_mut().zip(&rows) {
-                if let Some(gradient) = gradient.get_mut(index as usize) {
-                    *gradient += row[lane];
-                }
-            }
-        }
+        dropped += u64::from((!finite & ((1 << indices.len()) - 1)).count_ones());
+        scatter(&rows, indices, finite, &mut gradients);
     }
     dropped
 }

@@ -1,26 +1,48 @@
 //! The kernel (25) over strips of eight range bins.
 
 use fearless_simd::prelude::*;
-use fearless_simd::{i32x8, mask32x8};
+use fearless_simd::{f32x4, i32x8, mask32x8};
 
 use super::REACH_SIGMAS;
 use super::projection::{KERNEL_SCALE, Splat, V};
-use crate::lanes::{LANES, lane_numbers};
+use crate::lanes::{LANES, lane_numbers, only};
 
 /// Where a kernel ends, in its scaled coordinates, squared.
 const REACH2: f32 = REACH_SIGMAS * REACH_SIGMAS * KERNEL_SCALE * KERNEL_SCALE;
 
+/// Added to a place, so that it stands in the lowest bits of a float and can be added to as one.
+const PLACE: f32 = 8_388_608.0;
+const PLACE_BITS: u32 = 0x7f_ffff;
+
 /// Up to eight bins of one beam that a splat covers.
 #[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Strip {
-    /// Place of its first bin in the band's buffers.
-    pub(super) at: u32,
-    /// How many of the eight bins are covered: more than 0, perhaps more than 8.
-    count: f32,
-    /// Scaled distance of the first bin from the splat's ridge.
-    z: f32,
-    /// Scaled distance of the beam from the centre.
-    pub(super) d: f32,
+pub(super) struct Strip(
+    /// Place of its first bin in the band's buffers plus [`PLACE`]; how many of the eight bins are
+    /// covered (0 or less: none; more than 8: all); scaled distance of the first bin from the
+    /// splat's ridge; scaled distance of the beam from the centre.
+    [f32; 4],
+);
+
+impl Strip {
+    #[inline(always)]
+    pub(super) fn at(&self) -> usize {
+        (self.0[0].to_bits() & PLACE_BITS) as usize
+    }
+
+    #[inline(always)]
+    fn count(&self) -> f32 {
+        self.0[1]
+    }
+
+    #[inline(always)]
+    fn z(&self) -> f32 {
+        self.0[2]
+    }
+
+    #[inline(always)]
+    pub(super) fn d(&self) -> f32 {
+        self.0[3]
+    }
 }
 
 /// The beams of a band and its layout.
@@ -58,54 +80,53 @@ pub(super) fn cover<S: Simd>(
     let first = splat.beams[0].max(layout.beams[0]);
     let end = splat.beams[1].min(layout.beams[1]);
     let last_bin = (layout.range_bins - 1) as f32;
+    let lanes = lane_numbers(simd);
     let zero = V::splat(simd, 0.0);
-    let (mut len, mut covered) = (0, 0.0);
+    let step = f32x4::simd_from(simd, [8.0, -8.0, 8.0 * splat.bin_scale, 0.0]);
+    let mut len = 0;
+    let mut covered = zero;
     let mut beam = first;
     while beam < end {
-        let dt = lane_numbers(simd) + (beam as f32 - splat.beam);
+        let dt = lanes + (beam as f32 - splat.beam);
         let d = dt * splat.beam_scale;
         let room = REACH2 - d * d;
-        let reach = room.max(zero).sqrt() / splat.bin_scale;
-        let ridge = dt * splat.slope + splat.bin;
+        let reach = room.max(zero).sqrt() * splat.bin_sigma;
+        let ridge = dt.mul_add(splat.slope, splat.bin);
         let low = (ridge - reach).ceil().max(zero);
         let high = (ridge + reach).floor().min(last_bin);
-        let here = room.simd_ge(zero) & lane_numbers(simd).simd_lt((end - beam) as f32);
-        let count = here.select((high - low + 1.0).max(zero), zero);
+        let here = room.simd_ge(zero) & lanes.simd_lt((end - beam) as f32);
+        let count = only(here, (high - low + 1.0).max(zero));
+        covered += count;
         let z = (low - ridge) * splat.bin_scale;
-        covered += count.reduce_sum();
-        let [low, count, z, d] = [low, count, z, d].map(V::to_array);
+        let row = (beam - layout.beams[0]) * layout.stride;
+        let at = lanes.mul_add(layout.stride as f32, low.min(last_bin)) + (row as f32 + PLACE);
+        let whole: i32x8<S> = count.to_int();
+        let strip_counts = ((whole + 7) >> 3u32).to_array();
+        let [at, count, z, d] = [at, count, z, d].map(V::to_array);
         for lane in 0..LANES.min((end - beam) as usize) {
-            let row = (beam - layout.beams[0] + lane as u32) * layout.stride;
-            let strip = Strip {
-                at: row + low[lane] as u32,
-                count: count[lane],
-                z: z[lane],
-                d: d[lane],
-            };
-            len += push_row(strip, splat.bin_scale, &mut strips[len..]);
+            let row = f32x4::simd_from(simd, [at[lane], count[lane], z[lane], d[lane]]);
+            let strip_count = strip_counts[lane] as usize;
+            push_row(row, step, strip_count, &mut strips[len..]);
+            len += strip_count;
         }
         beam += LANES as u32;
     }
-    (len, covered as u32)
+    (len, covered.reduce_sum() as u32)
 }
 
-/// Cuts a row into strips; returns how many.
+/// Cuts a row into strips.
 #[inline(always)]
-fn push_row(row: Strip, bin_scale: f32, strips: &mut [Strip]) -> usize {
-    let count = (row.count as u32).div_ceil(LANES as u32) as usize;
-    let at = |k: usize| Strip {
-        at: row.at + (k * LANES) as u32,
-        count: row.count - (k * LANES) as f32,
-        z: row.z + (k * LANES) as f32 * bin_scale,
-        d: row.d,
-    };
+fn push_row<S: Simd>(row: f32x4<S>, step: f32x4<S>, strip_count: usize, strips: &mut [Strip]) {
     // Nearly all rows need three or fewer: written without asking, where a branch would be missed.
-    let [a, b, c, ..] = strips else { return 0 };
-    (*a, *b, *c) = (at(0), at(1), at(2));
-    for (k, strip) in strips.iter_mut().enumerate().take(count).skip(3) {
-        *strip = at(k);
+    let [a, b, c, more @ ..] = strips else { return };
+    row.store_array(&mut a.0);
+    (row + step).store_array(&mut b.0);
+    let mut row = row + step + step;
+    row.store_array(&mut c.0);
+    for strip in more.iter_mut().take(strip_count.saturating_sub(3)) {
+        row += step;
+        row.store_array(&mut strip.0);
     }
-    count
 }
 
 /// Scaled coordinates along range and the kernel's value, 0 in lanes outside.
@@ -135,12 +156,12 @@ impl<S: Simd> Pen<S> {
 
     #[inline(always)]
     pub(super) fn inside(&self, strip: &Strip) -> mask32x8<S> {
-        self.lanes.simd_lt(strip.count)
+        self.lanes.simd_lt(strip.count())
     }
 
     #[inline(always)]
     pub(super) fn z(&self, strip: &Strip) -> V<S> {
-        self.steps + strip.z
+        self.steps + strip.z()
     }
 
     /// (25) as `2^−(z² + d²)`: relative error below 2·10⁻⁶ inside the reach.
@@ -148,7 +169,7 @@ impl<S: Simd> Pen<S> {
     pub(super) fn draw(&self, strip: &Strip) -> Lit<S> {
         let z = self.z(strip);
         let inside = self.inside(strip);
-        let exponent = z.mul_add(-z, V::splat(z.simd, -strip.d * strip.d));
+        let exponent = z.mul_add(-z, V::splat(z.simd, -strip.d() * strip.d()));
         let f = inside.select(exp2(exponent), V::splat(z.simd, 0.0));
         Lit { z, f, inside }
     }

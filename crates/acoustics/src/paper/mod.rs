@@ -12,11 +12,14 @@
 //! * azimuth does not wrap: a Gaussian behind the sensor lies on one side of the seam at ±180°.
 
 mod band;
+#[cfg(test)]
+mod extremes;
 mod gradient;
 mod kernel;
 mod order;
 mod projection;
 mod renderer;
+mod stroke;
 #[cfg(test)]
 mod tests;
 mod view;

@@ -23,6 +23,8 @@ pub(super) struct Splat {
     pub(super) slope: f32,
     /// [`KERNEL_SCALE`] over one sigma in range at a fixed azimuth: `√(Σ_θθ/det Σ)`.
     pub(super) bin_scale: f32,
+    /// Its inverse.
+    pub(super) bin_sigma: f32,
     /// [`KERNEL_SCALE`] over one sigma in azimuth.
     pub(super) beam_scale: f32,
     pub(super) opacity: f32,
@@ -32,6 +34,8 @@ pub(super) struct Splat {
     pub(super) beams: [u32; 2],
     /// Which Gaussian it is.
     pub(super) index: u32,
+    /// Its place before sorting.
+    pub(super) origin: u32,
 }
 
 /// What projection needs of a view, divided out.
@@ -46,7 +50,7 @@ pub(super) struct Frame {
     middle_beam: f32,
     last_bin: f32,
     last_beam: f32,
-    least_variance: f32,
+    pub(super) least_variance: f32,
 }
 
 impl Frame {
@@ -95,7 +99,7 @@ pub(super) fn dot<S: Simd>(a: [V<S>; 3], b: [V<S>; 3]) -> V<S> {
 
 /// `a × b`, whose differences lose what cancels.
 #[inline(always)]
-fn cross<S: Simd>(a: [V<S>; 3], b: [V<S>; 3]) -> [V<S>; 3] {
+pub(super) fn cross<S: Simd>(a: [V<S>; 3], b: [V<S>; 3]) -> [V<S>; 3] {
     [
         a[1] * b[2] - a[2] * b[1],
         a[2] * b[0] - a[0] * b[2],
@@ -151,17 +155,21 @@ pub(super) struct Projected<S: Simd> {
 /// Parameters of eight Gaussians, one array per parameter; NaN where there is none.
 pub(super) type Eight = [[f32; LANES]; PARAMETER_COUNT];
 
+/// Whether there are eight, each one more than the one before.
+#[inline(always)]
+pub(super) fn are_in_a_row(indices: &[u32]) -> bool {
+    let follows = |(k, &index): (usize, &u32)| index as usize == indices[0] as usize + k;
+    indices.len() == LANES && indices.iter().enumerate().all(follows)
+}
+
 /// The Gaussians `indices` (at most eight); indices beyond the arrays give NaN.
 #[inline(always)]
 pub(super) fn gather(fields: &[&[f32]; PARAMETER_COUNT], indices: &[u32], eight: &mut Eight) {
     let first = indices.first().map_or(0, |&index| index as usize);
-    let mut expected = first..;
-    let in_a_row = indices
-        .iter()
-        .all(|&index| expected.next() == Some(index as usize));
+    let in_a_row = are_in_a_row(indices);
     for (lanes, field) in eight.iter_mut().zip(fields) {
         match field.get(first..first + LANES) {
-            Some(eight) if in_a_row && indices.len() == LANES => lanes.copy_from_slice(eight),
+            Some(eight) if in_a_row => lanes.copy_from_slice(eight),
             _ => {
                 *lanes = [f32::NAN; LANES];
                 for (lane, &index) in lanes.iter_mut().zip(indices) {
@@ -251,8 +259,13 @@ pub(super) fn project<S: Simd>(simd: S, frame: &Frame, eight: &Eight) -> Project
     let azimuth = x.simd_lt(0.0).select(behind, ahead);
     let opacity = (one / (exp(-lanes_of(simd, eight, 10)) + 1.0)).min(OPACITY_MAX);
     let reflectivity = exp(lanes_of(simd, eight, 11));
-    // Comparisons with NaN are false.
-    let drawn = covariance[0].simd_le(COVARIANCE_MAX)
+    // Comparisons with NaN are false; the lanes' eˣ of NaN is a number.
+    let finite = |part: usize| lanes_of(simd, eight, part).abs().simd_le(f32::MAX);
+    let drawn = finite(7)
+        & finite(8)
+        & finite(9)
+        & finite(11)
+        & covariance[0].simd_le(COVARIANCE_MAX)
         & covariance[2].simd_le(COVARIANCE_MAX)
         & determinant.simd_gt(f32::MIN_POSITIVE)
         & lanes_of(simd, eight, 10).abs().simd_le(f32::MAX)
@@ -299,9 +312,11 @@ pub(super) fn push_splats<S: Simd>(
         & (one.bin + bin_reach).simd_ge(0.0)
         & (one.bin - bin_reach).simd_le(frame.last_bin);
     let bin_scale = (tt / one.determinant).sqrt() * KERNEL_SCALE;
+    let bin_sigma = V::splat(simd, 1.0) / bin_scale;
     let beam_scale = V::splat(simd, KERNEL_SCALE) / deviation;
     let [bin, beam, slope] = [one.bin, one.beam, rt / tt].map(V::to_array);
-    let [bin_scale, beam_scale, range_m] = [bin_scale, beam_scale, one.range_m].map(V::to_array);
+    let [bin_scale, bin_sigma, beam_scale] = [bin_scale, bin_sigma, beam_scale].map(V::to_array);
+    let range_m = one.range_m.to_array();
     let [opacity, reflectivity] = [one.opacity, one.reflectivity].map(V::to_array);
     let [first, last] = [first, last].map(V::to_array);
     let inside = inside.to_bitmask();
@@ -312,12 +327,14 @@ pub(super) fn push_splats<S: Simd>(
                 beam: beam[lane],
                 slope: slope[lane],
                 bin_scale: bin_scale[lane],
+                bin_sigma: bin_sigma[lane],
                 beam_scale: beam_scale[lane],
                 opacity: opacity[lane],
                 reflectivity: reflectivity[lane],
                 range_m: range_m[lane],
                 beams: [first[lane] as u32, last[lane] as u32 + 1],
                 index,
+                origin: splats.len() as u32,
             });
         }
     }

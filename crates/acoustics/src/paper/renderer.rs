@@ -3,10 +3,11 @@
 use fearless_simd::{Level, dispatch};
 use rayon::prelude::*;
 
-use super::band::{Band, MOMENTS, Moments, Shared};
+use super::band::{Band, Found};
 use super::gradient::add_gradients;
 use super::order::Order;
 use super::projection::{Frame, Splat, project_all};
+use super::stroke::{MOMENTS, Moments};
 use super::{PaperView, Transmittance};
 use crate::{GaussianArrays, GradientArrays};
 
@@ -25,7 +26,7 @@ pub struct PaperRenderer {
     unordered: Vec<Splat>,
     order: Order,
     bands: [Band; BANDS],
-    shared: Vec<Shared>,
+    all: Vec<Found>,
     means: Vec<f32>,
     moments: Vec<Moments>,
     image: Vec<f32>,
@@ -69,7 +70,7 @@ impl PaperRenderer {
             unordered: Vec::new(),
             order: Order::default(),
             bands: Default::default(),
-            shared: Vec::new(),
+            all: Vec::new(),
             means: Vec::new(),
             moments: Vec::new(),
             image: Vec::new(),
@@ -98,8 +99,8 @@ impl PaperRenderer {
             self.place_splats(view, gaussians, subset);
             for (band, beams) in self.bands.iter_mut().zip(band_beams(view.beams)) {
                 band.start(view, beams);
-                band.list(&self.splats);
             }
+            self.deal_out();
             self.shade();
             self.join_means();
             self.share();
@@ -130,7 +131,7 @@ impl PaperRenderer {
         self.find_moments();
         self.join_moments();
         let frame = Frame::of(&view);
-        let (splats, moments) = (&self.splats, &self.moments);
+        let (splats, moments) = (&self.unordered, &self.moments);
         self.dropped_gradient_count += dispatch!(self.level, simd => add_gradients(
             simd, &frame, gaussians, splats, moments, gradients
         ));
@@ -155,7 +156,7 @@ impl PaperRenderer {
         found.clear();
         dispatch!(self.level, simd => project_all(simd, &frame, gaussians, subset, found));
         if self.kind == Transmittance::None {
-            std::mem::swap(&mut self.splats, &mut self.unordered);
+            self.splats.clone_from(&self.unordered);
             return;
         }
         let order = self
@@ -174,21 +175,40 @@ impl PaperRenderer {
         self.undone = false;
     }
 
+    /// Every splat to the bands it touches.
+    fn deal_out(&mut self) {
+        let ends = std::array::from_fn::<_, BANDS, _>(|band| self.bands[band].end_beam());
+        // Counted, not searched: which band it is cannot be guessed.
+        let band_of = |beam: u32| {
+            ends.iter()
+                .map(|&end| usize::from(end <= beam))
+                .sum::<usize>()
+        };
+        for (place, splat) in self.splats.iter().enumerate() {
+            let (first, last) = (band_of(splat.beams[0]), band_of(splat.beams[1] - 1));
+            for band in self.bands.iter_mut().take(last + 1).skip(first) {
+                band.places.push(place as u32);
+            }
+        }
+    }
+
     /// (29) over all bands.
     fn join_means(&mut self) {
-        self.shared.clear();
+        self.all.clear();
         self.means.clear();
         if self.kind != Transmittance::Averaged {
             return;
         }
-        self.shared.resize(self.splats.len(), Shared::default());
-        for entry in self.bands.iter().flat_map(|band| &band.entries) {
-            let shared = &mut self.shared[entry.splat as usize];
-            shared.pixels += entry.pixels;
-            shared.seen += entry.seen;
+        self.all.resize(self.splats.len(), Found::default());
+        for band in &self.bands {
+            for (&place, found) in band.places.iter().zip(&band.found) {
+                let all = &mut self.all[place as usize];
+                all.pixels += found.pixels;
+                all.seen += found.seen;
+            }
         }
-        let mean = |shared: &Shared| shared.seen / shared.pixels.max(1) as f32;
-        self.means.extend(self.shared.iter().map(mean));
+        let mean = |all: &Found| all.seen / all.pixels.max(1) as f32;
+        self.means.extend(self.all.iter().map(mean));
     }
 
     /// (30) for splats in more than one band.
@@ -203,32 +223,36 @@ impl PaperRenderer {
     }
 
     fn find_moments(&mut self) {
-        let (level, kind, splats, means) = (self.level, self.kind, &self.splats, &self.means);
+        let (level, kind, splats) = (self.level, self.kind, &self.splats);
         if kind == Transmittance::Averaged {
             each(self.parallel, &mut self.bands, |band| {
                 dispatch!(level, simd => band.energies(simd, splats));
             });
-            for shared in &mut self.shared {
-                shared.energy = 0.0;
+            for all in &mut self.all {
+                all.energy = 0.0;
             }
-            for entry in self.bands.iter().flat_map(|band| &band.entries) {
-                self.shared[entry.splat as usize].energy += entry.energy;
+            for band in &self.bands {
+                for (&place, found) in band.places.iter().zip(&band.found) {
+                    self.all[place as usize].energy += found.energy;
+                }
             }
         }
-        let shared = &self.shared;
+        let all = &self.all;
         each(self.parallel, &mut self.bands, |band| {
-            dispatch!(level, simd => band.backward(simd, kind, splats, means, shared));
+            dispatch!(level, simd => band.backward(simd, kind, splats, all));
         });
         self.undone = kind != Transmittance::None;
     }
 
-    /// Sums the moments of each splat over the bands, in the bands' order.
+    /// Sums the moments of each splat over the bands, in the bands' order; they then stand in the
+    /// subset's order, in which parameters lie together.
     fn join_moments(&mut self) {
         self.moments.clear();
         self.moments.resize(self.splats.len(), [0.0; MOMENTS]);
         for band in &self.bands {
-            for (entry, moments) in band.entries.iter().zip(&band.moments) {
-                let sums = &mut self.moments[entry.splat as usize];
+            for (&place, moments) in band.places.iter().zip(&band.moments) {
+                let origin = self.splats[place as usize].origin;
+                let sums = &mut self.moments[origin as usize];
                 for (sum, moment) in sums.iter_mut().zip(moments) {
                     *sum += moment;
                 }

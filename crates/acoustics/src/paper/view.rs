@@ -2,8 +2,11 @@
 
 use echosplat_model::glam::{Mat3, Vec3};
 
-/// More pixels than any imaging sonar has; views beyond are not rendered.
-const PIXELS_MAX: u64 = 1 << 24;
+/// More pixels than any imaging sonar has; views beyond are not rendered. Places of pixels and
+/// their padding stay exact as f32.
+const PIXELS_MAX: u64 = 1 << 22;
+/// Most numbers that a row is padded by.
+const PADDING_MAX: u64 = 16;
 
 /// Geometry of one image, shape `[beams][range_bins]`, on the map's local coordinates.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -54,10 +57,11 @@ impl PaperView {
         }
     }
 
-    /// Whether the view can be rendered: all numbers finite, steps positive, 1 to 2²⁴ pixels.
+    /// Whether the view can be rendered: all numbers finite, steps positive, 1 to 2²² pixels.
     #[must_use]
     pub fn is_sound(&self) -> bool {
-        let pixels = u64::from(self.beams) * u64::from(self.range_bins);
+        let bins = u64::from(self.range_bins);
+        let pixels = u64::from(self.beams) * (bins + PADDING_MAX);
         let steps = self.range_step_m.min(self.azimuth_step_rad());
         self.position_m.is_finite()
             && self.axes.is_finite()
@@ -66,6 +70,7 @@ impl PaperView {
             && self.fov_rad.is_finite()
             && steps > 1e-9
             && (0.0..=1e6).contains(&self.least_pixel_variance)
+            && bins > 0
             && (1..=PIXELS_MAX).contains(&pixels)
     }
 }
