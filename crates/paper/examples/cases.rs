@@ -123,10 +123,12 @@ fn judge(method: &PaperMethod, truth: &Truth) {
             .paper
             .map_or((f64::INFINITY, f64::INFINITY), |p| (p.cd_m, p.hd_m));
         println!(
-            "    opacity above {opacity}: {} points, accuracy {:.3}, completeness {:.3}, CD {:.3} HD {:.3}; aligned and cropped CD {cd_m:.3} HD {hd_m:.3}",
+            "    opacity above {opacity}: {} points, accuracy {:.3} (to {:.2}), completeness {:.3} (to {:.2}), CD {:.3} HD {:.3}; aligned and cropped CD {cd_m:.3} HD {hd_m:.3}",
             map.len(),
             metrics.accuracy_m,
+            metrics.map_to_truth.max_m,
             metrics.completeness_m,
+            metrics.truth_to_map.max_m,
             metrics.cd_m,
             metrics.hd_m,
         );

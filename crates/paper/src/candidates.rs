@@ -113,7 +113,7 @@ pub(crate) fn find(
     merged.counts.views_needed = share.max(choices.support_views);
     let candidates = supported(&merged, choices.support_beams * beam_width_m);
     let counts = CandidateCounts {
-        candidates: merged.weight.len(),
+        candidates: merged.sums.len(),
         kept: candidates.position_m.len(),
         ..merged.counts
     };
@@ -124,11 +124,28 @@ pub(crate) fn find(
 struct Merged {
     cell_m: f32,
     cells: HashMap<u64, u32, BuildHasherDefault<CellHasher>>,
-    weighted_m: Vec<Vec3>,
-    weight: Vec<f32>,
-    samples: Vec<u32>,
+    sums: Vec<Sum>,
     tags: ViewTags,
     counts: CandidateCounts,
+}
+
+/// Of the samples of one cell.
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    /// Positions times values.
+    weighted_m: Vec3,
+    value: f32,
+    samples: u32,
+}
+
+impl Sum {
+    fn position_m(&self) -> Vec3 {
+        self.weighted_m / self.value
+    }
+
+    fn mean_value(&self) -> f32 {
+        self.value / self.samples as f32
+    }
 }
 
 impl Merged {
@@ -136,9 +153,7 @@ impl Merged {
         Self {
             cell_m,
             cells: HashMap::default(),
-            weighted_m: Vec::new(),
-            weight: Vec::new(),
-            samples: Vec::new(),
+            sums: Vec::new(),
             tags: ViewTags::new(view_count),
             counts: CandidateCounts::default(),
         }
@@ -159,9 +174,10 @@ impl Merged {
             self.counts.dropped_samples += 1;
             return;
         };
-        self.weighted_m[at] += point * value;
-        self.weight[at] += value;
-        self.samples[at] += 1;
+        let sum = &mut self.sums[at];
+        sum.weighted_m += point * value;
+        sum.value += value;
+        sum.samples += 1;
         self.tags.set(at, view);
     }
 
@@ -172,7 +188,7 @@ impl Merged {
         let key = cell
             .iter()
             .fold(0, |key, &c| (key << 21) | (c as i64 as u64 & 0x1f_ffff));
-        let next = self.weight.len();
+        let next = self.sums.len();
         if let Some(at) = self.cells.get(&key) {
             return Some(*at as usize);
         }
@@ -180,21 +196,14 @@ impl Merged {
             return None;
         }
         self.cells.insert(key, next as u32);
-        self.weighted_m.push(Vec3::ZERO);
-        self.weight.push(0.0);
-        self.samples.push(0);
+        self.sums.push(Sum::default());
         Some(self.tags.push_empty())
-    }
-
-    fn positions_m(&self) -> Vec<Vec3> {
-        let sums = self.weighted_m.iter().zip(&self.weight);
-        sums.map(|(sum, weight)| *sum / *weight).collect()
     }
 }
 
 /// (12): candidates with enough views within `radius_m` of them, tagged with all of those.
 fn supported(merged: &Merged, radius_m: f32) -> Candidates {
-    let positions_m = merged.positions_m();
+    let positions_m: Vec<Vec3> = merged.sums.iter().map(Sum::position_m).collect();
     let grid = Grid::new(&positions_m, radius_m);
     let gather = |position_m: Vec3, row: &mut [u64]| {
         row.fill(0);
@@ -214,8 +223,7 @@ fn supported(merged: &Merged, radius_m: f32) -> Candidates {
             let mut row = vec![0; merged.tags.words_per_row()];
             for (place, position_m) in (chunk * CHUNK..).zip(positions_m) {
                 if gather(*position_m, &mut row) {
-                    let value = merged.weight[place] / merged.samples[place] as f32;
-                    kept.push(*position_m, value, &row);
+                    kept.push(*position_m, merged.sums[place].mean_value(), &row);
                 }
             }
             kept
@@ -329,7 +337,7 @@ mod tests {
     #[test]
     fn a_full_table_of_candidates_drops_and_counts() {
         let mut merged = Merged::new(0.1, 1);
-        merged.weight = vec![1.0; CANDIDATES_MAX];
+        merged.sums = vec![Sum::default(); CANDIDATES_MAX];
         merged.add(0, Vec3::ONE, 1.0);
         assert_eq!(merged.counts.dropped_samples, 1);
     }

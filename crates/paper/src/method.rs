@@ -365,6 +365,7 @@ mod tests {
     use std::sync::{Arc, LazyLock};
 
     use super::*;
+    use crate::Shadowing;
     use echosplat_model::PosedPing;
     use echosplat_simulator::{Dive, DiveKind, NoiseLevel, Scene, SimulatedSonar};
 
@@ -441,6 +442,21 @@ mod tests {
             "{near}: {at_first} to {share}"
         );
         assert!(snapshot.gaussians.iter().is_sorted_by_key(|g| g.id));
+    }
+
+    #[test]
+    fn all_of_the_papers_renderers_train() {
+        let losses = [Shadowing::Averaged, Shadowing::Exact, Shadowing::Off].map(|shadowing| {
+            let choices = Choices {
+                shadowing,
+                ..choices()
+            };
+            let mut method = PaperMethod::new(IMAGES.clone(), choices);
+            let (first, second) = (method.run_epoch(), method.run_epoch());
+            assert!(second.loss < first.loss, "{shadowing:?}");
+            second.loss
+        });
+        assert!(losses[0] < losses[1] && losses[0] < losses[2], "{losses:?}");
     }
 
     #[test]
