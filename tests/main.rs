@@ -11,6 +11,7 @@ mod link;
 mod map;
 mod python_tools;
 mod recording;
+mod render;
 mod replay;
 mod serial_line;
 mod watch;

@@ -7,8 +7,8 @@
 
 use serde::{Deserialize, Serialize};
 
-/// Half steps from ¼ look to 64.
-const LOOKS_GRID: std::ops::RangeInclusive<i32> = -4..=12;
+/// Half steps from 1/16 of a look to 64.
+const LOOKS_GRID: std::ops::RangeInclusive<i32> = -8..=12;
 /// Steps of the fit of gain and floor; each is the multiplicative rule of gamma speckle.
 const FIT_STEPS: usize = 100;
 /// Intensities below this share of the constant count as it: no receiver resolves zero, and its
@@ -34,7 +34,7 @@ pub struct Pair {
 /// How well one predictor does on the held-back pings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// Looks of the gamma distribution, the likeliest of a grid of half steps from ¼ to 64.
+    /// Looks of the gamma distribution, the likeliest of a grid of half steps from 1/16 to 64.
     pub looks: f64,
     /// Mean logarithm of the density of a bin's intensity over the constant's level.
     pub log_likelihood_per_bin: f64,

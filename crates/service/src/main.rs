@@ -11,6 +11,7 @@ mod dives;
 mod exit;
 mod inputs;
 mod logging;
+mod logs;
 mod maps;
 mod pipeline;
 mod processor;

@@ -25,6 +25,8 @@ const MOST_VIEWS: usize = 1024;
 /// One column of the image.
 struct View {
     posed: PosedPing,
+    /// Of the ping in its log, or of the pose in its file.
+    number: u64,
     /// Where it lies from left to right.
     across: f64,
     /// Whether the log measured it.
@@ -49,7 +51,7 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<Finish> {
         })
         .collect();
     if let Some((path, format)) = &format {
-        let image = image(arguments, &views, &rendered);
+        let image = image(arguments, config.mapper.blanking_m, &views, &rendered);
         write(path, *format, &image)?;
     }
     match arguments.json {
@@ -129,6 +131,7 @@ fn of_log(log: &Path, arguments: &RenderArguments, config: &Config) -> anyhow::R
         let number = posed.ping.sequence();
         chosen.offer(number, across, || View {
             posed,
+            number,
             across,
             is_measured: true,
         });
@@ -147,8 +150,9 @@ fn of_poses(arguments: &RenderArguments, config: &Config) -> anyhow::Result<Vec<
         return Ok(Vec::new());
     };
     let silent = silent_ping(arguments)?;
-    let view = |pose: &StampedPose| View {
+    let view = |number: u64, pose: &StampedPose| View {
         posed: posed(&silent, pose, config),
+        number,
         across: pose.time.seconds_since(first),
         is_measured: false,
     };
@@ -163,13 +167,16 @@ fn of_poses(arguments: &RenderArguments, config: &Config) -> anyhow::Result<Vec<
         let at = |seconds: &f64| {
             let pose = trajectory.at(first.offset_by(*seconds));
             let pose = pose.map_err(|error| Usage::error(format!("--at {seconds}: {error}")))?;
-            Ok(view(&pose))
+            let number = poses.partition_point(|known| known.time < pose.time);
+            Ok(view(number as u64, &pose))
         };
         return arguments.at.iter().map(at).collect();
     }
     let mut chosen = Chosen::new(arguments);
     for (pose, number) in poses.iter().zip(0..) {
-        chosen.offer(number, pose.time.seconds_since(first), || view(pose));
+        chosen.offer(number, pose.time.seconds_since(first), || {
+            view(number, pose)
+        });
     }
     Ok(chosen.into_views())
 }
@@ -287,6 +294,7 @@ fn sweep(chosen: &[View], sweep_deg: f64, beams: u32) -> anyhow::Result<Vec<View
                 twist: Twist::default(),
                 ..view.posed.clone()
             },
+            number: view.number,
             across: azimuth_deg,
             is_measured: false,
         }
@@ -294,13 +302,23 @@ fn sweep(chosen: &[View], sweep_deg: f64, beams: u32) -> anyhow::Result<Vec<View
     Ok((0..beams).map(beam).collect())
 }
 
-fn image(arguments: &RenderArguments, views: &[View], rendered: &[Vec<f32>]) -> SonarImage {
+fn image(
+    arguments: &RenderArguments,
+    blanking_m: f64,
+    views: &[View],
+    rendered: &[Vec<f32>],
+) -> SonarImage {
+    // The ring of the transducer would outshine all echoes.
     let column = |view: &View, intensity: &[f32]| {
         let settings = view.posed.ping.settings();
+        let blank_m = if view.is_measured { blanking_m } else { 0.0 };
+        let blank = (blank_m - settings.range_start_m) / settings.bin_length_m();
+        let blank = (blank.ceil().max(0.0) as usize).min(intensity.len());
+        let range_start_m = settings.bin_edge_m(blank);
         Column {
-            range_start_m: settings.range_start_m,
-            range_length_m: settings.range_length_m,
-            intensity: intensity.to_vec(),
+            range_start_m,
+            range_length_m: settings.range_end_m() - range_start_m,
+            intensity: intensity[blank..].to_vec(),
         }
     };
     let mut panels = Vec::new();
@@ -352,7 +370,7 @@ fn summary(views: &[View], rendered: &[Vec<f32>]) -> Value {
         let ping = &view.posed.ping;
         let pose = &view.posed.world_from_sensor;
         json!({
-            "sequence": ping.sequence(),
+            "number": view.number,
             "across": view.across,
             "beam_azimuth_rad": ping.beam_azimuth_rad(),
             "position_m": pose.translation_m.to_array(),

@@ -131,6 +131,8 @@ pub(crate) struct PipelineConfig {
     pub(crate) pairs_per_ping: u64,
     /// Time between two published states of the map, on the pings' clock.
     pub(crate) snapshot_interval_s: f64,
+    /// Every so many-th ping is left out of the map, to judge it by; 0 leaves out none.
+    pub(crate) hold_back_every: u64,
 }
 
 impl Default for PipelineConfig {
@@ -139,6 +141,7 @@ impl Default for PipelineConfig {
             queue_pings: 256,
             pairs_per_ping: 100_000,
             snapshot_interval_s: 0.2,
+            hold_back_every: 0,
         }
     }
 }
@@ -307,7 +310,14 @@ impl PipelineConfig {
             self.snapshot_interval_s,
             0.01,
             3600.0,
-        )
+        )?;
+        match self.hold_back_every {
+            1 => Err(BadSetting::new(
+                "pipeline.hold_back_every",
+                "is 1, which leaves nothing for the map; allowed is 0 for none, or 2 and more",
+            )),
+            _ => Ok(()),
+        }
     }
 }
 

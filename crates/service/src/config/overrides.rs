@@ -42,6 +42,8 @@ impl Config {
         let offset_s = overrides.time_offset_s;
         config.pose.time_offset_s = offset_s.unwrap_or(config.pose.time_offset_s);
         config.mapper.threads = arguments.threads.unwrap_or(config.mapper.threads);
+        let pipeline = &mut config.pipeline;
+        pipeline.hold_back_every = arguments.hold_back.unwrap_or(pipeline.hold_back_every);
         let output = &mut config.output;
         output.map = arguments.map.clone().or(output.map.take());
         output.truth = arguments.truth.clone().or(output.truth.take());
@@ -79,7 +81,11 @@ impl Config {
         bus.zenoh.extend(arguments.zenoh.iter().cloned());
     }
 
-    fn checked(self) -> anyhow::Result<Self> {
+    /// The settings, if all are in range.
+    ///
+    /// # Errors
+    /// Names the first that is not.
+    pub(crate) fn checked(self) -> anyhow::Result<Self> {
         match self.check() {
             Ok(()) => Ok(self),
             Err(bad) => Err(Usage::error(format!(

@@ -161,6 +161,7 @@ impl Run {
             shared: Arc::clone(&shared),
             pairs_per_ping: config.pipeline.pairs_per_ping,
             snapshot_interval_s: config.pipeline.snapshot_interval_s,
+            hold_back_every: config.pipeline.hold_back_every,
             state: worker::State::new(Instant::now()),
         };
         let worker = std::thread::Builder::new()

@@ -27,6 +27,8 @@ pub(crate) enum Phase {
 pub(crate) struct MapperReport {
     /// Pings whose evidence is in the map.
     pub(crate) pings_mapped: u64,
+    /// Pings kept from the map to judge it by.
+    pub(crate) pings_held_back: u64,
     /// Pings before `--start`.
     pub(crate) pings_before_start: u64,
     /// Pings past `--end` or `--duration`, or after being told to stop.

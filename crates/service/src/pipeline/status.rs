@@ -110,6 +110,7 @@ impl Status {
         json!({
             "pings_received": self.pings_received,
             "pings_mapped": self.report.pings_mapped,
+            "pings_held_back": self.report.pings_held_back,
             "pings_without_pose": self.report.poses.join.pings_without_pose(),
             "frames_bad": session.frames_bad,
             "bytes_skipped": session.bytes_skipped,
@@ -135,8 +136,12 @@ impl Status {
     pub(crate) fn account(&self) -> String {
         let without_pose = self.report.poses.join.pings_without_pose();
         let mapper = &self.report.mapper;
+        let held_back = match self.report.pings_held_back {
+            0 => String::new(),
+            count => format!(", {count} held back"),
+        };
         format!(
-            "{} pings received, {} mapped, {without_pose} without a pose\n\
+            "{} pings received, {} mapped{held_back}, {without_pose} without a pose\n\
              {} damaged frames, {} bytes skipped\n\
              {} Gaussians, and {} ambiguous\n\
              {:.1} s of dive in {:.1} s, {:.1} s of computing, at most {:.0} MB of memory",

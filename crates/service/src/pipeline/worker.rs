@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use echosplat_driver::DriverEvent;
+use echosplat_evaluation::held_back::is_held_back;
 use echosplat_mapper::{Budget, Mapper};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
 
@@ -46,6 +47,8 @@ pub(crate) struct Worker {
     pub(crate) shared: Arc<Shared>,
     pub(crate) pairs_per_ping: u64,
     pub(crate) snapshot_interval_s: f64,
+    /// Every so many-th ping is kept from the map; 0 for none.
+    pub(crate) hold_back_every: u64,
     pub(crate) state: State,
 }
 
@@ -134,6 +137,9 @@ impl Worker {
     }
 
     fn map(&mut self, posed: &PosedPing, arrived: Instant) {
+        if is_held_back(posed.ping.sequence(), self.hold_back_every) {
+            return self.state.report.pings_held_back += 1;
+        }
         let inserted = self.mapper.insert(posed);
         if inserted.rejected {
             return self.state.report.pings_rejected += 1;
