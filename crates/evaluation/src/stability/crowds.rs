@@ -22,7 +22,7 @@ pub(super) fn rows(seed: u64, quick: bool) -> Vec<Row> {
     for occlusion in [false, true] {
         let way = if occlusion { "with occlusion" } else { "T = 1" };
         let same = coincident(count, occlusion);
-        rows.push(compare(&same).row(LABEL, format!("{count} in one place, {way}"), 1e-4));
+        rows.push(compare(&same).row(LABEL, format!("{count} in one place, {way}"), 2e-4));
         let mixed = mixed(seed, count / 50, occlusion);
         rows.push(compare(&mixed).row(LABEL, format!("1 mm to 100 m, {way}"), 2e-4));
     }

@@ -23,7 +23,7 @@ const LOGIT: Label = Label {
 const SCALE: Label = Label {
     case: "log scale beyond 88",
     quantity: "log scale of a sphere after the steps",
-    why: "Clamped to 10 µm … 10 km, whose fourth powers are normal numbers: gradient steps bring it \
+    why: "Clamped to 10 µm … 100 m, where slopes are still above rounding: gradient steps bring it \
           back.",
 };
 

@@ -8,9 +8,11 @@ mod crowds;
 mod dive;
 mod draw;
 mod frames;
+mod images;
 mod limits;
 mod naive;
 mod pings;
+mod poison;
 mod report;
 mod row;
 mod scene;
@@ -51,7 +53,9 @@ pub fn cases() -> Vec<Case> {
         case("backward near α = 0.999", shadows::cap),
         case("parameters out of range", limits::rows),
         case("crowds and mixed sizes", crowds::rows),
+        case("poison in one Gaussian", poison::rows),
         case("degenerate pings", pings::rows),
+        case("the paper's renderer", images::rows),
         case("gradients against central differences", twins::differences),
         case("online kernels against twins", twins::online),
         case("paper's kernels against twins", twins::paper),

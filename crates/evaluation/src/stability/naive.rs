@@ -1,7 +1,8 @@
 //! Single precision as one would write it down first: (10), (18), (19) term by term, determinants
 //! by their formula, opacities as a running product. Correct on paper, and in f32 on easy input.
 
-use echosplat_acoustics::{Look, Parameters, normal_cdf};
+use echosplat_acoustics::paper::PaperView;
+use echosplat_acoustics::{GaussianArrays, Look, Parameters, normal_cdf};
 use glam::{Mat3, Vec3};
 
 /// Intensity per bin of one Gaussian, shape `[bin_count]`. Azimuth is taken as it comes.
@@ -21,7 +22,7 @@ pub(super) fn profile_by_bearings(look: &Look, gaussian: &Parameters) -> Vec<f32
 }
 
 fn profile_at(look: &Look, gaussian: &Parameters, q: Vec3, azimuth: f32) -> Vec<f32> {
-    let s = polar_covariance(look, gaussian, q);
+    let s = polar_covariance(look.pose.axes, gaussian, q);
     let (rr, rt, tt) = (s.x_axis.x, s.x_axis.y, s.y_axis.y);
     let (tp, pp) = (s.y_axis.z, s.z_axis.z);
     let (range_m, elevation) = (q.length(), q.z.atan2((q.x * q.x + q.y * q.y).sqrt()));
@@ -44,11 +45,11 @@ fn profile_at(look: &Look, gaussian: &Parameters, q: Vec3, azimuth: f32) -> Vec<
 }
 
 /// `J A Σ Aᵀ Jᵀ` of range, azimuth and elevation.
-fn polar_covariance(look: &Look, gaussian: &Parameters, q: Vec3) -> Mat3 {
+fn polar_covariance(axes: Mat3, gaussian: &Parameters, q: Vec3) -> Mat3 {
     let unit = gaussian.rotation * (1.0 / gaussian.rotation.length());
     let scaled = Mat3::from_quat(unit) * Mat3::from_diagonal(gaussian.log_scale.map(f32::exp));
     let world = scaled * scaled.transpose();
-    let sensor = look.pose.axes.transpose() * world * look.pose.axes;
+    let sensor = axes.transpose() * world * axes;
     let rho2 = q.x * q.x + q.y * q.y;
     let (rho, range_m) = (rho2.sqrt(), q.length());
     let range2 = range_m * range_m;
@@ -95,4 +96,50 @@ pub(super) fn descended_log_scale(start: f32, step: f32, steps: usize) -> f32 {
         let here = energy(log_scale);
         log_scale - step * (here - goal) * 2.0 * here
     })
+}
+
+/// An image of the paper's renderer, shape `[beams][range bins]`: (17), (24) with a determinant, its
+/// inverse by it, (25) at every pixel, (26) as a running product. In the order of the arrays.
+pub(super) fn image(view: &PaperView, gaussians: &GaussianArrays, shadowed: bool) -> Vec<f32> {
+    let mut sum = vec![0.0; view.pixel_count()];
+    let mut through = vec![1.0_f32; sum.len()];
+    for index in 0..gaussians.len() {
+        let gaussian = gaussians.get(index);
+        let (opacity, _) = logistic_and_slope(gaussian.opacity_logit);
+        let strength = opacity * gaussian.reflectivity();
+        for (pixel, covered) in kernel(view, &gaussian) {
+            let left = if shadowed { through[pixel] } else { 1.0 };
+            sum[pixel] += left * strength * covered;
+            through[pixel] *= 1.0 - opacity * covered;
+        }
+    }
+    sum
+}
+
+/// (25) at the pixels within a square of 3.5 sigmas.
+fn kernel(view: &PaperView, gaussian: &Parameters) -> Vec<(usize, f32)> {
+    let q = view.axes.transpose() * (gaussian.mean_m - view.position_m);
+    let s = polar_covariance(view.axes, gaussian, q);
+    let [bin_m, beam_rad] = [view.range_step_m, view.azimuth_step_rad()];
+    let least = view.least_pixel_variance;
+    let rr = s.x_axis.x / (bin_m * bin_m) + least;
+    let rt = s.x_axis.y / (bin_m * beam_rad);
+    let tt = s.y_axis.y / (beam_rad * beam_rad) + least;
+    let determinant = rr * tt - rt * rt;
+    let u_r = (q.length() - view.range_min_m) / bin_m;
+    let u_t = q.y.atan2(q.x) / beam_rad + 0.5 * (view.beams - 1) as f32;
+    let pixels = |centre: f32, sigma: f32, count: u32| {
+        let low = (centre - 3.5 * sigma).clamp(0.0, count as f32) as usize;
+        low..((centre + 3.5 * sigma + 1.0).clamp(0.0, count as f32) as usize)
+    };
+    let mut covered = Vec::new();
+    for beam in pixels(u_t, tt.sqrt(), view.beams) {
+        for bin in pixels(u_r, rr.sqrt(), view.range_bins) {
+            let (dr, dt) = (bin as f32 - u_r, beam as f32 - u_t);
+            let form = (tt * dr * dr - 2.0 * rt * dr * dt + rr * dt * dt) / determinant;
+            let f = (-0.5 * form).exp();
+            covered.push((beam * view.range_bins as usize + bin, f));
+        }
+    }
+    covered
 }

@@ -35,6 +35,7 @@ pub(super) fn condition(seed: u64, quick: bool) -> Vec<Row> {
     let count = if quick { 40 } else { 500 };
     (2..=12)
         .map(|decade| condition_row(seed, decade, count))
+        .chain([clamped_row(seed, 13)])
         .collect()
 }
 
@@ -65,6 +66,23 @@ fn stretched(draw: &mut Draw, ratio: f32) -> Parameters {
         log_scale: Vec3::new(longest_m, middle_m, shortest_m).map(f32::ln),
         ..plain(Vec3::ZERO)
     }
+}
+
+/// Beyond 10¹² the arrays' clamp thickens the thin axes; the twin sees the clamped Gaussian.
+fn clamped_row(seed: u64, decade: u32) -> Row {
+    let mut draw = Draw::new(seed, 100 + u64::from(decade));
+    let mut gaussian = stretched(&mut draw, 1e6);
+    gaussian.log_scale.z = gaussian.log_scale.x - 0.5 * decade as f32 * std::f32::consts::LN_10;
+    let naive = naive::profile(&super::scene::look(), &gaussian);
+    let mut scene = Scene::new(false).with(gaussian);
+    let counted = scene.gaussians.clamp().conditions;
+    let truth = scene.twin::<f64>();
+    let comparison = Comparison::of_many(&truth, &scene.program()).with_naive_many(&truth, &naive);
+    comparison.row(
+        CONDITION,
+        format!("10^{decade}, clamped to 10^12 ({counted} counted)"),
+        5e-4,
+    )
 }
 
 pub(super) fn polar(_seed: u64, _quick: bool) -> Vec<Row> {

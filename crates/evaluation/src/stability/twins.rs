@@ -208,8 +208,8 @@ pub(super) fn paper(seed: u64, quick: bool) -> Vec<Row> {
             by_group(&truth, &program, &naive)
         });
         let forward = forward.unwrap_or(Comparison::of(f64::NAN, f64::NAN, 1.0));
-        rows.push(forward.row(FORWARD, name, 5e-5));
-        rows.extend(group_rows(groups, BACKWARD, name, 2e-4));
+        rows.push(forward.row(FORWARD, name, 3e-4));
+        rows.extend(group_rows(groups, BACKWARD, name, 1e-3));
     }
     rows
 }
