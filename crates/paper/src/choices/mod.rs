@@ -40,7 +40,7 @@ impl From<Shadowing> for Transmittance {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Choices {
-    /// Power to which an intensity over the unit is raised; ½ makes amplitudes.
+    /// Power to which an intensity over the unit is raised: 1 leaves it linear, ½ makes amplitudes.
     pub image_power: f32,
     /// Least value of an active pixel, 0 to 1.
     pub active_value: f32,
@@ -121,8 +121,8 @@ pub struct Choices {
 impl Default for Choices {
     fn default() -> Self {
         Self {
-            image_power: 0.5,
-            active_value: 0.3,
+            image_power: 1.0,
+            active_value: 0.1,
             elevation_half_width_rad: 25f32.to_radians(),
             elevation_step_beams: 1.0,
             merge_beams: 1.0,

@@ -37,12 +37,12 @@ impl Choices {
             row(
                 "image_power",
                 self.image_power,
-                "I = (intensity/unit)^½, an amplitude: under L1 (32) a linear image's bright pixels are a minority under every kernel and its best map is empty; (8) takes gains as already adjusted",
+                "1: linear, as (6) and (8) give it; amplitudes (0.5) keep more Gaussians and end at 1.2 times the fence's error",
             ),
             row(
                 "active_value",
                 self.active_value,
-                "V-B \"each active sonar pixel\", VI \"intensity thresholding\": no value printed; 0.3 of amplitude is 10 dB below the unit",
+                "V-B \"each active sonar pixel\", VI \"intensity thresholding\": no value printed; 10 dB below the unit",
             ),
             row(
                 "elevation_half_width_rad",
@@ -87,12 +87,12 @@ impl Choices {
             row(
                 "reflectivity_share",
                 self.reflectivity_share,
-                "\"reflectivity proportional to the measured intensity\" before (13): several Gaussians share every pixel at the start; at this factor those that stay end between the two printed opacities",
+                "\"reflectivity proportional to the measured intensity\" before (13): several Gaussians share every pixel at the start; at this factor those that stay end on both sides of the two printed opacities",
             ),
             row(
                 "scale_beams",
                 format!("{} beam widths", self.scale_beams),
-                "no initial scale printed: about one range bin, half a beam",
+                "no initial scale printed: about one range bin of the fence, a quarter of a beam",
             ),
             row(
                 "scale_limits_beams",
@@ -177,7 +177,7 @@ impl Choices {
             row(
                 "rate_opacity",
                 self.rate_opacity,
-                "step of the logit; larger ones overshoot in the first epoch and lose the structure",
+                "step of the logit; twice this together with η = 0.01 overshoots in the first epochs and loses the structure",
             ),
             row(
                 "rate_reflectivity",
@@ -210,7 +210,7 @@ impl Choices {
             row(
                 "prune_from_epoch",
                 self.prune_from_epoch,
-                "early: most of the cost lies before it, and the fence ends the same from 2, 4 or 10",
+                "early: most of the cost lies before it, and the fence ends nearly the same from 2, 4 or 10",
             ),
             row(
                 "prune_every_epochs",
