@@ -19,7 +19,10 @@ fn bench(name: &str, more: &[&str]) -> serde_json::Value {
     let written: serde_json::Value = serde_json::from_slice(&written).unwrap();
     assert_eq!(written, json);
     let html = std::fs::read_to_string(folder.path().join(format!("{name}.html"))).unwrap();
-    assert!(html.ends_with("</html>\n") && !html.contains("http"), "{name}");
+    assert!(
+        html.ends_with("</html>\n") && !html.contains("http"),
+        "{name}"
+    );
     for field in ["processor", "cores", "simd", "version", "commit"] {
         assert!(!json["machine"][field].is_null(), "{field}");
     }
