@@ -134,7 +134,7 @@ impl Default for Choices {
             scale_limits_beams: [0.02, 2.0],
             least_pixel_variance: 0.3,
             shadowing: Shadowing::Averaged,
-            opacity_weight: 1e-3,
+            opacity_weight: 0.05,
             scale_weight: 1e-2,
             elevation_weight: 1e-3,
             depth_weight: 1.0,

@@ -117,7 +117,7 @@ impl Choices {
             row(
                 "opacity_weight",
                 self.opacity_weight,
-                "λ_α of (42), on the view's Gaussians at every step",
+                "λ_α of (42), on the view's Gaussians at every step: \"to minimize the number of Gaussians\"; a fiftieth of it leaves phantoms above the lower printed opacity",
             ),
             row(
                 "scale_weight",
