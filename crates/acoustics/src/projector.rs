@@ -1,8 +1,9 @@
 //! (14) to (19) for one ping, and the splat that the `online` measurement makes of a Gaussian.
 
 use echosplat_model::glam::{Mat3, Vec3};
+use fearless_simd::{Level, dispatch};
 
-use crate::{Beam, normal_cdf};
+use crate::{Beam, online};
 
 /// Beyond this the beam is 24 dB down.
 const BEAM_REACH_SIGMAS: f32 = 3.3;
@@ -240,19 +241,8 @@ impl Look {
 
     /// Appends the energy of a splat in each of `bins`:
     /// `energy · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]`.
-    #[inline]
     pub fn spread(&self, splat: &Splat, bins: std::ops::Range<usize>, energies: &mut Vec<f32>) {
-        let inverse_sigma = 1.0 / splat.range_sigma_m;
-        let first = (self.range_start_m - splat.range_m) * inverse_sigma;
-        let step = self.bin_length_m * inverse_sigma;
-        let edge = |bin: usize| normal_cdf(first + step * bin as f32);
-        let mut below = edge(bins.start);
-        energies.extend(bins.map(|bin| {
-            let above = edge(bin + 1);
-            let energy = splat.energy * (above - below);
-            below = above;
-            energy
-        }));
+        dispatch!(Level::new(), simd => online::spread::append(simd, self, splat, bins, energies));
     }
 }
 

@@ -18,7 +18,7 @@ pub(crate) mod raster;
 mod rows;
 mod sight;
 mod sight_back;
-mod spread;
+pub(crate) mod spread;
 
 use fearless_simd::{Level, dispatch};
 
@@ -174,12 +174,7 @@ impl OnlineRenderer {
         let Some(look) = &self.look else {
             return;
         };
-        let (from, count) = (energies.len(), row.bin_count as usize);
-        energies.resize(from + count + PADDING, 0.0);
-        let strength = row.transmittance * row.energy;
-        let bins = &mut energies[from..];
-        dispatch!(self.level, simd => spread::add_shares(simd, look, row, strength, bins));
-        energies.truncate(from + count);
+        dispatch!(self.level, simd => spread::append_row(simd, look, row, energies));
     }
 
     fn sort_visible(&mut self, visible: &[u32], count: usize) {

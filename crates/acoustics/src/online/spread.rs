@@ -1,11 +1,13 @@
 //! Rows into bins, eight bins at a time, and the moments of a gradient over a row.
 
+use std::ops::Range;
+
 use fearless_simd::f32x8;
 use fearless_simd::prelude::*;
 
 use super::rows::{OnlineRow, Pull};
-use crate::Look;
 use crate::lanes::{self, LANES};
+use crate::{Look, Splat};
 
 /// Numbers beyond the last bin that eight at a time may touch.
 pub(super) const PADDING: usize = LANES + 1;
@@ -25,16 +27,28 @@ struct Edges<S: Simd> {
 }
 
 impl<S: Simd> Edges<S> {
+    /// Of `bins` about the mean `range_m + offset_m`: apart, so that few digits are lost.
     #[inline(always)]
-    fn new(simd: S, look: &Look, row: &OnlineRow) -> Self {
-        let from_m = look.range_start_m - row.range_m;
-        let edge_m = look.bin_length_m.mul_add(row.first_bin as f32, from_m) - row.offset_m;
-        let first = edge_m * row.inverse_sigma;
+    fn new(
+        simd: S,
+        look: &Look,
+        bins: Range<usize>,
+        [range_m, offset_m]: [f32; 2],
+        inverse_sigma: f32,
+    ) -> Self {
+        let from_m = look.range_start_m - range_m;
+        let edge_m = look.bin_length_m.mul_add(bins.start as f32, from_m) - offset_m;
         Self {
-            first: f32x8::splat(simd, first),
-            step: look.bin_length_m * row.inverse_sigma,
-            last: row.bin_count as f32,
+            first: f32x8::splat(simd, edge_m * inverse_sigma),
+            step: look.bin_length_m * inverse_sigma,
+            last: bins.len() as f32,
         }
+    }
+
+    #[inline(always)]
+    fn of_row(simd: S, look: &Look, row: &OnlineRow) -> Self {
+        let mean_m = [row.range_m, row.offset_m];
+        Self::new(simd, look, row.bins(), mean_m, row.inverse_sigma)
     }
 
     /// Whether Φ differs so little from edge to edge that its rounding shows.
@@ -84,7 +98,7 @@ pub(super) fn spread<S: Simd>(
         for row in rows {
             let strength = row.transmittance * row.energy * row.opacity * row.reflectivity;
             if let Some(bins) = partial.get_mut(row.first_bin as usize..) {
-                add_shares(simd, look, row, strength, bins);
+                add_shares(&Edges::of_row(simd, look, row), strength, bins);
             }
         }
         for (sum, part) in intensity.iter_mut().zip(partial.iter_mut()) {
@@ -94,22 +108,46 @@ pub(super) fn spread<S: Simd>(
     }
 }
 
-/// Adds `strength · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]` to a row's bins, 0 to those beyond.
+/// Appends the energy of a splat in each of `bins`: [`Look::spread`].
 #[inline(always)]
-pub(super) fn add_shares<S: Simd>(
+pub(crate) fn append<S: Simd>(
     simd: S,
     look: &Look,
-    row: &OnlineRow,
-    strength: f32,
-    bins: &mut [f32],
+    splat: &Splat,
+    bins: Range<usize>,
+    energies: &mut Vec<f32>,
 ) {
-    let numbers = lanes::lane_numbers(simd);
-    let edges = Edges::new(simd, look, row);
+    let (from, count) = (energies.len(), bins.len());
+    energies.resize(from + count + PADDING, 0.0);
+    let mean_m = [splat.range_m, 0.0];
+    let edges = Edges::new(simd, look, bins, mean_m, 1.0 / splat.range_sigma_m);
+    add_shares(&edges, splat.energy, &mut energies[from..]);
+    energies.truncate(from + count);
+}
+
+/// Appends the energies of a row's bins for αρ = 1.
+#[inline(always)]
+pub(super) fn append_row<S: Simd>(simd: S, look: &Look, row: &OnlineRow, energies: &mut Vec<f32>) {
+    let (from, count) = (energies.len(), row.bins().len());
+    energies.resize(from + count + PADDING, 0.0);
+    let strength = row.transmittance * row.energy;
+    add_shares(
+        &Edges::of_row(simd, look, row),
+        strength,
+        &mut energies[from..],
+    );
+    energies.truncate(from + count);
+}
+
+/// Adds `strength · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]` to a row's bins, 0 to those beyond.
+#[inline(always)]
+fn add_shares<S: Simd>(edges: &Edges<S>, strength: f32, bins: &mut [f32]) {
+    let numbers = lanes::lane_numbers(edges.first.simd);
     if edges.are_close() {
-        return add_close_shares(&edges, numbers, strength, bins);
+        return add_close_shares(edges, numbers, strength, bins);
     }
     let mut below = lanes::normal_cdf(edges.at(numbers, 0));
-    let count = row.bin_count as usize;
+    let count = edges.last as usize;
     let mut eights = bins.chunks_exact_mut(LANES);
     let mut from = LANES;
     for bins in eights.by_ref().take(count / LANES) {
@@ -201,7 +239,7 @@ pub(super) fn spread_back<S: Simd>(
 #[inline(always)]
 fn moments<S: Simd>(simd: S, look: &Look, row: &OnlineRow, loss: &Loss) -> [f32; 3] {
     let numbers = lanes::lane_numbers(simd);
-    let edges = Edges::new(simd, look, row);
+    let edges = Edges::of_row(simd, look, row);
     if edges.are_close() {
         return close_moments(&edges, numbers, &loss.before[row.first_bin as usize + 1..]);
     }
