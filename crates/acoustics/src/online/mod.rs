@@ -101,14 +101,13 @@ impl OnlineRenderer {
             self.occlusion.raster.fit(look);
         }
         let (rows, visible) = (&mut self.rows, &self.visible);
-        dispatch!(self.level, simd => {
+        self.pair_count = dispatch!(self.level, simd => {
             sight::project(simd, &view, &fields, visible, occlusion, rows);
             if occlusion {
                 self.occlusion.forward(simd, rows);
             }
-            spread::spread(simd, look, rows, &mut self.partial, &mut self.intensity);
+            spread::spread(simd, look, rows, &mut self.partial, &mut self.intensity)
         });
-        self.pair_count = self.rows.iter().map(|row| u64::from(row.bin_count)).sum();
         self.intensity()
     }
 
@@ -179,12 +178,15 @@ impl OnlineRenderer {
 
     fn sort_visible(&mut self, visible: &[u32], count: usize) {
         self.visible.clear();
-        let existing = visible.iter().filter(|&&index| (index as usize) < count);
-        self.visible.extend(existing);
-        if !self.visible.is_sorted() {
+        self.visible.extend_from_slice(visible);
+        if !visible.is_sorted_by(|a, b| a < b) {
             self.visible.sort_unstable();
+            self.visible.dedup();
         }
-        self.visible.dedup();
+        let existing = self
+            .visible
+            .partition_point(|&index| (index as usize) < count);
+        self.visible.truncate(existing);
     }
 }
 

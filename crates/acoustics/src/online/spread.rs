@@ -85,7 +85,7 @@ impl<S: Simd> Edges<S> {
 /// large sum would lose their digits.
 const ROWS_AT_A_TIME: usize = 128;
 
-/// Adds every row's intensity, in their order. Both are padded; `partial` is 0 before and after.
+/// Adds every row's intensity, in their order, and counts Gaussian–bin pairs. Both are padded; `partial` is 0 before and after.
 #[inline(always)]
 pub(super) fn spread<S: Simd>(
     simd: S,
@@ -93,9 +93,11 @@ pub(super) fn spread<S: Simd>(
     rows: &[OnlineRow],
     partial: &mut [f32],
     intensity: &mut [f32],
-) {
+) -> u64 {
+    let mut pair_count = 0;
     for rows in rows.chunks(ROWS_AT_A_TIME) {
         for row in rows {
+            pair_count += u64::from(row.bin_count);
             let strength = row.transmittance * row.energy * row.opacity * row.reflectivity;
             if let Some(bins) = partial.get_mut(row.first_bin as usize..) {
                 add_shares(&Edges::of_row(simd, look, row), strength, bins);
@@ -106,6 +108,7 @@ pub(super) fn spread<S: Simd>(
             *part = 0.0;
         }
     }
+    pair_count
 }
 
 /// Appends the energy of a splat in each of `bins`: [`Look::spread`].
