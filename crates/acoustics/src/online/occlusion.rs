@@ -77,6 +77,16 @@ fn rows_of(raster: &Raster, shadow: &Shadow) -> Range<usize> {
 }
 
 impl Occlusion {
+    /// Numbers that its buffers hold room for.
+    #[cfg(test)]
+    pub(super) fn capacity(&self) -> usize {
+        self.order.capacity()
+            + self.log_transmittance.capacity()
+            + self.before.capacity()
+            + self.behind.capacity()
+            + self.raster.weights.capacity()
+    }
+
     /// Sets every row's transmittance.
     #[inline(always)]
     pub(super) fn forward<S: Simd>(&mut self, simd: S, rows: &mut [OnlineRow]) {

@@ -191,3 +191,24 @@ fn nothing_is_made_of_nothing() {
             .all(|field| field.iter().all(|g| g.is_finite()))
     );
 }
+
+#[test]
+fn a_second_call_grows_no_buffer() {
+    let (look, gaussians) = sample::bench_scene(8);
+    let mut renderer = OnlineRenderer::new(SHADOWING);
+    let mut gradients = GradientArrays::zeros(gaussians.len());
+    let mut capacities = [[0; 6]; 2];
+    for capacities in &mut capacities {
+        renderer.forward(&look, &gaussians, &all(&gaussians));
+        renderer.backward(&gaussians, &[1.0; 600], &mut gradients);
+        *capacities = [
+            renderer.visible.capacity(),
+            renderer.rows.capacity(),
+            renderer.intensity.capacity(),
+            renderer.partial.capacity(),
+            renderer.pulls.capacity(),
+            renderer.occlusion.capacity(),
+        ];
+    }
+    assert_eq!(capacities[0], capacities[1]);
+}
