@@ -209,7 +209,7 @@ fn scatter<S: Simd>(
     for (gradient, row) in gradients.iter_mut().zip(rows) {
         match gradient.get_mut(all.clone()) {
             Some(gradient) if in_a_row => {
-                (*row + V::from_slice(row.simd, gradient)).store_slice(gradient)
+                (*row + V::from_slice(row.simd, gradient)).store_slice(gradient);
             }
             _ => {
                 for (lane, (&index, value)) in indices.iter().zip(row.to_array()).enumerate() {

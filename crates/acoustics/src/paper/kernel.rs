@@ -185,10 +185,10 @@ fn exp2<S: Simd>(x: V<S>) -> V<S> {
     let r = x - (shifted - ROUND);
     let mantissa = V::splat(x.simd, 1.327_647_2e-3)
         .mul_add(r, 9.675_541e-3)
-        .mul_add(r, 5.550_713e-2)
+        .mul_add(r, 5.550_713_3e-2)
         .mul_add(r, 2.402_212e-1)
-        .mul_add(r, 6.931_47e-1)
-        .mul_add(r, 1.0);
+        .mul_add(r, 6.931_469_7e-1)
+        .mul_add(r, 1.000_000_1);
     let power: i32x8<S> = shifted.bitcast();
     let mantissa: i32x8<S> = mantissa.bitcast();
     (mantissa + (power << 23u32)).bitcast()
