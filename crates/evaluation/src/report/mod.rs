@@ -34,6 +34,9 @@ pub struct Table {
 /// A cell that says this is drawn as what went wrong.
 pub const FAILED: &str = "failed";
 
+/// A cell longer than this is read as words rather than compared as a value.
+const WORDS_BYTES: usize = 48;
+
 /// Numbers over a number, on log-log axes; what has no logarithm is left out.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plot {
@@ -174,9 +177,10 @@ impl Table {
             html += "<tr>";
             for (index, cell) in row.iter().enumerate() {
                 let tag = if index == 0 { "th" } else { "td" };
-                let class = match cell == FAILED {
-                    true => " class=\"failed\"",
-                    false => "",
+                let class = match cell.as_str() {
+                    FAILED => " class=\"failed\"",
+                    long if long.len() > WORDS_BYTES => " class=\"words\"",
+                    _ => "",
                 };
                 let _ = write!(html, "<{tag}{class}>{}</{tag}>", escape(cell));
             }

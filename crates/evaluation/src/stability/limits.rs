@@ -5,7 +5,7 @@ use glam::{Quat, Vec3};
 
 use super::Row;
 use super::naive;
-use super::row::{Comparison, Label};
+use super::row::{Comparison, Figure, Label};
 use super::scene::{Scene, plain};
 
 const SLOPE: Label = Label {
@@ -96,7 +96,7 @@ fn logit(start: f32) -> Row {
     let comparison = Comparison::of(truth, program, 1.0).with_naive(naive, 1.0);
     comparison.row(
         LOGIT,
-        format!("from {start:e}, {STEPS} steps of {STEP}"),
+        format!("from {}, {STEPS} steps of {STEP}", Figure(start.into())),
         0.05,
     )
 }
@@ -130,7 +130,7 @@ fn scale(start: f32) -> Row {
     };
     comparison.row(
         SCALE,
-        format!("from {start:e}, {STEPS} steps of {STEP}"),
+        format!("from {}, {STEPS} steps of {STEP}", Figure(start.into())),
         0.5,
     )
 }
@@ -148,15 +148,19 @@ fn rotation(tiny: f32) -> Row {
             .sum::<f32>(),
     );
     let comparison = Comparison::of(0.0, program, 1.0).with_naive(naive, 1.0);
-    comparison.row(ROTATION, format!("each part {tiny:e}, {STEPS} steps"), 0.01)
+    comparison.row(
+        ROTATION,
+        format!("each part {}, {STEPS} steps", Figure(tiny.into())),
+        0.01,
+    )
 }
 
 fn descend(begin: Parameters, free: std::ops::Range<usize>) -> (Parameters, (f64, f64)) {
     descend_to(goal(), begin, free)
 }
 
-/// Clamps, then descends on half the squared difference of log intensities' stand-in, the
-/// difference over the goal's peak, in the `free` parameters; also the loss at first and last.
+/// Clamps, then descends on half the sum of squared differences of intensity, in the `free`
+/// parameters; also that sum at the first and at the last step.
 fn descend_to(
     goal: Parameters,
     begin: Parameters,

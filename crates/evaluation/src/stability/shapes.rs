@@ -6,7 +6,7 @@ use glam::Vec3;
 use super::Row;
 use super::draw::Draw;
 use super::naive;
-use super::row::{Comparison, Label};
+use super::row::{Comparison, Figure, Label};
 use super::scene::{Scene, plain};
 
 const CONDITION: Label = Label {
@@ -98,7 +98,11 @@ pub(super) fn polar(_seed: u64, _quick: bool) -> Vec<Row> {
                 .with_naive(loudest(&naive), 1.0)
         });
         let worst = each[0].worse(each[1]);
-        worst.row(POLAR, format!("{off_axis_m:e} m off the axis"), 0.0)
+        worst.row(
+            POLAR,
+            format!("{} m off the axis", Figure(off_axis_m.into())),
+            0.0,
+        )
     };
     [0.1, 1e-3, 1e-8, 1e-20, 0.0].map(row).into()
 }
@@ -126,7 +130,7 @@ pub(super) fn near(_seed: u64, _quick: bool) -> Vec<Row> {
         let naive = naive::profile(&scene.look, &gaussian);
         let comparison = Comparison::of_many(&truth, &scene.program());
         let comparison = comparison.with_naive_many(&truth, &naive);
-        comparison.row(NEAR, format!("{range_m:e} m"), 2e-5)
+        comparison.row(NEAR, format!("{} m", Figure(range_m.into())), 2e-5)
     };
     [1.0, 0.051, 0.05, 1e-3, 1e-10, 1e-25, 0.0].map(row).into()
 }
