@@ -14,10 +14,10 @@
 //!
 //! An epoch goes through the pairs Σ over views of tagged Gaussians × pixels under each, once forward
 //! and once backward; a kernel, cut at ±3.5 sigma, covers 30 to 60 pixels. Early pruning takes most of
-//! it away. The fence (249 views) begins with 18,000 Gaussians and 21 M pairs an epoch and ends at
-//! 8 M: 0.9 G for 100 epochs. The truss (886 views) begins with 193,000 and 1.2 G and is down to
-//! 0.26 G after 20 epochs: some 27 G for 100. Were nothing pruned and candidates as dense as pixels,
-//! it would be 10 to 20 G and 300 G. The renderer's bands, the elevation rays and the candidates'
+//! it away. The fence (249 views) begins with 15,000 Gaussians and 17 M pairs an epoch and ends at
+//! 4 M: 0.5 G for 100 epochs. The truss (886 views) begins with 160,000 and 0.8 G and is down to
+//! 0.11 G after 20 epochs: 12.5 G for 100. Were nothing pruned and candidates as dense as pixels, it
+//! would be 10 to 20 G and 300 G. The renderer's bands, the elevation rays and the candidates'
 //! support run on rayon's pool; steps follow one another, since each starts from the last.
 //!
 //! Memory: 4 bytes per pixel of the images (38 MB fence, 272 MB truss), per candidate some 60 bytes

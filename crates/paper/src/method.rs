@@ -128,8 +128,8 @@ impl PaperMethod {
         }
         report.epoch = self.epoch;
         report.loss_of_nothing = self.loss_of_nothing;
-        report.elevation_loss /= view_count as f64;
-        report.size_loss /= view_count as f64;
+        report.elevation_loss /= view_count.max(1) as f64;
+        report.size_loss /= view_count.max(1) as f64;
         report.gaussians = self.gaussians.len();
         report.asserted = asserted::count(&self.gaussians, self.choices.asserted_opacity);
         self.pairs += report.pairs;
