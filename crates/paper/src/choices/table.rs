@@ -37,7 +37,7 @@ impl Choices {
             row(
                 "image_power",
                 self.image_power,
-                "1: linear, as (6) and (8) give it; amplitudes (0.5, active from 0.3) cost twice as much and end worse on the fence, better on the truss",
+                "1: linear, as (6) and (8) give it; amplitudes (0.5, active from 0.3) cost twice as much and ended worse on the fence, better on the truss, at the opacity weights tried",
             ),
             row(
                 "active_value",
@@ -117,7 +117,7 @@ impl Choices {
             row(
                 "opacity_weight",
                 self.opacity_weight,
-                "λ_α of (42), on the view's Gaussians at every step: \"to minimize the number of Gaussians\"; a fiftieth of it leaves phantoms above the lower printed opacity",
+                "λ_α of (42), on the view's Gaussians at every step: \"to minimize the number of Gaussians\"; a fiftieth of it left more phantoms above the lower printed opacity on the fence",
             ),
             row(
                 "scale_weight",
@@ -177,7 +177,7 @@ impl Choices {
             row(
                 "rate_opacity",
                 self.rate_opacity,
-                "step of the logit; twice this together with η = 0.01 overshoots in the first epochs and loses the structure",
+                "step of the logit; trials with larger steps here and in (44) overshot in the first epochs",
             ),
             row(
                 "rate_reflectivity",
