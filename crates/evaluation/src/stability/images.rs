@@ -118,9 +118,8 @@ fn condition(seed: u64, decade: u32, count: usize) -> Row {
         worst = Some(worst.map_or(here, |worst| worst.worse(here)));
     }
     let worst = worst.unwrap_or(Comparison::of(f64::NAN, f64::NAN, 1.0));
-    // A needle of 10 m is 1,750 pixels long: f32 directions leave 10⁻³ of a pixel at its ends.
-    let limit = if decade > 10 { 5e-3 } else { 1e-3 };
-    worst.row(CONDITION, format!("10^{decade}, worst of {count}"), limit)
+    // A pixel at the cut of 3.5 sigma may fall on either side of it: e^(−3.5²/2) is 2.2·10⁻³.
+    worst.row(CONDITION, format!("10^{decade}, worst of {count}"), 2.5e-3)
 }
 
 fn singular(input: &str, mean_m: Vec3) -> Row {

@@ -116,7 +116,7 @@ pub(super) fn image(view: &PaperView, gaussians: &GaussianArrays, shadowed: bool
     sum
 }
 
-/// (25) at the pixels within a square of 3.5 sigmas.
+/// (25) at the pixels within 3.5 sigmas, or where that is no number.
 fn kernel(view: &PaperView, gaussian: &Parameters) -> Vec<(usize, f32)> {
     let q = view.axes.transpose() * (gaussian.mean_m - view.position_m);
     let s = polar_covariance(view.axes, gaussian, q);
@@ -137,6 +137,9 @@ fn kernel(view: &PaperView, gaussian: &Parameters) -> Vec<(usize, f32)> {
         for bin in pixels(u_r, rr.sqrt(), view.range_bins) {
             let (dr, dt) = (bin as f32 - u_r, beam as f32 - u_t);
             let form = (tt * dr * dr - 2.0 * rt * dr * dt + rr * dt * dt) / determinant;
+            if form > 3.5 * 3.5 {
+                continue;
+            }
             let f = (-0.5 * form).exp();
             covered.push((beam * view.range_bins as usize + bin, f));
         }
