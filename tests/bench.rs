@@ -8,17 +8,18 @@ const LONG: Duration = Duration::from_secs(180);
 
 /// The JSON object that is all of standard output; both files are written.
 fn bench(name: &str, more: &[&str]) -> serde_json::Value {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("a folder can be made");
     let out = folder.path().display().to_string();
     let mut arguments = vec!["bench", name, "--quick", "--json", "--out", &out];
     arguments.extend(more);
     let mut program = Program::echosplat(&arguments);
     program.wait_exit_code(0, LONG);
     let json = program.only_json();
-    let written = std::fs::read(folder.path().join(format!("{name}.json"))).unwrap();
-    let written: serde_json::Value = serde_json::from_slice(&written).unwrap();
+    let path = |extension: &str| folder.path().join(format!("{name}.{extension}"));
+    let written = std::fs::read(path("json")).expect("JSON is written");
+    let written: serde_json::Value = serde_json::from_slice(&written).expect("it is JSON");
     assert_eq!(written, json);
-    let html = std::fs::read_to_string(folder.path().join(format!("{name}.html"))).unwrap();
+    let html = std::fs::read_to_string(path("html")).expect("HTML is written");
     assert!(
         html.ends_with("</html>\n") && !html.contains("http"),
         "{name}"

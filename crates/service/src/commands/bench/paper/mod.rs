@@ -192,7 +192,7 @@ fn epochs(
         clock.go_on();
         let report = method.run_epoch();
         clock.pause();
-        let is_judged = report.epoch == 1 || report.epoch % every == 0 || method.is_done();
+        let is_judged = report.epoch == 1 || report.epoch.is_multiple_of(every) || method.is_done();
         let judged = is_judged.then(|| {
             let points = MapPoints::new(method.images().origin_m, &method.gaussians());
             evaluate_raw(&points, truth)
