@@ -1,5 +1,7 @@
 //! Adam on the free coordinates of the Gaussians one view touches.
 
+use std::sync::LazyLock;
+
 use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
 
 use crate::method::retain;
@@ -7,6 +9,15 @@ use crate::method::retain;
 const FIRST_DECAY: f32 = 0.9;
 const SECOND_DECAY: f32 = 0.999;
 const EPSILON: f32 = 1e-8;
+/// Beyond this many steps both moments have no bias left in f32.
+const STEPS_MAX: usize = 20_000;
+
+/// What the moments are short of after each number of steps, `1 − βᵗ`: powers take longer than the
+/// rest of a step.
+static BIASES: LazyLock<Vec<[f32; 2]>> = LazyLock::new(|| {
+    let after = |steps| [FIRST_DECAY, SECOND_DECAY].map(|decay| 1.0 - decay.powi(steps));
+    (0..=STEPS_MAX as i32).map(after).collect()
+});
 
 /// Step per parameter, in its own unit: mean (m), rotation, log scale, opacity logit, log
 /// reflectivity.
@@ -84,12 +95,7 @@ impl Adam {
         rates: &[f32; PARAMETER_COUNT],
     ) -> [f32; PARAMETER_COUNT] {
         self.steps[index] += 1;
-        // Beyond this both are 1 in f32.
-        let steps = self.steps[index].min(20_000) as i32;
-        let (first_bias, second_bias) = (
-            1.0 - FIRST_DECAY.powi(steps),
-            1.0 - SECOND_DECAY.powi(steps),
-        );
+        let [first_bias, second_bias] = BIASES[(self.steps[index] as usize).min(STEPS_MAX)];
         let [first, second] = &mut self.moments[index];
         std::array::from_fn(|k| {
             first[k] += (1.0 - FIRST_DECAY) * (gradient[k] - first[k]);
