@@ -24,12 +24,13 @@ pub(crate) const MAPPER: &str = "echosplat-mapper";
 pub(crate) const FIRMWARE_PROTOCOL: &str = "echosplat-firmware-protocol";
 
 /// Every crate of the workspace: name, folder, kind.
-pub(crate) const CRATES: [(&str, &str, Kind); 15] = [
+pub(crate) const CRATES: [(&str, &str, Kind); 16] = [
     (FIRMWARE_PROTOCOL, "firmware-protocol/", PURE),
     ("echosplat-model", "crates/model/", PURE),
     ("echosplat-session", "crates/session/", PURE),
     ("echosplat-acoustics", "crates/acoustics/", PURE),
     (MAPPER, "crates/mapper/", PURE),
+    ("echosplat-paper", "crates/paper/", PURE),
     ("echosplat-recording", "crates/recording/", PURE_WITH_FILES),
     ("echosplat-simulator", "crates/simulator/", PURE_WITH_FILES),
     (

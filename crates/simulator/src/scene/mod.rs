@@ -19,6 +19,9 @@ pub use sample::SurfacePoint;
 use shape::Shape;
 use tree::{Bounds, Tree, union};
 
+/// Deeper than this in another solid a surface is no surface.
+const BURIED_M: f64 = 1e-6;
+
 /// Solids in the world: what there is to be mapped, and the truth it is compared with.
 ///
 /// Read from TOML by [`Scene::parse`], [`Scene::load`] or [`Scene::named`].
@@ -161,18 +164,56 @@ impl Scene {
     /// Distance to the nearest surface, its outward normal there, and whether it is seabed.
     ///
     /// Outside all solids this is exact. Inside, pieces of surface that are buried in another
-    /// solid do not count, unless nothing else is left. Infinite, zero and `false` in an empty
-    /// scene.
+    /// solid do not count, unless nothing else is left; where solids join, the way out is then
+    /// found by walking from one to the next, and may be longer than the shortest by less than the
+    /// joint is wide. Infinite, zero and `false` in an empty scene.
     #[must_use]
     pub fn nearest(&self, point: DVec3) -> (f64, DVec3, bool) {
         // The place nearest from outside of everything is never buried.
         if self.contains(point, 0.0) {
             let bare = self.nearest_where(point, |place| !self.is_buried(place));
+            let out = self.walk_out(point).filter(|out| out.0 < bare.0);
+            if let Some(out) = out {
+                return out;
+            }
             if bare.0.is_finite() {
                 return bare;
             }
         }
         self.nearest_where(point, |_| true)
+    }
+
+    /// From inside: to the nearest wall of the solid around, and on from there while that is
+    /// buried in another.
+    fn walk_out(&self, point: DVec3) -> Option<(f64, DVec3, bool)> {
+        const MOST_SOLIDS: usize = 16;
+        let mut place = point;
+        for _ in 0..MOST_SOLIDS {
+            let around = self.parts_around(place);
+            let exits = around.iter().map(|&index| {
+                let part = &self.parts[index];
+                (part.shape.closest(place), part.material.is_seabed)
+            });
+            let (exit, is_seabed) =
+                exits.min_by(|(a, _), (b, _)| a.signed.abs().total_cmp(&b.signed.abs()))?;
+            place = exit.place;
+            if !self.is_buried(place) {
+                return Some((point.distance(place), exit.normal, is_seabed));
+            }
+        }
+        None
+    }
+
+    /// Solids that hold `place` strictly inside.
+    fn parts_around(&self, place: DVec3) -> Vec<usize> {
+        let mut around = Vec::new();
+        self.tree.any_around(place, |index| {
+            if self.parts[index].shape.contains(place, BURIED_M) {
+                around.push(index);
+            }
+            false
+        });
+        around
     }
 
     fn nearest_where(&self, point: DVec3, counts: impl Fn(DVec3) -> bool) -> (f64, DVec3, bool) {
@@ -201,8 +242,7 @@ impl Scene {
 
     /// Whether `place`, on a surface, lies strictly inside another solid.
     pub(crate) fn is_buried(&self, place: DVec3) -> bool {
-        const DEPTH_M: f64 = 1e-6;
-        self.contains(place, DEPTH_M)
+        self.contains(place, BURIED_M)
     }
 
     /// Whether `point` lies inside a solid or below a plane, deeper than `margin_m`.

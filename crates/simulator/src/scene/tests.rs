@@ -316,3 +316,32 @@ fn a_mesh_is_found_beside_its_scene_and_placed() {
         .unwrap();
     assert!(missing.to_string().contains("plate.OBJ"), "{missing}");
 }
+
+#[test]
+fn inside_a_joint_the_way_out_is_through_the_solids_that_join() {
+    let truss = Scene::named("truss").unwrap();
+    // In a leg, where a brace and a horizontal end in it.
+    let (distance_m, ..) = truss.nearest(DVec3::new(9.776, -9.926, 10.089));
+    assert!(distance_m < 0.35, "{distance_m}");
+}
+
+#[test]
+fn no_way_out_of_a_joint_is_shorter_than_the_sampled_one() {
+    let crossing = scene(
+        "name = \"s\"\n[[cylinder]]\nfrom_m = [-1, 0, 0]\nto_m = [1, 0, 0]\nradius_m = 0.2\n\
+         [[cylinder]]\nfrom_m = [0, -1, 0]\nto_m = [0, 1, 0]\nradius_m = 0.2",
+    );
+    let surface = crossing.sample_surface(0.02, 1);
+    let mut random = Random::new(1, Purpose::Surface, 0);
+    for _ in 0..200 {
+        let mut offset = || random.between(-0.19, 0.19);
+        let point = DVec3::new(offset(), offset(), offset());
+        let (found_m, ..) = crossing.nearest(point);
+        let sampled = surface.iter().map(|s| s.position.distance(point));
+        let shortest_m = sampled.fold(f64::INFINITY, f64::min);
+        assert!(
+            found_m > shortest_m - 0.03 && found_m < shortest_m + 0.2,
+            "{point}: {found_m} against {shortest_m}"
+        );
+    }
+}
