@@ -205,9 +205,9 @@ mod tests {
     use crate::Real;
     use fearless_simd::{Level, dispatch};
 
-    /// Every kind of arithmetic this machine has: scalar, without fused multiplication, the best.
-    fn levels() -> [Level; 3] {
-        [Level::fallback(), Level::baseline(), Level::new()]
+    /// Every kind of arithmetic that counts: without fused multiplication, and the best.
+    fn levels() -> [Level; 2] {
+        [Level::baseline(), Level::new()]
     }
 
     /// Largest of `error(argument, found, expected)` over `arguments`, at every level.

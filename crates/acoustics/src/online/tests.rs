@@ -12,8 +12,8 @@ use crate::sample::{self, Numbers as Dice};
 const BARE: OnlineOptions = OnlineOptions { occlusion: false };
 const SHADOWING: OnlineOptions = OnlineOptions { occlusion: true };
 
-fn levels() -> [Level; 3] {
-    [Level::fallback(), Level::baseline(), Level::new()]
+fn levels() -> [Level; 2] {
+    [Level::baseline(), Level::new()]
 }
 
 fn all(gaussians: &GaussianArrays) -> Vec<u32> {

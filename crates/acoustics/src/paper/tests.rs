@@ -100,7 +100,7 @@ pub(super) fn errors(scene: &PaperScene, kind: Transmittance) -> [f64; 4] {
 #[test]
 fn image_and_gradients_agree_with_the_twin() {
     let scene = paper_scene_of(11, 2000);
-    for level in [Level::fallback(), Level::baseline(), Level::new()] {
+    for level in [Level::baseline(), Level::new()] {
         for kind in KINDS {
             let found = errors_of(PaperRenderer::with_level(level), &scene, kind, 1e-3);
             println!("{kind:?} {found:?}");
