@@ -67,7 +67,9 @@ pub(crate) fn assess(
     let stride = stride as f32;
     for slot in slots {
         let (_, information) = eigen(pulls[slot].information.to_mat3());
-        gaussians.sigma_m[slot] = 1.0 / (stride * information.x.max(0.0)).sqrt();
+        let alone = 1.0 / (stride * information.x.max(0.0)).sqrt();
+        // What the parts of a split Gaussian know adds up.
+        gaussians.sigma_m[slot] = alone * gaussians.part[slot];
         let relative = gaussians.strength[slot].strongest() / peaks[slot];
         gaussians.verdict[slot] = verdict(
             accounts[slot].times(stride),

@@ -18,8 +18,10 @@ use crate::profile::BinState;
 
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
 pub(crate) const BLOCK_EDGE: i32 = 8;
-const VOXELS: usize = 512;
+pub(crate) const VOXELS: usize = 512;
 const TILE_EDGE: i32 = 8;
+/// Sides of a block that looks come from: east, west, north, south.
+const SIDES: usize = 4;
 
 /// Log likelihood ratio of a look on the beam's axis: an echo is seen from 95 % of looks at a
 /// surface, and from about 57 % at a place that is only asked about because some arc of it was
@@ -30,6 +32,8 @@ const DARK: f32 = -2.15;
 const SHADOWED: f32 = 0.15 * DARK;
 /// Beyond this many sigma from the axis a look says nothing clear.
 const LOOK_SIGMAS_SQUARED: f32 = 1.4;
+/// Darkness from one side weighs at most this much against what other sides saw.
+const MOST_AGAINST: f32 = -2.0;
 /// A block whose best voxel is this deep in darkness needs no more looks.
 const SETTLED_EVIDENCE: f32 = -30.0;
 
@@ -43,8 +47,8 @@ pub(crate) type BlockIndex = u32;
 pub(crate) struct Block {
     /// Position in units of blocks.
     pub(crate) key: IVec3,
-    /// Sum of log likelihood ratios per voxel, x fastest.
-    pub(crate) evidence: Box<[f32; VOXELS]>,
+    /// Sum of log likelihood ratios per side it was looked at from and voxel, x fastest.
+    sides: [Side; SIDES],
     /// Slots of the Gaussians born here, by voxel.
     pub(crate) gaussians: Vec<(u16, u32)>,
     /// Voxels whose Gaussian was let go as the tail of a stronger one, a bit each.
@@ -52,6 +56,13 @@ pub(crate) struct Block {
     /// The most evidence of any voxel.
     pub(crate) best: f32,
     touched: bool,
+}
+
+/// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
+/// that glints do not contradict their front.
+#[derive(Debug, Default)]
+struct Side {
+    evidence: Option<Box<[f32; VOXELS]>>,
     settled: bool,
 }
 
@@ -138,7 +149,7 @@ impl Evidence {
             .map(|(index, (block, touched))| {
                 if index >= known {
                     block.integrate(history, voxel_m)
-                } else if touched && !block.settled {
+                } else if touched {
                     block.integrate(slice, voxel_m)
                 } else {
                     0
@@ -228,12 +239,11 @@ impl Evidence {
         let index = self.blocks.len() as BlockIndex;
         self.blocks.push(Block {
             key,
-            evidence: Box::new([0.0; VOXELS]),
+            sides: Default::default(),
             gaussians: Vec::new(),
             barred: [0; VOXELS / 64],
             best: 0.0,
             touched: true,
-            settled: false,
         });
         self.block_at.insert(key, index);
         let tile_key = key.div_euclid(IVec3::splat(TILE_EDGE));
@@ -246,6 +256,15 @@ impl Evidence {
             self.tiles.len() - 1
         });
         self.tiles[tile].blocks.push(index);
+    }
+}
+
+/// The side a look comes from, by the direction towards its sensor.
+fn side_of(towards_m: Vec3) -> usize {
+    if towards_m.x.abs() > towards_m.y.abs() {
+        usize::from(towards_m.x < 0.0)
+    } else {
+        2 + usize::from(towards_m.y < 0.0)
     }
 }
 
@@ -272,8 +291,8 @@ impl Block {
     }
 
     /// Takes the Gaussian of a voxel away and lets none be born there until bars are lifted.
-    pub(crate) fn bar(&mut self, voxel: u16) {
-        self.gaussians.retain(|&(other, _)| other != voxel);
+    pub(crate) fn bar(&mut self, voxel: u16, slot: u32) {
+        self.gaussians.retain(|&(_, other)| other != slot);
         self.barred[usize::from(voxel) / 64] |= 1 << (voxel % 64);
     }
 
@@ -288,31 +307,57 @@ impl Block {
         let mut work = 0;
         for past in pings {
             if past.fan.touches(center_m, radius_m) {
-                work += self.add(past, voxel_m);
-                self.touched = true;
+                let side = side_of(past.look.pose.position_m - center_m);
+                if !self.sides[side].settled {
+                    work += self.add(past, side, voxel_m);
+                    self.touched = true;
+                }
             }
         }
         if work > 0 {
-            self.best = self.evidence.iter().copied().fold(f32::MIN, f32::max);
-            self.settled = self.best < SETTLED_EVIDENCE;
+            self.take_stock();
         }
         work
     }
 
+    fn take_stock(&mut self) {
+        for side in &mut self.sides {
+            if let Some(evidence) = &side.evidence {
+                let best = evidence.iter().copied().fold(f32::MIN, f32::max);
+                side.settled = best < SETTLED_EVIDENCE;
+            }
+        }
+        let voxels = (0..VOXELS).map(|voxel| self.evidence(voxel));
+        self.best = voxels.fold(f32::MIN, f32::max);
+    }
+
+    /// Evidence for a voxel over all sides. One that saw it dark, since the structure hides itself
+    /// or glints elsewhere, contradicts the others only so far.
+    pub(crate) fn evidence(&self, voxel: usize) -> f32 {
+        let sides = self.sides.iter().filter_map(|side| side.evidence.as_ref());
+        sides
+            .map(|evidence| evidence[voxel].max(MOST_AGAINST))
+            .sum()
+    }
+
     /// Adds one look to every voxel in its beam.
-    fn add(&mut self, past: &Past, voxel_m: f32) -> u64 {
+    fn add(&mut self, past: &Past, side: usize, voxel_m: f32) -> u64 {
         let look = &past.look;
         let into_beam = look.pose.axes.transpose();
         let first_m = (self.key * BLOCK_EDGE).as_vec3() * voxel_m + 0.5 * voxel_m;
         let base = into_beam * (first_m - look.pose.position_m);
         let step = into_beam.x_axis * voxel_m;
         let sigma = look.beam.azimuth_sigma_rad();
-        let beam_variance = sigma * sigma + look.azimuth_variance_rad2;
+        let beam_variance =
+            sigma * sigma + look.azimuth_variance_rad2 + past.blur.azimuth_variance_rad2;
         let voxel_variance_m2 = voxel_m * voxel_m / 12.0;
         let fan_tangent2 = (0.92 * look.beam.elevation_half_width_rad()).tan().powi(2);
         let per_bin = 1.0 / look.bin_length_m;
         let drift = look.pose.drift_per_m;
         let gain = [0.0, DARK, LIT, SHADOWED].map(|ratio| ratio * past.weight);
+        let evidence = self.sides[side]
+            .evidence
+            .get_or_insert_with(|| Box::new([0.0; VOXELS]));
         let mut work = 0;
         for row in 0..64 {
             let (j, k) = ((row % 8) as f32, (row / 8) as f32);
@@ -343,7 +388,7 @@ impl Block {
                 clear[i] = if seen { 1.0 - off } else { 0.0 };
                 bin[i] = (range_m - look.range_start_m) * per_bin;
             }
-            let row_evidence = &mut self.evidence[row * 8..row * 8 + 8];
+            let row_evidence = &mut evidence[row * 8..row * 8 + 8];
             for i in 0..8 {
                 if clear[i] > 0.0 && bin[i] >= 0.0 {
                     let state = past.profile.state.get(bin[i] as usize).copied();
@@ -352,5 +397,29 @@ impl Block {
             }
         }
         work
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_side_that_sees_nothing_contradicts_the_others_only_so_far() {
+        let mut evidence = Evidence::new(0.05);
+        evidence.create([0, 0, 0]);
+        let block = evidence.block_mut(0);
+        let seen_as = |ratio: f32| Some(Box::new([ratio; VOXELS]));
+        block.sides[0].evidence = seen_as(20.0);
+        block.sides[1].evidence = seen_as(-50.0);
+        assert!((block.evidence(0) - 18.0).abs() < 1e-6);
+        block.sides[0].evidence = seen_as(1.0);
+        assert!(block.evidence(0) < 0.0);
+    }
+
+    #[test]
+    fn looks_come_from_the_side_their_sensor_is_on() {
+        let sides = [Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y].map(side_of);
+        assert_eq!(sides, [0, 1, 2, 3]);
     }
 }

@@ -81,6 +81,8 @@ pub(crate) struct Gaussians {
     pub(crate) covariance_m2: Vec<SymmetricMat3>,
     /// αρ towards each side, in the unit of the pings' intensity.
     pub(crate) strength: Vec<Lobes>,
+    /// What part of a whole Gaussian it is: 1, or ⅛ after a split.
+    pub(crate) part: Vec<f32>,
     pub(crate) sigma_m: Vec<f32>,
     pub(crate) verdict: Vec<Verdict>,
     free: Vec<u32>,
@@ -116,6 +118,7 @@ impl Gaussians {
         self.mean_m[s] = home_m;
         self.set_shape(s, Quat::IDENTITY, Vec3::splat(scale_m));
         self.strength[s] = Lobes::even(strength);
+        self.part[s] = 1.0;
         self.sigma_m[s] = f32::INFINITY;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
         slot
@@ -144,6 +147,7 @@ impl Gaussians {
         self.scale_m.push(Vec3::ONE);
         self.covariance_m2.push(SymmetricMat3::default());
         self.strength.push(Lobes::default());
+        self.part.push(1.0);
         self.sigma_m.push(f32::INFINITY);
         self.verdict.push(Verdict::ExplainedAway);
         (self.id.len() - 1) as u32

@@ -19,10 +19,21 @@ pub(crate) struct Past {
     pub(crate) look: Look,
     pub(crate) fan: Fan,
     pub(crate) profile: Arc<Profile>,
+    /// What the pose adds to `look`'s variances where places are only lit or dark.
+    pub(crate) blur: PoseBlur,
     /// What it counts against a look that owes nothing to the ping before, 0 to 1.
     pub(crate) weight: f32,
     pub(crate) sequence: u64,
     pub(crate) time: Timestamp,
+}
+
+impl Past {
+    /// The same ping with all that its pose blurs.
+    pub(crate) fn blurred(&self) -> Self {
+        let mut past = self.clone();
+        past.look = self.blur.of(self.look);
+        past
+    }
 }
 
 /// Pings in order of arrival. When full, every second one of the older half goes, so that old
@@ -71,8 +82,40 @@ impl History {
     }
 }
 
+/// What an uncertain pose adds to range and azimuth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct PoseBlur {
+    pub(crate) range_variance_m2: f32,
+    pub(crate) azimuth_variance_rad2: f32,
+}
+
+impl PoseBlur {
+    fn of(self, look: Look) -> Look {
+        Look {
+            range_variance_m2: look.range_variance_m2 + self.range_variance_m2,
+            azimuth_variance_rad2: look.azimuth_variance_rad2 + self.azimuth_variance_rad2,
+            ..look
+        }
+    }
+}
+
+pub(crate) fn pose_blur(posed: &PosedPing, config: &MapperConfig) -> PoseBlur {
+    let (position_sigma_m, attitude_sigma_rad) = match posed.uncertainty {
+        Some(u) => (u.position_m, u.attitude_rad),
+        None => (
+            config.position_sigma_m,
+            config.attitude_sigma_deg.to_radians(),
+        ),
+    };
+    PoseBlur {
+        range_variance_m2: position_sigma_m.powi(2) as f32,
+        azimuth_variance_rad2: attitude_sigma_rad.powi(2) as f32,
+    }
+}
+
 /// The look of a posed ping on the local coordinates of a map with this origin, as the mapper
-/// takes it in: what renders a map for a ping starts from the same.
+/// takes it in: what renders a map for a ping starts from the same. What the pose blurs is left out
+/// of it: folded into every Gaussian, it would pull surfaces inwards.
 #[must_use]
 pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Look {
     let settings = posed.ping.settings();
@@ -82,13 +125,6 @@ pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Loo
     let twist = &posed.twist;
     let linear = beam_turn.conjugate() * twist.linear_mps;
     let angular = beam_turn.conjugate() * twist.angular_radps;
-    let (position_sigma_m, attitude_sigma_rad) = match posed.uncertainty {
-        Some(u) => (u.position_m, u.attitude_rad),
-        None => (
-            config.position_sigma_m,
-            config.attitude_sigma_deg.to_radians(),
-        ),
-    };
     // The echo of a sharp edge is as wide at half its height as the pulse is long.
     let pulse_variance_m2 = (settings.pulse_length_m() / 2.354_82).powi(2);
     let drift_per_m = DVec3::new(linear.y, angular.z, angular.x) / settings.speed_of_sound_mps;
@@ -102,15 +138,22 @@ pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Loo
         range_start_m: settings.range_start_m as f32,
         bin_length_m: settings.bin_length_m() as f32,
         bin_count: settings.bin_count as u32,
-        range_variance_m2: (pulse_variance_m2 + position_sigma_m.powi(2)) as f32,
-        azimuth_variance_rad2: attitude_sigma_rad.powi(2) as f32,
+        range_variance_m2: pulse_variance_m2 as f32,
+        azimuth_variance_rad2: 0.0,
         beam: config.beam,
     }
 }
 
-pub(crate) fn past_of(look: Look, profile: Profile, weight: f32, posed: &PosedPing) -> Past {
+pub(crate) fn past_of(
+    look: Look,
+    blur: PoseBlur,
+    profile: Profile,
+    weight: f32,
+    posed: &PosedPing,
+) -> Past {
     Past {
-        fan: Fan::of(&look, FAN_SIGMAS),
+        fan: Fan::of(&blur.of(look), FAN_SIGMAS),
+        blur,
         look,
         profile: Arc::new(profile),
         weight,

@@ -2,7 +2,7 @@
 
 use echosplat_model::glam::Vec3;
 
-use crate::evidence::Evidence;
+use crate::evidence::{Evidence, VOXELS};
 use crate::gaussians::Gaussians;
 
 /// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
@@ -24,15 +24,16 @@ pub(super) fn follow_evidence(
         let scale_m = 0.5 * evidence.voxel_m();
         let block = evidence.block_mut(index);
         let before = block.gaussians.len();
-        let sums = &block.evidence;
         let least = DROP_EVIDENCE.max(DROP_PART * block.best);
-        block.gaussians.retain(|&(voxel, slot)| {
-            let stays = sums[voxel as usize] > least;
+        let mut held = std::mem::take(&mut block.gaussians);
+        held.retain(|&(voxel, slot)| {
+            let stays = block.evidence(voxel.into()) > least;
             if !stays {
                 gaussians.remove(slot);
             }
             stays
         });
+        block.gaussians = held;
         pruned += (before - block.gaussians.len()) as u64;
         for (voxel, center_m) in births(evidence, index, spawn_evidence) {
             let slot = gaussians.spawn(center_m, (index, voxel), scale_m, strength);
@@ -47,12 +48,11 @@ pub(super) fn follow_evidence(
 fn births(evidence: &Evidence, index: u32, spawn_evidence: f32) -> Vec<(u16, Vec3)> {
     let block = evidence.block(index);
     let spawn_evidence = spawn_evidence.max(SPAWN_PART * block.best);
-    let sums = block.evidence.iter().enumerate();
-    let full = sums.filter(|&(_, &sum)| sum >= spawn_evidence);
-    let free = full.filter(|&(voxel, _)| {
+    let full = (0..VOXELS).filter(|&voxel| block.evidence(voxel) >= spawn_evidence);
+    let free = full.filter(|&voxel| {
         let held = |&(other, _): &(u16, u32)| usize::from(other) == voxel;
         !block.gaussians.iter().any(held) && !block.is_barred(voxel)
     });
-    free.map(|(voxel, _)| (voxel as u16, evidence.center_m(block.key, voxel)))
+    free.map(|voxel| (voxel as u16, evidence.center_m(block.key, voxel)))
         .collect()
 }

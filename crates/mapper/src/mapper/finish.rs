@@ -40,6 +40,10 @@ impl Mapper {
             self.interleaved_steps(steps / 3, INTERLEAVE);
         }
         self.assess_every(2 * self.thinning());
+        self.split_confident();
+        self.interleaved_steps(steps / 3, INTERLEAVE);
+        self.drop_tails(TAIL_PART);
+        self.localise_every(2);
         if let Some(world) = &self.world {
             align(&mut self.gaussians, world.evidence.voxel_m());
         }

@@ -3,6 +3,7 @@
 mod births;
 mod finish;
 mod published;
+mod splitting;
 
 use echosplat_acoustics::{Look, SymmetricMat3};
 use echosplat_model::glam::DVec3;
@@ -14,7 +15,7 @@ use crate::assess::{assess, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, maximise};
 use crate::gaussians::Gaussians;
-use crate::history::{History, Past, look_of, novelty, past_of};
+use crate::history::{History, Past, look_of, novelty, past_of, pose_blur};
 use crate::profile::Levels;
 use crate::{ConfigError, MapperConfig};
 
@@ -184,7 +185,9 @@ impl Mapper {
             evidence: Evidence::new(voxel_m(posed, config)),
         });
         let look = look_of(posed, world.origin_m, config);
-        let tolerance_m = 0.45 * world.evidence.voxel_m() + 1.5 * look.range_variance_m2.sqrt();
+        let blur = pose_blur(posed, config);
+        let range_sigma_m = (look.range_variance_m2 + blur.range_variance_m2).sqrt();
+        let tolerance_m = 0.45 * world.evidence.voxel_m() + 1.5 * range_sigma_m;
         let profile = self.levels.profile(&posed.ping, tolerance_m.into(), config);
         self.learn_unit_strength(&look, &profile.intensity, &profile.echoes);
         let weight = match posed.ping.view() {
@@ -193,7 +196,7 @@ impl Mapper {
         };
         self.last_look = Some(look);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
-        past_of(look, profile, weight, posed)
+        past_of(look, blur, profile, weight, posed)
     }
 
     /// The strength at which a Gaussian of one voxel would make the ping's strongest echo.
@@ -304,7 +307,7 @@ impl Mapper {
         let Some(world) = &mut self.world else { return };
         for slot in tails(&self.gaussians, world.evidence.voxel_m(), part) {
             let (block, voxel) = self.gaussians.home[slot];
-            world.evidence.block_mut(block).bar(voxel);
+            world.evidence.block_mut(block).bar(voxel, slot as u32);
             self.gaussians.remove(slot as u32);
         }
     }
@@ -312,7 +315,10 @@ impl Mapper {
     fn assess_every(&mut self, stride: usize) {
         let floor = self.floor();
         let Some(world) = &self.world else { return };
-        let pings: Vec<&Past> = self.history.pings().iter().step_by(stride).collect();
+        // What is asserted has to stand however far the poses may be off.
+        let pings = self.history.pings().iter().step_by(stride);
+        let pings: Vec<Past> = pings.map(Past::blurred).collect();
+        let pings: Vec<&Past> = pings.iter().collect();
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
         let config = &self.config;
         self.status.pairs += self
