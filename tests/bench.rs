@@ -49,10 +49,11 @@ fn every_stiff_and_extreme_case_passes() {
 }
 
 #[test]
-fn kernels_are_faster_than_their_twins() {
+fn every_kernel_is_measured_and_says_its_pairs() {
     let json = bench("kernels", &[]);
     let kernels = json["kernels"].as_array().unwrap();
-    assert_eq!(kernels.len(), 5);
+    // Where there is AVX2, the online kernels are measured at that level too.
+    assert!(matches!(kernels.len(), 5 | 7), "{}", kernels.len());
     for kernel in kernels {
         assert!(kernel["forward_per_s"].as_f64().unwrap() > 0.0, "{kernel}");
         assert!(kernel["pairs"].as_u64().unwrap() > 10_000, "{kernel}");

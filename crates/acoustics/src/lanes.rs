@@ -6,8 +6,19 @@
 //! lanes: their bodies are compiled without the processor's features. Errors below are against f64, measured
 //! over the range given, with fused multiplication or without.
 
+pub use fearless_simd::Level;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x8, i32x8, mask32x8};
+
+/// AVX2 with fused multiplication, where the processor has it; it may have more.
+#[must_use]
+pub fn avx2() -> Option<Level> {
+    #[cfg(any(target_arch = "x86", target_arch = "x86_64"))]
+    let found = Level::new().as_avx2().map(Simd::level);
+    #[cfg(not(any(target_arch = "x86", target_arch = "x86_64")))]
+    let found = None;
+    found
+}
 
 /// Arguments below give e^this, 1.8·10⁻³⁵: results and their products with what is not tiny itself
 /// stay normal numbers, since subnormal ones cost a hundred cycles each.
@@ -203,7 +214,7 @@ pub fn ratio_atan<S: Simd>(y: f32x8<S>, x: f32x8<S>) -> f32x8<S> {
 mod tests {
     use super::*;
     use crate::Real;
-    use fearless_simd::{Level, dispatch};
+    use fearless_simd::dispatch;
 
     /// Every kind of arithmetic that counts: without fused multiplication, and the best.
     fn levels() -> [Level; 2] {

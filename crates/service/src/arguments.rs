@@ -358,13 +358,12 @@ pub(crate) struct RenderArguments {
     #[arg(long, value_name = "US", default_value_t = 20.0, conflicts_with = "log",
         value_parser = not_negative)]
     pub(crate) pulse_us: f64,
-    /// One sigma of the sensor's position, metres; the configuration's `mapper.position_sigma_m`
-    /// without
-    #[arg(long, value_name = "METRES", value_parser = not_negative)]
-    pub(crate) position_sigma_m: Option<f64>,
-    /// One sigma of its attitude, degrees; `mapper.attitude_sigma_deg` without
-    #[arg(long, value_name = "DEGREES", value_parser = not_negative)]
-    pub(crate) attitude_sigma_deg: Option<f64>,
+    /// One sigma of the sensor's position, metres, that blurs the rendering
+    #[arg(long, value_name = "METRES", default_value_t = 0.0, value_parser = not_negative)]
+    pub(crate) position_sigma_m: f64,
+    /// One sigma of its attitude, degrees
+    #[arg(long, value_name = "DEGREES", default_value_t = 0.0, value_parser = not_negative)]
+    pub(crate) attitude_sigma_deg: f64,
     /// Let nothing hide anything
     #[arg(long)]
     pub(crate) no_occlusion: bool,

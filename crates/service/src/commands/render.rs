@@ -5,6 +5,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context;
+use echosplat_acoustics::Look;
 use echosplat_evaluation::MapRenderer;
 use echosplat_evaluation::report::{Column, Panel, SonarImage};
 use echosplat_mapper::look_of;
@@ -46,7 +47,8 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<Finish> {
     let rendered: Vec<Vec<f32>> = views
         .iter()
         .map(|view| {
-            let look = look_of(&view.posed, renderer.origin_m(), &config.mapper);
+            let mut look = look_of(&view.posed, renderer.origin_m(), &config.mapper);
+            blur(&mut look, arguments);
             renderer.ping(&look).to_vec()
         })
         .collect();
@@ -62,19 +64,19 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<Finish> {
 }
 
 fn configuration(arguments: &RenderArguments) -> anyhow::Result<Config> {
-    let mut config = match &arguments.config {
+    let config = match &arguments.config {
         Some(file) => Config::load(file)?,
         None => Config::default(),
     };
-    let mapper = &mut config.mapper;
-    mapper.position_sigma_m = arguments
-        .position_sigma_m
-        .unwrap_or(mapper.position_sigma_m);
-    mapper.attitude_sigma_deg = arguments
-        .attitude_sigma_deg
-        .unwrap_or(mapper.attitude_sigma_deg);
-    mapper.check().map_err(Usage::error)?;
+    config.mapper.check().map_err(Usage::error)?;
     Ok(config)
+}
+
+/// Adds what an uncertain pose would blur.
+fn blur(look: &mut Look, arguments: &RenderArguments) {
+    let attitude_sigma_rad = arguments.attitude_sigma_deg.to_radians();
+    look.range_variance_m2 += arguments.position_sigma_m.powi(2) as f32;
+    look.azimuth_variance_rad2 += attitude_sigma_rad.powi(2) as f32;
 }
 
 /// What the picture is written as.

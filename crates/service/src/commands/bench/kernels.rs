@@ -5,6 +5,7 @@ use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use echosplat_acoustics::lanes::{Level, avx2};
 use echosplat_acoustics::online::{OnlineOptions, OnlineRenderer};
 use echosplat_acoustics::paper::{PaperRenderer, Transmittance};
 use echosplat_acoustics::reference::{online as online_twin, paper as paper_twin};
@@ -62,7 +63,15 @@ pub(super) fn run(options: &BenchOptions) -> anyhow::Result<Results> {
     let one_core = one_core.context("cannot start a thread")?;
     let seed = options.seed;
     let rates = one_core.install(|| {
-        let mut kernels = vec![online(seed, false), online(seed, true)];
+        let best = Level::new();
+        let mut kernels = vec![
+            online(seed, "online, T = 1", false, best),
+            online(seed, "online, with occlusion", true, best),
+        ];
+        if let Some(avx2) = avx2() {
+            kernels.push(online(seed, "online, T = 1, AVX2", false, avx2));
+            kernels.push(online(seed, "online, with occlusion, AVX2", true, avx2));
+        }
         for (name, transmittance) in [
             ("paper, T = 1", Transmittance::None),
             ("paper, exact", Transmittance::Exact),
@@ -76,12 +85,12 @@ pub(super) fn run(options: &BenchOptions) -> anyhow::Result<Results> {
     results(&rates)
 }
 
-fn online(seed: u64, occlusion: bool) -> Kernel {
+fn online(seed: u64, name: &'static str, occlusion: bool, level: Level) -> Kernel {
     let (look, gaussians) = sample::bench_scene(seed);
     let visible: Vec<u32> = (0..gaussians.len() as u32).collect();
     let options = OnlineOptions { occlusion };
     let slope = vec![1e-3; look.bin_count as usize];
-    let mut count = OnlineRenderer::new(options);
+    let mut count = OnlineRenderer::with_level(options, level);
     let _ = count.forward(&look, &gaussians, &visible);
     let twin = OnlineTwin {
         look,
@@ -90,13 +99,11 @@ fn online(seed: u64, occlusion: bool) -> Kernel {
         occlusion,
         slope: slope.clone(),
     };
-    let (forward, backward) = online_calls(options, look, gaussians, visible, slope);
+    let renderers = [(); 2].map(|()| OnlineRenderer::with_level(options, level));
+    let (forward, backward) = online_calls(renderers, look, gaussians, visible, slope);
     let both = twin.clone();
     Kernel {
-        name: match occlusion {
-            true => "online, with occlusion",
-            false => "online, T = 1",
-        },
+        name,
         pairs: count.pair_count(),
         forward,
         backward,
@@ -109,17 +116,15 @@ type Call = Box<dyn FnMut()>;
 
 /// Forward and backward on renderers of their own; backward's has been forward once.
 fn online_calls(
-    options: OnlineOptions,
+    [mut renderer, mut back]: [OnlineRenderer; 2],
     look: Look,
     gaussians: GaussianArrays,
     visible: Vec<u32>,
     slope: Vec<f32>,
 ) -> (Call, Call) {
-    let mut back = OnlineRenderer::new(options);
     let _ = back.forward(&look, &gaussians, &visible);
     let mut gradients = GradientArrays::zeros(gaussians.len());
     let same = gaussians.clone();
-    let mut renderer = OnlineRenderer::new(options);
     let forward = move || {
         black_box(renderer.forward(&look, &gaussians, &visible));
     };
