@@ -1,5 +1,6 @@
-//! Who hides whom: from near to far over the raster of directions, eight azimuths at a time, in the
-//! logarithm of the transmittance with compensated sums.
+//! Who hides whom: from near to far over the raster of directions, eight azimuths at a time. The
+//! transmittance is a product that carries what its roundings lost, which holds what the sum of
+//! logarithms would and needs none.
 
 use std::ops::Range;
 
@@ -18,8 +19,8 @@ pub(super) struct Occlusion {
     pub(super) raster: Raster,
     /// Rows by range: the range's bits above, the row's number below.
     order: Vec<u64>,
-    /// `ln T` of what lies before, and what its sum has lost (Kahan), per row of cells.
-    log_transmittance: Vec<[[f32; COLUMNS]; 2]>,
+    /// T of what lies before, and what its roundings have lost, per row of cells.
+    transmittance: Vec<[[f32; COLUMNS]; 2]>,
     /// T before each Gaussian in its cells, one after another in `order`.
     before: Vec<[f32; COLUMNS]>,
     /// Σ over Gaussians behind of dL/d ln T.
@@ -81,7 +82,7 @@ impl Occlusion {
     #[cfg(test)]
     pub(super) fn capacity(&self) -> usize {
         self.order.capacity()
-            + self.log_transmittance.capacity()
+            + self.transmittance.capacity()
             + self.before.capacity()
             + self.behind.capacity()
             + self.raster.weights.capacity()
@@ -98,15 +99,15 @@ impl Occlusion {
         self.order.extend(rows.iter().enumerate().map(key));
         self.order.sort_unstable();
         self.before.clear();
-        self.log_transmittance.clear();
-        self.log_transmittance
-            .resize(self.raster.row_count(), [[0.0; COLUMNS]; 2]);
+        self.transmittance.clear();
+        self.transmittance
+            .resize(self.raster.row_count(), [[1.0; COLUMNS], [0.0; COLUMNS]]);
         for &key in &self.order {
             let row = &mut rows[key as u32 as usize];
             let cover = Cover::new(simd, &self.raster, &row.shadow);
             let (raster, before) = (&self.raster, &mut self.before);
-            let log_transmittance = &mut self.log_transmittance;
-            pass(raster, &cover, row, log_transmittance, before);
+            let transmittance = &mut self.transmittance;
+            pass(raster, &cover, row, transmittance, before);
         }
     }
 
@@ -134,26 +135,33 @@ fn pass<S: Simd>(
     raster: &Raster,
     cover: &Cover<S>,
     row: &mut OnlineRow,
-    log_transmittance: &mut [[[f32; COLUMNS]; 2]],
+    transmittance: &mut [[[f32; COLUMNS]; 2]],
     before: &mut Vec<[f32; COLUMNS]>,
 ) {
     let simd = cover.y1.simd;
     let (mut lit, mut overlap) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 0.0));
     for number in cover.rows.clone() {
         let (covered, _) = cover.of_row(raster, number);
-        let [sum, lost] = &mut log_transmittance[number];
-        let log = f32x8::simd_from(simd, *sum);
-        let through = lanes::exp(log);
-        let through = lanes::only(through.simd_ge(LEAST_TRANSMITTANCE), through);
+        let [product, lost] = &mut transmittance[number];
+        let through = f32x8::simd_from(simd, *product);
+        let rest = f32x8::simd_from(simd, *lost);
         before.push(through.to_array());
         let weighted = covered * f32x8::simd_from(simd, raster.weights[number]);
         lit = weighted.mul_add(through, lit);
         overlap += weighted;
         let stopped = (covered * row.opacity).min(OPACITY_MAX);
-        let added = lanes::ln_1p(-stopped) - f32x8::simd_from(simd, *lost);
-        let next = log + added;
-        *lost = ((next - log) - added).to_array();
-        *sum = next.to_array();
+        // 1 − stopped in two parts, so that a share of 10⁻⁸ still counts.
+        let one = f32x8::splat(simd, 1.0);
+        let passed = one - stopped;
+        let passed_rest = (one - passed) - stopped;
+        let next = through * passed;
+        let rounding = through.mul_add(passed, -next);
+        let next_rest = rest.mul_add(passed, through.mul_add(passed_rest, rounding));
+        let sum = next + next_rest;
+        // It only ever falls: what is dark stays so.
+        let is_lit = sum.simd_ge(LEAST_TRANSMITTANCE);
+        *lost = lanes::only(is_lit, next_rest - (sum - next)).to_array();
+        *product = lanes::only(is_lit, sum).to_array();
     }
     let overlap = overlap.reduce_sum();
     if overlap > LEAST_OVERLAP {
