@@ -13,7 +13,7 @@ use super::tree::Tree;
 use super::{Material, Part, Plane, Scene, SceneError, SurveyHints, ViewpointHints, mesh};
 
 /// Names that [`Scene::named`] knows, each a file under `config/scenes/`.
-pub const BUILT_IN_SCENES: [(&str, &str); 8] = [
+pub const BUILT_IN_SCENES: [(&str, &str); 11] = [
     (
         "fence",
         include_str!("../../../../config/scenes/fence.toml"),
@@ -39,6 +39,18 @@ pub const BUILT_IN_SCENES: [(&str, &str); 8] = [
     (
         "pier-specular",
         include_str!("../../../../config/scenes/pier-specular.toml"),
+    ),
+    (
+        "dolphin",
+        include_str!("../../../../config/scenes/dolphin.toml"),
+    ),
+    (
+        "lander",
+        include_str!("../../../../config/scenes/lander.toml"),
+    ),
+    (
+        "quay-corner",
+        include_str!("../../../../config/scenes/quay-corner.toml"),
     ),
 ];
 
