@@ -5,11 +5,13 @@
 //! shows as `null` and reports say in words. The same input gives the same bits.
 //!
 //! [`stability`] is another question: what the program's numerics make of stiff and extreme cases.
+//! [`targets`] says what maps of which dives must reach.
 //!
 //! Deliberately absent: a clock (times come in as numbers), running the mapper on dives (only the
 //! degenerate pings of [`stability`] go through it), and files other than a truth's.
 
 mod alignment;
+mod between;
 pub mod curve;
 pub mod held_back;
 mod map_points;
@@ -22,8 +24,10 @@ pub mod report;
 pub mod stability;
 mod statistics;
 pub mod table;
+pub mod targets;
 mod truth;
 
+pub use between::distance_between;
 pub use map_points::{MapPoint, MapPoints};
 pub use metrics::{Figures, Metrics, Normals, PaperFigures, evaluate, evaluate_raw};
 pub use rendering::MapRenderer;

@@ -1,6 +1,6 @@
 //! The map as the evaluator sees it: the means of its Gaussians, in the world.
 
-use echosplat_model::{Gaussian, Snapshot, Standing};
+use echosplat_model::{Gaussian, Pose, Snapshot, Standing};
 use glam::{DQuat, DVec3};
 
 /// A Gaussian is a disc, not a dot, if its shortest axis is below this share of its middle one.
@@ -47,6 +47,27 @@ impl MapPoints {
             }
         }
         points
+    }
+
+    /// The same map elsewhere.
+    #[must_use]
+    pub fn moved(mut self, to_from_here: &Pose) -> Self {
+        for point in &mut self.confident {
+            point.position = *to_from_here * point.position;
+            let axis = point.shortest_axis;
+            point.shortest_axis = axis.map(|axis| to_from_here.rotation * axis);
+        }
+        for position in &mut self.ambiguous {
+            *position = *to_from_here * *position;
+        }
+        self
+    }
+
+    /// Means of what is asserted.
+    #[must_use]
+    pub fn positions(&self) -> Vec<DVec3> {
+        let confident = self.confident.iter();
+        confident.map(|point| point.position).collect()
     }
 
     /// Of bare points, all asserted.
@@ -116,5 +137,13 @@ mod tests {
         assert_eq!(points.confident[1].shortest_axis, None);
         assert_eq!(points.ambiguous.len(), 1);
         assert_eq!(points.left_out_count, 1);
+
+        let back = Pose::from_yaw_pitch_roll(std::f64::consts::FRAC_PI_2, 0.0, 0.0, -origin_m);
+        let moved = points.clone().moved(&back);
+        let expected = DVec3::new(-2.0, 1_000_000.5, 0.0) + DVec3::new(-1e6, -2.0, 0.0);
+        assert!(moved.positions()[0].distance(expected) < 1e-6);
+        let axis = moved.confident[0].shortest_axis.unwrap();
+        assert!((axis.dot(DVec3::X).abs() - 1.0).abs() < 1e-6);
+        assert_eq!(moved.ambiguous.len(), 1);
     }
 }

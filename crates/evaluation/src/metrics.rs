@@ -127,6 +127,10 @@ pub struct Metrics {
     pub left_out_count: usize,
     /// `None` without flat Gaussians or without known normals.
     pub normals: Option<Normals>,
+    /// Of Gaussians nearest to structure, in scenes that have a seabed.
+    pub structure_normals: Option<Normals>,
+    /// Of Gaussians nearest to seabed, in scenes that have one.
+    pub seabed_normals: Option<Normals>,
     /// By the paper's protocol; `None` if it was not asked for or either set is empty.
     pub paper: Option<PaperFigures>,
 }
@@ -163,6 +167,10 @@ pub fn evaluate_raw(points: &MapPoints, truth: &Truth) -> Metrics {
         )
     };
     let has_seabed = truth.has_seabed();
+    let normals_of = |seabed: bool| {
+        let is_part = |is_seabed| has_seabed && is_seabed == seabed;
+        normals(&points.confident, &to_truth, is_part)
+    };
     let false_count = to_truth.iter().filter(|d| d.is_false()).count();
     Metrics {
         headline: part(if has_seabed {
@@ -178,7 +186,9 @@ pub fn evaluate_raw(points: &MapPoints, truth: &Truth) -> Metrics {
         confident_count: points.confident.len(),
         ambiguous_count: points.ambiguous.len(),
         left_out_count: points.left_out_count,
-        normals: normals(&points.confident, &to_truth),
+        normals: normals(&points.confident, &to_truth, |_| true),
+        structure_normals: normals_of(false),
+        seabed_normals: normals_of(true),
         paper: None,
     }
 }
@@ -260,8 +270,15 @@ fn ambiguous_cover(ambiguous: &[DVec3], truth: &Truth) -> f64 {
     share(&distances, |distance_m| *distance_m <= COVER_WITHIN_M)
 }
 
-fn normals(map: &[MapPoint], to_truth: &[ToTruth]) -> Option<Normals> {
-    let known = map.iter().zip(to_truth).filter_map(|(point, truth)| {
+/// Of the points whose nearest truth is seabed or not, as `counts` says.
+fn normals(
+    map: &[MapPoint],
+    to_truth: &[ToTruth],
+    counts: impl Fn(bool) -> bool,
+) -> Option<Normals> {
+    let both = map.iter().zip(to_truth);
+    let known = both.filter(|(_, truth)| counts(truth.is_seabed));
+    let known = known.filter_map(|(point, truth)| {
         let axis = point.shortest_axis?;
         let cosine = axis.dot(truth.normal.try_normalize()?).abs().min(1.0);
         Some(cosine.acos().to_degrees())

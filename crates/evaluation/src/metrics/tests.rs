@@ -111,6 +111,36 @@ fn the_structure_is_the_headline_where_there_is_a_seabed() {
 }
 
 #[test]
+fn normals_of_structure_and_seabed_are_told_apart() {
+    let scene =
+        scene("[[sphere]]\ncenter_m = [0, 0, 5]\nradius_m = 1.0\n[[plane]]\npoint_m = [0, 0, 0]\n");
+    let samples = vec![seen(at(0., 0., 6.), false), seen(at(3., 0., 0.), true)];
+    let truth = Truth::from_scene(&scene, Some(samples));
+    let disc = |position, axis| MapPoint {
+        position,
+        shortest_axis: Some(axis),
+    };
+    let points = MapPoints {
+        confident: vec![
+            disc(at(0., 0., 6.), at(1., 0., 0.)),
+            disc(at(3., 0., 0.), at(0., 0., 1.)),
+            disc(at(4., 0., 0.), at(0., 0., -1.)),
+        ],
+        ..MapPoints::default()
+    };
+    let metrics = evaluate_raw(&points, &truth);
+    let share = |normals: Option<Normals>| normals.unwrap().within_20deg_share;
+    assert!(near(share(metrics.structure_normals), 0.0));
+    assert!(near(share(metrics.seabed_normals), 1.0));
+    assert!(near(share(metrics.normals), 2.0 / 3.0));
+    let no_seabed = evaluate_raw(&points, &Truth::from_points(&[at(0., 0., 0.)]));
+    assert_eq!(
+        (no_seabed.structure_normals, no_seabed.seabed_normals),
+        (None, None)
+    );
+}
+
+#[test]
 fn ambiguous_gaussians_cover_truth_and_assert_nothing() {
     let truth = Truth::from_points(&[at(0., 0., 0.), at(1., 0., 0.)]);
     let points = MapPoints {

@@ -9,8 +9,7 @@ use echosplat_session::{Session, SessionConfig, SessionEvent};
 use glam::DVec3;
 
 use super::draw::Draw;
-use crate::MapPoints;
-use crate::neighbors::KdTree;
+use crate::{MapPoints, distance_between};
 
 /// Where the only target is, from the dive's middle.
 pub(super) const TARGET_M: DVec3 = DVec3::new(5.0, 0.0, 0.0);
@@ -86,7 +85,6 @@ pub(super) fn of_target(seed: u64, count: u32, bins: usize) -> Dive<impl Fn(u32)
 impl<F: Fn(u32) -> Heard> Dive<F> {
     /// The map of the dive moved by `shift_m`, and how many profiles were rejected. `None` where no
     /// thread can be started for the mapper.
-    /// started for the mapper.
     pub(super) fn map(&self, shift_m: DVec3) -> Option<(Snapshot, u64)> {
         let mut session = Session::listening(SessionConfig::default(), Timestamp::ZERO);
         let config = MapperConfig {
@@ -119,12 +117,7 @@ pub(super) fn chamfer_m(here: &Snapshot, there: &Snapshot, shift_m: DVec3) -> f6
         let all = confident.chain(points.ambiguous.iter().copied());
         all.map(|place| place - shift_m).collect()
     };
-    let (a, b) = (places(here, DVec3::ZERO), places(there, shift_m));
-    let directed = |from: &[DVec3], to: &[DVec3]| {
-        let tree = KdTree::new(to.iter().copied());
-        crate::statistics::mean(&from.iter().map(|p| tree.distance(*p)).collect::<Vec<_>>())
-    };
-    0.5 * (directed(&a, &b) + directed(&b, &a))
+    distance_between(&places(here, DVec3::ZERO), &places(there, shift_m))
 }
 
 fn posed(ping: Arc<Ping>, index: u32, shift_m: DVec3) -> PosedPing {

@@ -1,0 +1,340 @@
+//! All that is run and judged.
+
+use echosplat_simulator::{DiveKind, NoiseLevel};
+use glam::DVec3;
+
+use super::accuracy::{self, Judged};
+use super::limit::{Limit, Row, Target, Unit};
+use super::run::{Outcome, Placement, Results, Spec};
+use super::sections::Section;
+
+/// Runs of one seed that are judged together.
+#[derive(Debug, Clone)]
+pub struct Case {
+    /// Where it belongs.
+    pub section: Section,
+    /// Unique within its section.
+    pub name: String,
+    /// Name of its scene.
+    pub scene: &'static str,
+    /// Whether it is worth a quick look.
+    pub is_quick: bool,
+    /// Whether its maps are compared with one another and so have to be kept.
+    pub compares_maps: bool,
+    /// The runs of a seed differ from its first seed's in nothing but the seed.
+    runs: Vec<Spec>,
+    targets: Vec<Target>,
+}
+
+impl Case {
+    /// Its runs, in the order in which values are made of them.
+    #[must_use]
+    pub fn runs(&self, seed: u64) -> Vec<Spec> {
+        let of_seed = |spec: &Spec| Spec {
+            seed,
+            ..spec.clone()
+        };
+        self.runs.iter().map(of_seed).collect()
+    }
+
+    /// A row for each of its targets.
+    #[must_use]
+    pub fn rows(&self, seeds: &[u64], results: &Results) -> Vec<Row> {
+        let runs: Vec<Vec<Spec>> = seeds.iter().map(|seed| self.runs(*seed)).collect();
+        let section = self.section.as_str();
+        let row = |target| Row::judge(section, &self.name, target, &runs, results);
+        self.targets.iter().map(row).collect()
+    }
+}
+
+/// All cases, in the order of the report.
+#[must_use]
+pub fn cases() -> Vec<Case> {
+    let of_maps = |section, table: Vec<Judged>| table.into_iter().map(move |j| of_map(section, j));
+    let mut cases: Vec<Case> = of_maps(Section::Accuracy, accuracy::table()).collect();
+    cases.push(shift());
+    cases.extend(["fence", "wall", "pier"].map(more));
+    cases.push(length());
+    cases.push(threads());
+    cases.extend(frames());
+    cases.extend(of_maps(Section::Own, accuracy::own()));
+    cases
+}
+
+fn of_map(section: Section, judged: Judged) -> Case {
+    let Judged {
+        scene,
+        dive,
+        noise,
+        targets,
+    } = judged;
+    let is_quick = section == Section::Accuracy
+        && noise == NoiseLevel::Nominal
+        && matches!(dive, DiveKind::Survey | DiveKind::Pan)
+        && matches!(scene, "empty" | "fence");
+    Case {
+        section,
+        name: format!("{scene}, {dive}, {noise}"),
+        scene,
+        is_quick,
+        compares_maps: false,
+        runs: vec![Spec::new(scene, dive, noise, 0)],
+        targets,
+    }
+}
+
+fn survey(scene: &str) -> Spec {
+    Spec::new(scene, DiveKind::Survey, NoiseLevel::Nominal, 0)
+}
+
+fn case(section: Section, scene: &'static str, runs: Vec<Spec>, targets: Vec<Target>) -> Case {
+    Case {
+        section,
+        name: format!("{scene}, survey, nominal"),
+        scene,
+        is_quick: false,
+        compares_maps: false,
+        runs,
+        targets,
+    }
+}
+
+fn target(quantity: &'static str, unit: Unit, value: fn(&[&Outcome]) -> f64) -> Target {
+    Target {
+        quantity,
+        unit,
+        paper: None,
+        must: None,
+        aim: None,
+        value,
+    }
+}
+
+fn shift() -> Case {
+    let shifted = Spec {
+        time_offset_s: 1.0,
+        ..survey("fence")
+    };
+    let ratio = |o: &[&Outcome]| o[1].metrics.cd_m / o[0].metrics.cd_m;
+    let worse = Target {
+        must: Some(Limit::AtLeast(3.0)),
+        ..target("times the CD, poses 1 s off", Unit::Ratio, ratio)
+    };
+    case(
+        Section::Shift,
+        "fence",
+        vec![survey("fence"), shifted],
+        vec![worse],
+    )
+}
+
+/// Of the dive, the last of them all of it.
+const SHARES: [f64; 4] = [0.25, 0.5, 0.75, 1.0];
+
+fn more(scene: &'static str) -> Case {
+    let part = |share| Spec {
+        share,
+        ..survey(scene)
+    };
+    let lost = Target {
+        must: Some(Limit::AtMost(0.02)),
+        aim: Some(0.0),
+        ..target("precision at 10 cm lost", Unit::Share, |o| {
+            most_lost(
+                &o.iter()
+                    .map(|o| o.metrics.precision_10cm)
+                    .collect::<Vec<_>>(),
+            )
+        })
+    };
+    let precision = |quantity, value| target(quantity, Unit::Share, value);
+    let targets = vec![
+        lost,
+        precision("precision at 10 cm, first 25 %", |o| {
+            o[0].metrics.precision_10cm
+        }),
+        precision("precision at 10 cm, first 50 %", |o| {
+            o[1].metrics.precision_10cm
+        }),
+        precision("precision at 10 cm, first 75 %", |o| {
+            o[2].metrics.precision_10cm
+        }),
+        precision("precision at 10 cm, whole dive", |o| {
+            o[3].metrics.precision_10cm
+        }),
+    ];
+    case(Section::More, scene, SHARES.map(part).into(), targets)
+}
+
+/// From any value to any later one, at least 0.
+fn most_lost(values: &[f64]) -> f64 {
+    let mut best = f64::NEG_INFINITY;
+    values.iter().fold(0.0, |lost: f64, &value| {
+        best = best.max(value);
+        lost.max(best - value)
+    })
+}
+
+fn length() -> Case {
+    // The default's length is left to the default, so that its run serves other cases too.
+    let lengths = [Some(60.0), Some(120.0), None, Some(480.0)];
+    let of_length = |duration_s| Spec {
+        duration_s,
+        ..survey("fence")
+    };
+    let flat = Target {
+        must: Some(Limit::AtMost(0.1)),
+        ..target("work per ping, most over least minus 1", Unit::Share, |o| {
+            spread(&o.iter().map(|o| streamed(o)).collect::<Vec<_>>())
+        })
+    };
+    let work = |quantity, value| target(quantity, Unit::Count, value);
+    let seconds = |quantity, value| target(quantity, Unit::Seconds, value);
+    let targets = vec![
+        flat,
+        work("work per ping, 60 s", |o| streamed(o[0])),
+        work("work per ping, 120 s", |o| streamed(o[1])),
+        work("work per ping, 240 s", |o| streamed(o[2])),
+        work("work per ping, 480 s", |o| streamed(o[3])),
+        work("of the finish per ping, 60 s", |o| finish(o[0])),
+        work("of the finish per ping, 120 s", |o| finish(o[1])),
+        work("of the finish per ping, 240 s", |o| finish(o[2])),
+        work("of the finish per ping, 480 s", |o| finish(o[3])),
+        seconds("compute before the finish, 480 s", |o| {
+            o[3].streamed.compute_s
+        }),
+        seconds("compute of the finish, 480 s", |o| {
+            o[3].total.compute_s - o[3].streamed.compute_s
+        }),
+    ];
+    case(
+        Section::Length,
+        "fence",
+        lengths.map(of_length).into(),
+        targets,
+    )
+}
+
+/// Counted work per ping without the finish.
+fn streamed(outcome: &Outcome) -> f64 {
+    let work = outcome.streamed;
+    (work.voxel_looks + work.pairs) as f64 / outcome.pings as f64
+}
+
+fn finish(outcome: &Outcome) -> f64 {
+    let (all, before) = (outcome.total, outcome.streamed);
+    let work = all.voxel_looks + all.pairs - before.voxel_looks - before.pairs;
+    work as f64 / outcome.pings as f64
+}
+
+/// Not a number without values, or if one is not above 0.
+fn spread(values: &[f64]) -> f64 {
+    let most = values.iter().copied().fold(f64::NAN, f64::max);
+    let least = values.iter().copied().fold(f64::NAN, f64::min);
+    match least > 0.0 {
+        true => most / least - 1.0,
+        false => f64::NAN,
+    }
+}
+
+fn threads() -> Case {
+    let on_two = Spec {
+        threads: 2,
+        ..survey("fence")
+    };
+    let differ = |o: &[&Outcome]| f64::from(u8::from(o[0].fingerprint != o[1].fingerprint));
+    let same = Target {
+        must: Some(Limit::AtMost(0.0)),
+        ..target("maps that differ, 1 and 2 threads", Unit::Count, differ)
+    };
+    case(
+        Section::Threads,
+        "fence",
+        vec![survey("fence"), on_two],
+        vec![same],
+    )
+}
+
+fn frames() -> Vec<Case> {
+    let turned = [10.0, 33.0, 77.0].map(|yaw_deg| Placement {
+        yaw_deg,
+        shift_m: DVec3::ZERO,
+    });
+    let far = Placement {
+        yaw_deg: 0.0,
+        shift_m: DVec3::new(1e7, -1e7, 0.0),
+    };
+    let apart = Target {
+        must: Some(Limit::AtMost(0.005)),
+        ..target("distance between the maps", Unit::Millimetres, |o| {
+            o[0].from_unmoved_m.unwrap_or(f64::NAN)
+        })
+    };
+    let frame = |(name, placement): (String, Placement)| {
+        let elsewhere = Spec {
+            placement,
+            ..survey("fence")
+        };
+        let runs = vec![elsewhere, survey("fence")];
+        Case {
+            name: format!("fence, {name}"),
+            compares_maps: true,
+            ..case(Section::Frames, "fence", runs, vec![apart])
+        }
+    };
+    let mut placements = vec![("moved by 10⁷ m in x and y".to_owned(), far)];
+    placements.extend(turned.map(|turn| (format!("turned by {}°", turn.yaw_deg), turn)));
+    placements.into_iter().map(frame).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use echosplat_simulator::BUILT_IN_SCENES;
+
+    #[test]
+    fn every_row_of_every_case_is_there_once() {
+        let cases = cases();
+        let mut names: Vec<(&str, String)> = cases
+            .iter()
+            .map(|case| (case.section.as_str(), case.name.clone()))
+            .collect();
+        names.sort();
+        let count = names.len();
+        names.dedup();
+        assert_eq!(names.len(), count);
+        for section in Section::ALL {
+            assert!(cases.iter().any(|case| case.section == section));
+        }
+        assert!(cases.iter().all(|case| !case.targets.is_empty()));
+        assert!(cases.iter().any(|case| case.is_quick));
+        for case in &cases {
+            let known = BUILT_IN_SCENES.iter().any(|(name, _)| *name == case.scene);
+            assert!(known, "{}", case.scene);
+            assert!(case.runs(7).iter().all(|spec| spec.seed == 7));
+        }
+    }
+
+    #[test]
+    fn without_runs_every_row_is_incomplete() {
+        use crate::targets::Verdict;
+        let rows = cases()
+            .into_iter()
+            .flat_map(|case| case.rows(&[1], &Results::default()));
+        let rows: Vec<Row> = rows.collect();
+        assert!(rows.len() > 40);
+        assert!(rows.iter().all(|row| row.verdict == Verdict::Incomplete));
+    }
+
+    #[test]
+    fn what_was_lost_on_the_way_is_not_forgotten() {
+        assert!((most_lost(&[0.5, 0.9, 0.88, 0.87]) - 0.03).abs() < 1e-12);
+        assert!(most_lost(&[0.1, 0.2, 0.3]).abs() < 1e-300);
+    }
+
+    #[test]
+    fn a_spread_of_nothing_is_no_number() {
+        assert!((spread(&[100.0, 110.0, 105.0]) - 0.1).abs() < 1e-12);
+        assert!(spread(&[]).is_nan() && spread(&[0.0, 1.0]).is_nan());
+    }
+}

@@ -1,0 +1,187 @@
+//! Rows and runs as sections of a report, and as text.
+
+use super::limit::{Row, Verdict};
+use super::run::{Outcome, Results};
+use super::sections::Section;
+use crate::report::{FAILED, Section as Chapter, Table};
+use crate::table::{metres, percent};
+
+const ROW_COLUMNS: [&str; 9] = [
+    "case",
+    "what",
+    "paper",
+    "must",
+    "aim",
+    "median",
+    "worst",
+    "each seed",
+    "verdict",
+];
+
+const RUN_COLUMNS: [&str; 13] = [
+    "run",
+    "CD m",
+    "HD m",
+    "false",
+    "live CD m",
+    "compute s",
+    "finish s",
+    "pairs",
+    "voxel looks",
+    "Gaussians",
+    "normals 20°",
+    "held-back gain",
+    "MB",
+];
+
+/// A chapter a section, and one with all runs.
+#[must_use]
+pub fn sections(rows: &[Row], results: &Results) -> Vec<Chapter> {
+    let chapter = |section: Section| {
+        let own: Vec<&Row> = of(section, rows).collect();
+        (!own.is_empty()).then(|| Chapter {
+            title: section.title().to_owned(),
+            text: section.about().to_owned(),
+            tables: vec![row_table(&own)],
+            ..Chapter::default()
+        })
+    };
+    let chapters = Section::ALL.into_iter().filter_map(chapter);
+    chapters.chain([runs_chapter(results)]).collect()
+}
+
+fn of(section: Section, rows: &[Row]) -> impl Iterator<Item = &Row> {
+    rows.iter()
+        .filter(move |row| row.section == section.as_str())
+}
+
+fn row_table(rows: &[&Row]) -> Table {
+    let passed = rows.iter().filter(|row| row.verdict == Verdict::Passed);
+    let asked = rows.iter().filter(|row| row.must.is_some());
+    Table {
+        title: format!("{} of {} passed", passed.count(), asked.count()),
+        columns: ROW_COLUMNS.map(str::to_owned).into(),
+        rows: rows.iter().map(|row| row_cells(row).into()).collect(),
+        note: "The median over the seeds must meet it, the worst seed within 1.5 times of it (of \
+               what is missing, for shares). A run that failed counts as infinitely bad; a row \
+               whose seeds were not all run claims nothing."
+            .to_owned(),
+    }
+}
+
+fn row_cells(row: &Row) -> [String; 9] {
+    let each = row.values.iter().map(|value| row.unit.show(*value));
+    let failed = (0..row.failed_count).map(|_| FAILED.to_owned());
+    [
+        row.case.clone(),
+        row.quantity.to_owned(),
+        row.show(row.paper),
+        row.must_text(),
+        row.show(row.aim),
+        row.show_reached(row.median),
+        row.show_reached(row.worst),
+        each.chain(failed).collect::<Vec<_>>().join(" · "),
+        row.verdict.as_str().to_owned(),
+    ]
+}
+
+fn runs_chapter(results: &Results) -> Chapter {
+    let row = |(name, result): (&String, &Result<Outcome, String>)| match result {
+        Ok(outcome) => run_cells(name, outcome).into(),
+        Err(why) => vec![name.clone(), FAILED.to_owned(), why.clone()],
+    };
+    Chapter {
+        title: "Every run".to_owned(),
+        text: "Live CD is that of the map in the middle of the dive, against what the whole dive \
+               sees. Compute is processor seconds of the mapper's threads, the finish among them. \
+               Held-back gain is the log likelihood per bin of pings that the map has not seen, \
+               over that of a constant."
+            .to_owned(),
+        tables: vec![Table {
+            title: format!("{} runs", results.0.len()),
+            columns: RUN_COLUMNS.map(str::to_owned).into(),
+            rows: results.0.iter().map(row).collect(),
+            note: String::new(),
+        }],
+        ..Chapter::default()
+    }
+}
+
+fn run_cells(name: &str, outcome: &Outcome) -> [String; 13] {
+    let metrics = &outcome.metrics;
+    let work = outcome.total;
+    let none = || "–".to_owned();
+    let normals = |normals: crate::Normals| percent(normals.within_20deg_share);
+    let gain = |held: crate::held_back::HeldBack| format!("{:+.3}", held.gain_per_bin);
+    [
+        name.to_owned(),
+        metres(metrics.cd_m),
+        metres(metrics.hd_m),
+        percent(metrics.confident_false_share),
+        metres(outcome.mid_dive_cd_m),
+        format!("{:.1}", work.compute_s),
+        format!("{:.1}", work.compute_s - outcome.streamed.compute_s),
+        format!("{:.2e}", work.pairs as f64),
+        format!("{:.2e}", work.voxel_looks as f64),
+        format!("{} + {}", metrics.confident_count, metrics.ambiguous_count),
+        metrics.normals.map_or_else(none, normals),
+        outcome.held_back.map_or_else(none, gain),
+        format!("{:.0}", outcome.peak_memory_bytes as f64 * 1e-6),
+    ]
+}
+
+/// What is worth saying when a run is done.
+#[must_use]
+pub fn run_line(outcome: &Outcome) -> String {
+    let metrics = &outcome.metrics;
+    format!(
+        "CD {} m, HD {} m, {} false, {} + {} Gaussians, {:.0} s of computing, {:.0} s in all",
+        metres(metrics.cd_m),
+        metres(metrics.hd_m),
+        percent(metrics.confident_false_share),
+        metrics.confident_count,
+        metrics.ambiguous_count,
+        outcome.total.compute_s,
+        outcome.wall_s,
+    )
+}
+
+/// The rows as lines of text, in columns.
+#[must_use]
+pub fn text(rows: &[Row]) -> String {
+    let mut text = String::new();
+    for section in Section::ALL {
+        let own: Vec<[String; 9]> = of(section, rows).map(row_cells).collect();
+        if own.is_empty() {
+            continue;
+        }
+        text += &format!("{}\n", section.title());
+        let lines = std::iter::once(ROW_COLUMNS.map(str::to_owned)).chain(own);
+        text += &aligned(&lines.collect::<Vec<_>>());
+    }
+    text
+}
+
+/// Without the column of all seeds, which is as wide as the rest.
+fn aligned(rows: &[[String; 9]]) -> String {
+    const EACH_SEED: usize = 7;
+    let columns = (0..ROW_COLUMNS.len()).filter(|column| *column != EACH_SEED);
+    let columns: Vec<(usize, usize)> = columns
+        .map(|column| {
+            let width = rows.iter().map(|row| row[column].chars().count()).max();
+            (column, width.unwrap_or(0))
+        })
+        .collect();
+    let mut text = String::new();
+    for row in rows {
+        let cells = columns.iter().map(|&(column, width)| {
+            let cell = &row[column];
+            match column < 2 {
+                true => format!("{cell:<width$}"),
+                false => format!("{cell:>width$}"),
+            }
+        });
+        text += &format!("  {}\n", cells.collect::<Vec<_>>().join("  "));
+    }
+    text
+}

@@ -1,0 +1,93 @@
+//! Parts of the bench.
+
+/// What is asked of maps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Section {
+    /// Single maps against the truth.
+    Accuracy,
+    /// Wrong poses must spoil the map.
+    Shift,
+    /// More pings must not.
+    More,
+    /// Work per ping over the length of a dive.
+    Length,
+    /// The same bits on any number of threads.
+    Threads,
+    /// The same map wherever the dive takes place.
+    Frames,
+    /// Scenes that no setting was chosen on.
+    Own,
+}
+
+impl Section {
+    /// In the order of the report.
+    pub const ALL: [Self; 7] = [
+        Self::Accuracy,
+        Self::Shift,
+        Self::More,
+        Self::Length,
+        Self::Threads,
+        Self::Frames,
+        Self::Own,
+    ];
+
+    /// As on the command line.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Accuracy => "accuracy",
+            Self::Shift => "shift",
+            Self::More => "more",
+            Self::Length => "length",
+            Self::Threads => "threads",
+            Self::Frames => "frames",
+            Self::Own => "own",
+        }
+    }
+
+    pub(super) fn title(self) -> &'static str {
+        match self {
+            Self::Accuracy => "Accuracy",
+            Self::Shift => "Poses shifted in time",
+            Self::More => "More pings",
+            Self::Length => "Length of the dive",
+            Self::Threads => "Number of threads",
+            Self::Frames => "Where it takes place",
+            Self::Own => "Other scenes",
+        }
+    }
+
+    /// What was done.
+    pub(super) fn about(self) -> &'static str {
+        match self {
+            Self::Accuracy => {
+                "The finished map of each dive against its truth. CD and HD in metres; where there \
+                 is a seabed, those of the structure."
+            }
+            Self::Shift => {
+                "The same pings with poses of one second later: if the map comes from the data, it \
+                 is spoilt. CD of that map over CD of the right one."
+            }
+            Self::More => {
+                "The first quarter, half and three quarters of a dive, and all of it, each \
+                 finished: the share of map points within 10 cm of truth, and how much of it any \
+                 longer dive has lost against a shorter one."
+            }
+            Self::Length => {
+                "One motion, cut after 60, 120, 240 and 480 s: counted work per ping (voxel looks \
+                 and Gaussian–bin pairs, both at their count), without the finish and of the \
+                 finish. Flat is the most over the least, minus 1."
+            }
+            Self::Threads => "Whether one thread and two give the same bits.",
+            Self::Frames => {
+                "The same pings with poses moved or turned in the world; the map is moved and \
+                 turned back. Mean of the two directed mean distances between the confident points \
+                 of both maps."
+            }
+            Self::Own => {
+                "Scenes of other sizes, distances and kinds, on which no setting was chosen, \
+                 judged like the row that is most alike."
+            }
+        }
+    }
+}
