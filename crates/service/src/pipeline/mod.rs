@@ -4,6 +4,7 @@
 mod drivers;
 mod gate;
 mod latency;
+mod mapping;
 mod outlet;
 mod poses;
 mod shared;
@@ -15,9 +16,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
-use crossbeam_channel::bounded;
+use crossbeam_channel::{Receiver, bounded};
 use echosplat_bus::{AliveToken, Bus, MapPublisher};
-use echosplat_driver::{DriverConfig, DriverStatus};
+use echosplat_driver::{DriverConfig, DriverEvent, DriverStatus};
 use echosplat_mapper::Mapper;
 use echosplat_model::Snapshot;
 
@@ -29,6 +30,7 @@ use crate::signals::Stop;
 
 use drivers::Drivers;
 pub(crate) use gate::Gate;
+pub(crate) use mapping::Mapping;
 use outlet::Outlet;
 pub(crate) use outlet::{Observed, Observer};
 pub(crate) use poses::{Patience, Poses};
@@ -122,6 +124,40 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
     Ok(outcome)
 }
 
+/// What the mapper's thread takes from, and gives to.
+struct Feed {
+    events: Receiver<DriverEvent>,
+    inputs_left: usize,
+    poses: Poses,
+    gate: Gate,
+    outlet: Outlet,
+}
+
+/// Starts the mapper and its thread.
+fn start_worker(
+    config: &Config,
+    feed: Feed,
+    shared: &Arc<Shared>,
+) -> anyhow::Result<JoinHandle<Arc<Snapshot>>> {
+    let worker = Worker {
+        events: feed.events,
+        inputs_left: feed.inputs_left,
+        poses: feed.poses,
+        mapper: Mapper::new(config.mapper.clone())?,
+        gate: feed.gate,
+        outlet: feed.outlet,
+        shared: Arc::clone(shared),
+        pairs_per_ping: config.pipeline.pairs_per_ping,
+        snapshot_interval_s: config.pipeline.snapshot_interval_s,
+        hold_back_every: config.pipeline.hold_back_every,
+        state: worker::State::new(Instant::now()),
+    };
+    std::thread::Builder::new()
+        .name(THREAD_NAME.to_owned())
+        .spawn(move || worker.run())
+        .context("cannot start the mapper's thread")
+}
+
 /// A run under way.
 struct Run {
     shared: Arc<Shared>,
@@ -138,7 +174,6 @@ struct Run {
 
 impl Run {
     fn start(config: &Config, setup: Setup) -> anyhow::Result<Self> {
-        let mapper = Mapper::new(config.mapper.clone())?;
         let shared = Arc::new(Shared::new());
         let (publisher, alive) = match &setup.bus {
             Some(bus) => (
@@ -151,23 +186,14 @@ impl Run {
         let outlet = Outlet::new(setup.bus.clone(), publisher.clone(), hooks.observer.take());
         let (sender, events) = bounded(config.pipeline.queue_pings);
         let drivers = Drivers::start(setup.drivers, setup.recorder.as_ref(), sender)?;
-        let worker = Worker {
+        let feed = Feed {
             events,
             inputs_left: drivers.count(),
             poses: setup.poses,
-            mapper,
             gate: setup.gate,
             outlet: outlet.of_epoch(setup.epoch),
-            shared: Arc::clone(&shared),
-            pairs_per_ping: config.pipeline.pairs_per_ping,
-            snapshot_interval_s: config.pipeline.snapshot_interval_s,
-            hold_back_every: config.pipeline.hold_back_every,
-            state: worker::State::new(Instant::now()),
         };
-        let worker = std::thread::Builder::new()
-            .name(THREAD_NAME.to_owned())
-            .spawn(move || worker.run())
-            .context("cannot start the mapper's thread")?;
+        let worker = start_worker(config, feed, &shared)?;
         Ok(Self {
             shared,
             drivers,

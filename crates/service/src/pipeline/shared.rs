@@ -39,14 +39,28 @@ pub(crate) struct MapperReport {
     pub(crate) snapshots: u64,
     /// From the first ping to the newest map, on the pings' clock.
     pub(crate) dive_s: f64,
-    /// Processor seconds of the mapper's threads.
-    pub(crate) compute_s: f64,
+    /// All that was done so far.
+    #[serde(flatten)]
+    pub(crate) work: Work,
+    /// All that was done when the finish began.
+    pub(crate) before_finish: Work,
     /// Of the live map.
     pub(crate) latency_s: LatencyReport,
     /// What became of poses.
     pub(crate) poses: PoseReport,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
+}
+
+/// What the mapper had done at some moment; maps made only to be judged do not count.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+pub(crate) struct Work {
+    /// Processor seconds of its threads.
+    pub(crate) compute_s: f64,
+    /// Gaussian–bin pairs.
+    pub(crate) pairs: u64,
+    /// Voxel looks.
+    pub(crate) voxel_looks: u64,
 }
 
 /// The link to the sonar, as its driver tells of it.

@@ -116,11 +116,11 @@ impl Status {
             "bytes_skipped": session.bytes_skipped,
             "gaussians": self.report.mapper.confident,
             "ambiguous": self.report.mapper.ambiguous,
-            "compute_s": self.report.compute_s,
+            "compute_s": self.report.work.compute_s,
             "wall_s": self.wall_s,
             "dive_s": self.report.dive_s,
             "peak_memory_bytes": self.peak_memory_bytes,
-            "pairs": self.report.mapper.pairs,
+            "pairs": self.report.work.pairs,
             "snapshots": self.report.snapshots,
             "lossy": self.loss(),
             "poses": self.report.poses,
@@ -153,7 +153,7 @@ impl Status {
             mapper.ambiguous,
             self.report.dive_s,
             self.wall_s,
-            self.report.compute_s,
+            self.report.work.compute_s,
             self.peak_memory_bytes as f64 * 1e-6,
         )
     }

@@ -14,7 +14,7 @@ use super::gate::{Gate, Passage};
 use super::latency::Latency;
 use super::outlet::{Moment, Outlet};
 use super::poses::Poses;
-use super::shared::{MapperReport, Phase, Shared};
+use super::shared::{MapperReport, Phase, Shared, Work};
 use crate::processor;
 
 /// Name of the thread; those of the mapper's pool begin with it.
@@ -59,8 +59,9 @@ pub(crate) struct State {
     latency: Latency,
     /// Work allowed and not yet done; below zero what the last step took too much.
     credit_pairs: i64,
-    /// Processor seconds of maps made only to be judged.
+    /// What maps made only to be judged took.
     observing_s: f64,
+    observing_pairs: u64,
     first_ping: Option<Timestamp>,
     next_snapshot_s: f64,
     next_snapshot_at: Instant,
@@ -74,6 +75,7 @@ impl State {
             latency: Latency::default(),
             credit_pairs: 0,
             observing_s: 0.0,
+            observing_pairs: 0,
             first_ping: None,
             next_snapshot_s: 0.0,
             next_snapshot_at: begin,
@@ -181,10 +183,12 @@ impl Worker {
             return;
         }
         let begin = Instant::now();
-        let spent_s = thread_seconds();
+        let before = self.work();
         let snapshot = self.mapper.snapshot();
         if !is_due {
-            self.state.observing_s += thread_seconds() - spent_s;
+            let after = self.work();
+            self.state.observing_s += after.compute_s - before.compute_s;
+            self.state.observing_pairs += after.pairs - before.pairs;
         }
         self.hand_on(snapshot, dive_s);
         let pause = Duration::from_secs_f64(self.snapshot_interval_s);
@@ -193,12 +197,12 @@ impl Worker {
     }
 
     fn hand_on(&mut self, snapshot: Snapshot, dive_s: f64) -> Arc<Snapshot> {
-        let status = self.mapper.status();
+        let work = self.work();
         let moment = Moment {
             dive_s,
-            compute_s: self.compute_s(),
-            pairs: status.pairs,
-            pings: status.pings,
+            compute_s: work.compute_s,
+            pairs: work.pairs,
+            pings: self.mapper.status().pings,
         };
         let snapshot = self.outlet.map(snapshot, moment);
         self.state.latency.published(Instant::now());
@@ -207,15 +211,20 @@ impl Worker {
         snapshot
     }
 
-    /// Processor seconds of mapping; maps made only to be judged do not count.
-    fn compute_s(&self) -> f64 {
-        thread_seconds() - self.state.observing_s
+    /// Maps made only to be judged do not count.
+    fn work(&self) -> Work {
+        let status = self.mapper.status();
+        Work {
+            compute_s: thread_seconds() - self.state.observing_s,
+            pairs: status.pairs - self.state.observing_pairs,
+            voxel_looks: status.voxel_looks,
+        }
     }
 
     fn hand_over_report(&mut self) {
         self.state.report.mapper = self.mapper.status();
         self.state.report.latency_s = self.state.latency.report();
-        self.state.report.compute_s = self.compute_s();
+        self.state.report.work = self.work();
         self.state.report.poses = self.poses.report();
         self.shared.hand_over(self.state.report.clone());
     }
@@ -230,6 +239,7 @@ impl Worker {
         self.poses.finish();
         self.map_what_is_posed();
         self.shared.set_phase(Phase::Finishing);
+        self.state.report.before_finish = self.work();
         self.hand_over_report();
         let snapshot = self.mapper.finish();
         let first = self.state.first_ping.unwrap_or_default();

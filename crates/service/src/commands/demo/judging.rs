@@ -81,8 +81,8 @@ impl Judge {
         curve.samples = judged.samples;
         curve.samples.push(Sample {
             dive_s: outcome.status.report.dive_s,
-            compute_s: outcome.status.report.compute_s,
-            pair_count: outcome.status.report.mapper.pairs,
+            compute_s: outcome.status.report.work.compute_s,
+            pair_count: outcome.status.report.work.pairs,
             ping_count: outcome.status.report.pings_mapped,
             metrics,
         });

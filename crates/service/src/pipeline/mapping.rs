@@ -1,0 +1,71 @@
+//! The mapper's thread fed with pings that are there already: the same worker as in every run,
+//! without a device before it and a bus behind it.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use anyhow::anyhow;
+use crossbeam_channel::{Sender, bounded};
+use echosplat_driver::DriverEvent;
+use echosplat_model::{Ping, Snapshot};
+
+use super::shared::{MapperReport, Shared};
+use super::{Feed, Gate, Observer, Outlet, Poses, start_worker};
+use crate::config::Config;
+
+/// A map under way.
+pub(crate) struct Mapping {
+    events: Sender<DriverEvent>,
+    shared: Arc<Shared>,
+    thread: JoinHandle<Arc<Snapshot>>,
+}
+
+impl Mapping {
+    /// # Errors
+    /// If the mapper cannot be started.
+    pub(crate) fn start(
+        config: &Config,
+        poses: Poses,
+        observer: Option<Observer>,
+    ) -> anyhow::Result<Self> {
+        let (events, taken) = bounded(config.pipeline.queue_pings);
+        let shared = Arc::new(Shared::new());
+        let feed = Feed {
+            events: taken,
+            inputs_left: 1,
+            poses,
+            gate: Gate::default(),
+            outlet: Outlet::new(None, None, observer),
+        };
+        let thread = start_worker(config, feed, &shared)?;
+        Ok(Self {
+            events,
+            shared,
+            thread,
+        })
+    }
+
+    /// Takes the next ping, once there is room for it.
+    ///
+    /// # Errors
+    /// If the mapper's thread has ended.
+    pub(crate) fn take(&self, ping: Arc<Ping>) -> anyhow::Result<()> {
+        let frame = Arc::new([]);
+        let event = DriverEvent::Ping { ping, frame };
+        self.events.send(event).map_err(|_| ended())
+    }
+
+    /// The finished map and what it took.
+    ///
+    /// # Errors
+    /// If the mapper's thread panicked.
+    pub(crate) fn finish(self) -> anyhow::Result<(Arc<Snapshot>, MapperReport)> {
+        drop(self.events);
+        let snapshot = self.thread.join().map_err(|_| ended())?;
+        Ok((snapshot, self.shared.report()))
+    }
+}
+
+fn ended() -> anyhow::Error {
+    anyhow!("the mapper's thread panicked; the log above says where")
+}
