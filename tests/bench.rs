@@ -70,3 +70,27 @@ fn the_papers_method_runs_on_its_case() {
     let choices = json["choices"].as_array().unwrap();
     assert!(choices.iter().all(|choice| choice["why"].is_string()));
 }
+
+#[test]
+fn a_target_is_run_judged_and_not_run_again() {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let out = folder.path().display().to_string();
+    let run = || {
+        let only = ["--quick", "--only", "empty", "--json", "--out", &out];
+        let arguments = [&["bench", "targets"], &only[..]].concat();
+        let mut program = Program::echosplat(&arguments);
+        program.wait_exit_code(0, LONG);
+        let json = program.only_json();
+        assert_eq!(json["passed"], true, "{json}");
+        assert_eq!(json["left_out"].as_array().unwrap().len(), 0);
+        let row = &json["rows"][0];
+        assert_eq!(
+            (&row["verdict"], &row["median"]),
+            (&"passed".into(), &0.0.into())
+        );
+        assert_eq!(json["runs"][0]["outcome"]["pings"], 9600);
+        program.stderr()
+    };
+    assert!(run().contains("[1/1] empty survey nominal, seed 1"));
+    assert!(run().contains("1 of 1 runs are done already"));
+}

@@ -392,6 +392,8 @@ pub(crate) enum Bench {
     Stability(BenchOptions),
     /// The paper's method on the paper's two cases, beside the figures it prints
     Paper(PaperBenchArguments),
+    /// Every target of accuracy and robustness over several seeds, and which are met
+    Targets(TargetsBenchArguments),
 }
 
 /// What all benches share.
@@ -421,6 +423,33 @@ pub(crate) struct PaperBenchArguments {
     /// Epochs; the paper's 100 without, a fifth of it with --quick
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
     pub(crate) epochs: Option<u32>,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct TargetsBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    /// Seeds of each case, counted from --seed; one with --quick
+    #[arg(long, value_name = "N", default_value_t = 5,
+        value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub(crate) seeds: u64,
+    /// Only this section (accuracy, shift, more, length, threads, frames, own) or this scene;
+    /// repeatable, and SECTION/SCENE takes what is both
+    #[arg(long, value_name = "NAME")]
+    pub(crate) only: Vec<String>,
+    /// Stop after so many minutes; what is left out is listed
+    #[arg(long, value_name = "MINUTES", value_parser = positive)]
+    pub(crate) budget: Option<f64>,
+    /// Runs at a time, each with one thread of the mapper
+    #[arg(long, value_name = "N", default_value_t = 2,
+        value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub(crate) jobs: u64,
+    /// Does one run and prints its outcome
+    #[arg(long, hide = true, value_name = "JSON")]
+    pub(crate) run: Option<String>,
+    /// Where that run's map goes
+    #[arg(long, hide = true, value_name = "OUT.ply", requires = "run")]
+    pub(crate) keep_map: Option<PathBuf>,
 }
 
 /// The paper's cases.

@@ -9,6 +9,7 @@ mod commands;
 mod config;
 mod dives;
 mod exit;
+mod fingerprint;
 mod inputs;
 mod logging;
 mod logs;

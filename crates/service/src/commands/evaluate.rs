@@ -57,12 +57,12 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
 }
 
 /// One ping beside what the map says of it, without its blanked bins.
-struct Rendered {
+pub(super) struct Rendered {
     at_s: f64,
     /// Near edge of the first bin that counts.
     range_start_m: f64,
     range_length_m: f64,
-    pair: Pair,
+    pub(super) pair: Pair,
 }
 
 struct RenderedPings {
@@ -98,7 +98,12 @@ fn rendered(
     })
 }
 
-fn render(renderer: &mut MapRenderer, posed: &PosedPing, at_s: f64, config: &Config) -> Rendered {
+pub(super) fn render(
+    renderer: &mut MapRenderer,
+    posed: &PosedPing,
+    at_s: f64,
+    config: &Config,
+) -> Rendered {
     let settings = posed.ping.settings();
     let look = look_of(posed, renderer.origin_m(), &config.mapper);
     let blank_m = config.mapper.blanking_m - settings.range_start_m;

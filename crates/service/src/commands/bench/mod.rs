@@ -8,6 +8,7 @@ mod kernels;
 mod machine;
 mod paper;
 mod stability;
+mod targets;
 
 use std::path::Path;
 
@@ -26,7 +27,7 @@ struct Results {
     name: &'static str,
     /// Its own fields of the JSON object.
     fields: Map<String, Value>,
-    /// Machine and seed are filled in when it is written.
+    /// Machine and, if there are none, seeds are filled in when it is written.
     report: Report,
     /// For people at a terminal.
     text: String,
@@ -41,6 +42,10 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Kernels(options) => publish(kernels::run(options)?, options),
         Bench::Stability(options) => publish(stability::run(options)?, options),
         Bench::Paper(arguments) => publish(paper::run(arguments)?, &arguments.options),
+        Bench::Targets(arguments) => match &arguments.run {
+            Some(spec) => targets::run_one(spec, arguments.keep_map.as_deref()),
+            None => publish(targets::run(arguments)?, &arguments.options),
+        },
     }
 }
 
@@ -51,7 +56,9 @@ fn publish(results: Results, options: &BenchOptions) -> anyhow::Result<Finish> {
     let mut report = results.report;
     report.subtitle = format!("echosplat bench {}", results.name);
     report.machine.extend(machine.facts());
-    report.seeds = vec![options.seed];
+    if report.seeds.is_empty() {
+        report.seeds = vec![options.seed];
+    }
     let path = |extension: &str| options.out.join(format!("{}.{extension}", results.name));
     std::fs::create_dir_all(&options.out)
         .with_context(|| format!("cannot make {}", options.out.display()))?;
