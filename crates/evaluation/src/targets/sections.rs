@@ -62,7 +62,8 @@ impl Section {
         match self {
             Self::Accuracy => {
                 "The finished map of each dive against its truth. CD and HD in metres; where there \
-                 is a seabed, those of the structure."
+                 is a seabed, those of the structure. What is aimed at for pan and level dives, an \
+                 elevation sigma within twice its bound, is not measured here."
             }
             Self::Shift => {
                 "The same pings with poses of one second later: if the map comes from the data, it \

@@ -141,7 +141,7 @@ impl Queue {
     fn start(&self, job: &Job) -> anyhow::Result<Child> {
         let program = std::env::current_exe().context("this program's own file")?;
         let threads = (processor::core_count() / self.at_once).max(1);
-        let mut command = Command::new(program);
+        let mut command = Command::new(&program);
         command
             .args(["bench", "targets", "--run"])
             .arg(serde_json::to_string(&job.spec)?)
@@ -153,7 +153,10 @@ impl Queue {
         if let Some(map) = &job.map {
             command.arg("--keep-map").arg(map);
         }
-        command.spawn().context("cannot start a run's process")
+        command.spawn().with_context(|| {
+            let program = program.display();
+            format!("cannot start a run from {program}; it must not be built anew meanwhile")
+        })
     }
 }
 
