@@ -5,11 +5,12 @@ use echosplat_model::Standing;
 
 use crate::MapperConfig;
 use crate::evidence::Evidence;
-use crate::expectation::{Scene, over_pings, pulls};
+use crate::expectation::{Scene, Sum, over_pings, pulls};
 use crate::gaussians::{Gaussians, Verdict};
 use crate::history::Past;
 use crate::profile::BinState;
 use crate::shape::{Neighbours, eigen};
+use crate::tally::Tally;
 use crate::visibility::{Row, Sight};
 
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
@@ -44,6 +45,14 @@ impl Account {
     }
 }
 
+impl Sum for Account {
+    fn join(&mut self, part: &Self) {
+        self.looks += part.looks;
+        self.share += part.share;
+        self.rivalry += part.rivalry;
+    }
+}
+
 /// Judges every Gaussian by `pings`, every `stride`-th of those remembered, and sets its verdict and
 /// sigma as if by all. Returns pairs done.
 pub(crate) fn assess(
@@ -58,6 +67,8 @@ pub(crate) fn assess(
         evidence,
         gaussians,
         floor,
+        // What is asserted has to stand however far the poses may be off.
+        is_blurred: true,
     };
     let radius_m = SURROUNDINGS_VOXELS * evidence.voxel_m();
     let (accounts, account_pairs) = accounts(scene, pings, radius_m);
@@ -98,28 +109,16 @@ fn verdict(account: Account, relative: f32, sigma_m: f32, config: &MapperConfig)
 }
 
 fn accounts(scene: Scene<'_>, pings: &[&Past], radius_m: f32) -> (Vec<Account>, u64) {
-    let count = scene.gaussians.slot_count();
-    let ((accounts, _), pairs) = over_pings(
-        scene,
-        pings,
-        || (vec![Account::default(); count], Arcs::default()),
-        |(accounts, arcs), past, sight| account_ping(accounts, past, sight, arcs, radius_m),
-        |(total, _), (part, _)| {
-            for (total, part) in total.iter_mut().zip(&part) {
-                total.looks += part.looks;
-                total.share += part.share;
-                total.rivalry += part.rivalry;
-            }
-        },
-    );
-    (accounts, pairs)
+    over_pings(scene, pings, |tally, arcs, past, sight| {
+        account_ping(tally, past, sight, arcs, radius_m);
+    })
 }
 
 /// For every Gaussian near the beam's axis: which part of the echo in its own bin comes from
 /// within `radius_m` of it. In one bin of a narrow beam a place is its position along the arc, so
 /// the surroundings are the steps of the arc next to it.
 fn account_ping(
-    accounts: &mut [Account],
+    tally: &mut Tally<Account>,
     past: &Past,
     sight: &Sight,
     arcs: &mut Arcs,
@@ -131,13 +130,13 @@ fn account_ping(
         let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
         let range_bins = (splat.range_m - past.look.range_start_m) / past.look.bin_length_m;
         let bin = range_bins as usize;
-        let lit = past.profile.state.get(bin) == Some(&BinState::Lit);
+        let lit = past.profile.state.at(bin) == BinState::Lit;
         if !lit || !(off < 1.5) {
             continue;
         }
         let looks = past.weight * (1.0 - off / 1.5);
         let near = arcs.around(bin, arcs.step_of(row));
-        let account = &mut accounts[row.slot as usize];
+        let account = tally.of(row.slot);
         account.looks += looks;
         account.share += looks * near / sight.predicted[bin];
         account.rivalry += looks * near / arcs.best(bin).max(f32::MIN_POSITIVE);

@@ -53,7 +53,7 @@ impl Default for MapperConfig {
             detection_factor: 12.0,
             dynamic_range_db: 30.0,
             slice_pings: 8,
-            history_pings: 16_384,
+            history_pings: 65_536,
             spawn_evidence: 6.0,
             finish_passes: 16,
             finish_pairs: 1_500_000_000,

@@ -14,7 +14,6 @@ use echosplat_model::glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::history::Past;
-use crate::profile::BinState;
 
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
 pub(crate) const BLOCK_EDGE: i32 = 8;
@@ -47,7 +46,7 @@ pub(crate) type BlockIndex = u32;
 pub(crate) struct Block {
     /// Position in units of blocks.
     pub(crate) key: IVec3,
-    /// Sum of log likelihood ratios per side it was looked at from and voxel, x fastest.
+    /// What was seen from each side.
     sides: [Side; SIDES],
     /// Slots of the Gaussians born here, by voxel.
     pub(crate) gaussians: Vec<(u16, u32)>,
@@ -61,9 +60,50 @@ pub(crate) struct Block {
 /// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
 /// that glints do not contradict their front.
 #[derive(Debug, Default)]
-struct Side {
-    evidence: Option<Box<[f32; VOXELS]>>,
-    settled: bool,
+enum Side {
+    #[default]
+    Unseen,
+    /// Sum of log likelihood ratios per voxel, x fastest.
+    Seen(Box<[f32; VOXELS]>),
+    /// So dark everywhere that no more looks are needed and nothing need be remembered.
+    Settled,
+}
+
+impl Side {
+    fn is_settled(&self) -> bool {
+        matches!(self, Self::Settled)
+    }
+
+    /// Sums per voxel, from nothing if it was unseen; `None` if settled.
+    fn sums(&mut self) -> Option<&mut [f32; VOXELS]> {
+        if let Self::Unseen = self {
+            *self = Self::Seen(Box::new([0.0; VOXELS]));
+        }
+        match self {
+            Self::Seen(sums) => Some(sums),
+            _ => None,
+        }
+    }
+
+    /// What a voxel counts together with the other sides: one that saw it dark, since the
+    /// structure hides itself or glints elsewhere, contradicts them only so far.
+    fn evidence(&self, voxel: usize) -> f32 {
+        match self {
+            Self::Unseen => 0.0,
+            Self::Seen(sums) => sums[voxel].max(MOST_AGAINST),
+            Self::Settled => MOST_AGAINST,
+        }
+    }
+
+    /// Lets go of the sums when no place is left that could be anything.
+    fn settle(&mut self) {
+        if let Self::Seen(sums) = self {
+            let best = sums.iter().copied().fold(f32::MIN, f32::max);
+            if best < SETTLED_EVIDENCE {
+                *self = Self::Settled;
+            }
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -308,7 +348,7 @@ impl Block {
         for past in pings {
             if past.fan.touches(center_m, radius_m) {
                 let side = side_of(past.look.pose.position_m - center_m);
-                if !self.sides[side].settled {
+                if !self.sides[side].is_settled() {
                     work += self.add(past, side, voxel_m);
                     self.touched = true;
                 }
@@ -322,22 +362,15 @@ impl Block {
 
     fn take_stock(&mut self) {
         for side in &mut self.sides {
-            if let Some(evidence) = &side.evidence {
-                let best = evidence.iter().copied().fold(f32::MIN, f32::max);
-                side.settled = best < SETTLED_EVIDENCE;
-            }
+            side.settle();
         }
         let voxels = (0..VOXELS).map(|voxel| self.evidence(voxel));
         self.best = voxels.fold(f32::MIN, f32::max);
     }
 
-    /// Evidence for a voxel over all sides. One that saw it dark, since the structure hides itself
-    /// or glints elsewhere, contradicts the others only so far.
+    /// Evidence for a voxel over all sides.
     pub(crate) fn evidence(&self, voxel: usize) -> f32 {
-        let sides = self.sides.iter().filter_map(|side| side.evidence.as_ref());
-        sides
-            .map(|evidence| evidence[voxel].max(MOST_AGAINST))
-            .sum()
+        self.sides.iter().map(|side| side.evidence(voxel)).sum()
     }
 
     /// Adds one look to every voxel in its beam.
@@ -355,9 +388,9 @@ impl Block {
         let per_bin = 1.0 / look.bin_length_m;
         let drift = look.pose.drift_per_m;
         let gain = [0.0, DARK, LIT, SHADOWED].map(|ratio| ratio * past.weight);
-        let evidence = self.sides[side]
-            .evidence
-            .get_or_insert_with(|| Box::new([0.0; VOXELS]));
+        let Some(evidence) = self.sides[side].sums() else {
+            return 0;
+        };
         let mut work = 0;
         for row in 0..64 {
             let (j, k) = ((row % 8) as f32, (row / 8) as f32);
@@ -391,8 +424,8 @@ impl Block {
             let row_evidence = &mut evidence[row * 8..row * 8 + 8];
             for i in 0..8 {
                 if clear[i] > 0.0 && bin[i] >= 0.0 {
-                    let state = past.profile.state.get(bin[i] as usize).copied();
-                    row_evidence[i] += clear[i] * gain[state.unwrap_or(BinState::Blank) as usize];
+                    let state = past.profile.state.at(bin[i] as usize);
+                    row_evidence[i] += clear[i] * gain[state as usize];
                 }
             }
         }
@@ -409,11 +442,14 @@ mod tests {
         let mut evidence = Evidence::new(0.05);
         evidence.create([0, 0, 0]);
         let block = evidence.block_mut(0);
-        let seen_as = |ratio: f32| Some(Box::new([ratio; VOXELS]));
-        block.sides[0].evidence = seen_as(20.0);
-        block.sides[1].evidence = seen_as(-50.0);
+        let seen_as = |ratio: f32| Side::Seen(Box::new([ratio; VOXELS]));
+        block.sides[0] = seen_as(20.0);
+        block.sides[1] = seen_as(-50.0);
         assert!((block.evidence(0) - 18.0).abs() < 1e-6);
-        block.sides[0].evidence = seen_as(1.0);
+        block.take_stock();
+        assert!(block.sides[1].is_settled() && !block.sides[0].is_settled());
+        assert!((block.evidence(0) - 18.0).abs() < 1e-6);
+        block.sides[0] = seen_as(1.0);
         assert!(block.evidence(0) < 0.0);
     }
 

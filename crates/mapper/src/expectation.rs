@@ -12,6 +12,7 @@ use rayon::prelude::*;
 use crate::evidence::Evidence;
 use crate::gaussians::{Gaussians, Lobes};
 use crate::history::Past;
+use crate::tally::Tally;
 use crate::visibility::{Row, Sight};
 
 /// Sums are made per chunk and added in order, so that threads do not change them.
@@ -24,42 +25,65 @@ pub(crate) struct Scene<'a> {
     pub(crate) gaussians: &'a Gaussians,
     /// Least noise power to reckon with.
     pub(crate) floor: f32,
+    /// Whether looks are as blurred as their poses may be off.
+    pub(crate) is_blurred: bool,
 }
 
-/// Runs `each` over every ping's sight, in chunks; `add` joins the chunks' sums in order.
-pub(crate) fn over_pings<T: Send>(
+/// What is summed over pings for a Gaussian.
+pub(crate) trait Sum: Default + Clone + Send {
+    /// Adds what another chunk of pings found.
+    fn join(&mut self, part: &Self);
+}
+
+/// Nothing is summed.
+impl Sum for () {
+    fn join(&mut self, (): &Self) {}
+}
+
+/// Runs `each` over every ping's sight, in chunks with a scratch space `W` each; gives the sums per
+/// slot, added in the chunks' order, and pairs done.
+pub(crate) fn over_pings<T: Sum, W: Default>(
     scene: Scene<'_>,
     pings: &[&Past],
-    make: impl Fn() -> T + Sync,
-    each: impl Fn(&mut T, &Past, &Sight) + Sync,
-    mut add: impl FnMut(&mut T, T),
-) -> (T, u64) {
+    each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
+) -> (Vec<T>, u64) {
+    let slot_count = scene.gaussians.slot_count();
     let chunk = pings.len().div_ceil(CHUNKS).max(32);
-    let parts: Vec<(T, u64)> = pings
+    let parts: Vec<(Tally<T>, u64)> = pings
         .par_chunks(chunk)
         .map(|chunk| {
-            let (mut sums, mut sight, mut pairs) = (make(), Sight::default(), 0);
+            let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
+            let (mut sight, mut pairs) = (Sight::default(), 0);
             for past in chunk {
-                sight.look(past, scene.evidence, scene.gaussians, scene.floor);
-                each(&mut sums, past, &sight);
+                sight.look(past, scene);
+                each(&mut tally, &mut scratch, past, &sight);
                 pairs += sight.pair_count();
             }
-            (sums, pairs)
+            (tally, pairs)
         })
         .collect();
-    let (mut total, mut pairs) = (make(), 0);
+    let (mut total, mut pairs) = (vec![T::default(); slot_count], 0);
     for (part, part_pairs) in parts {
-        add(&mut total, part);
+        for (slot, sum) in part.sums() {
+            total[slot].join(sum);
+        }
         pairs += part_pairs;
     }
     (total, pairs)
 }
 
-/// Numerator and denominator of the multiplicative step, per slot and side.
-#[derive(Debug)]
+/// Numerator and denominator of the multiplicative step, per side.
+#[derive(Debug, Clone, Copy, Default)]
 struct StepSums {
-    pull: Vec<Lobes>,
-    weight: Vec<Lobes>,
+    pull: Lobes,
+    weight: Lobes,
+}
+
+impl Sum for StepSums {
+    fn join(&mut self, part: &Self) {
+        self.pull.add(&part.pull);
+        self.weight.add(&part.weight);
+    }
 }
 
 /// One multiplicative step over `pings`: for gamma speckle on power,
@@ -71,23 +95,16 @@ pub(crate) fn maximise(
     floor: f32,
     exponent: f32,
 ) -> u64 {
-    let count = gaussians.slot_count();
     let scene = Scene {
         evidence,
         gaussians,
         floor,
+        is_blurred: false,
     };
-    let make = || StepSums {
-        pull: vec![Lobes::default(); count],
-        weight: vec![Lobes::default(); count],
-    };
-    let add = |total: &mut StepSums, part: StepSums| {
-        add_all(&mut total.pull, &part.pull);
-        add_all(&mut total.weight, &part.weight);
-    };
-    let (sums, pairs) = over_pings(scene, pings, make, step_of_ping, add);
-    let steps = sums.pull.iter().zip(&sums.weight);
-    for (strength, (pull, weight)) in gaussians.strength.iter_mut().zip(steps) {
+    let (sums, pairs) = over_pings(scene, pings, |tally, (), past, sight| {
+        step_of_ping(tally, past, sight);
+    });
+    for (strength, StepSums { pull, weight }) in gaussians.strength.iter_mut().zip(&sums) {
         strength.ahead *= step(pull.ahead, weight.ahead, exponent);
         strength.behind *= step(pull.behind, weight.behind, exponent);
     }
@@ -107,21 +124,16 @@ fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
     )
 }
 
-fn step_of_ping(sums: &mut StepSums, past: &Past, sight: &Sight) {
+fn step_of_ping(tally: &mut Tally<StepSums>, past: &Past, sight: &Sight) {
     for row in sight.rows() {
         let (weight, pull) = sight.against_prediction(row);
         let towards = -row.splat.range_axis;
-        sums.pull[row.slot as usize].add_facing(towards, past.weight * pull);
-        sums.weight[row.slot as usize].add_facing(towards, past.weight * weight);
+        let sums = tally.of(row.slot);
+        sums.pull.add_facing(towards, past.weight * pull);
+        sums.weight.add_facing(towards, past.weight * weight);
     }
 }
 
-fn add_all(total: &mut [Lobes], part: &[Lobes]) {
-    for (total, part) in total.iter_mut().zip(part) {
-        total.ahead += part.ahead;
-        total.behind += part.behind;
-    }
-}
 /// Gradient and Fisher information of the log likelihood in the mean of one Gaussian.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Pull {
@@ -137,7 +149,9 @@ impl Pull {
         self.information.mixed +=
             Vec3::new(scaled.y * slope.z, scaled.x * slope.z, scaled.x * slope.y);
     }
+}
 
+impl Sum for Pull {
     fn join(&mut self, part: &Self) {
         self.gradient += part.gradient;
         self.information.diagonal += part.information.diagonal;
@@ -148,23 +162,11 @@ impl Pull {
 /// Gradient and information of every Gaussian's mean over `pings`, per slot, and pairs done.
 /// Likelihood: gamma speckle, `∂ = (I − Î)/Î² · ∂Î`, information `(∂Î/Î)²`.
 pub(crate) fn pulls(scene: Scene<'_>, pings: &[&Past]) -> (Vec<Pull>, u64) {
-    let count = scene.gaussians.slot_count();
-    over_pings(
-        scene,
-        pings,
-        || vec![Pull::default(); count],
-        |pulls, past, sight| {
-            for row in sight.rows() {
-                let slot = row.slot as usize;
-                pull_of_row(&mut pulls[slot], row, past, sight);
-            }
-        },
-        |total, part| {
-            for (total, part) in total.iter_mut().zip(&part) {
-                total.join(part);
-            }
-        },
-    )
+    over_pings(scene, pings, |tally, (), past, sight| {
+        for row in sight.rows() {
+            pull_of_row(tally.of(row.slot), row, past, sight);
+        }
+    })
 }
 
 fn pull_of_row(pull: &mut Pull, row: &Row, past: &Past, sight: &Sight) {
@@ -181,7 +183,7 @@ fn pull_of_row(pull: &mut Pull, row: &Row, past: &Past, sight: &Sight) {
         let z = (bin_center_m(&past.look, bin) - splat.range_m) / splat.range_sigma_m;
         let slope = splat.range_axis * (z / splat.range_sigma_m) + across;
         let relative = row.strength * energy / predicted;
-        let residual = (past.profile.intensity[bin] - predicted) / predicted;
+        let residual = (past.profile.intensity.at(bin) - predicted) / predicted;
         // One wild bin must not carry a Gaussian away.
         pull.add(slope * relative, residual.clamp(-1.0, 3.0), weight);
     }

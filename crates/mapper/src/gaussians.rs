@@ -60,6 +60,12 @@ impl Lobes {
         self.behind += Vec3::select(ahead, Vec3::ZERO, counts);
     }
 
+    /// Adds side by side.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.ahead += other.ahead;
+        self.behind += other.behind;
+    }
+
     /// Multiplies every side.
     pub(crate) fn scale(&mut self, factor: f32) {
         self.ahead *= factor;

@@ -1,7 +1,5 @@
 //! The pings the mapper still remembers, as looks with profiles, bounded.
 
-use std::sync::Arc;
-
 use echosplat_acoustics::{Look, LookPose};
 use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PosedPing, Timestamp};
@@ -14,11 +12,11 @@ use crate::profile::Profile;
 const FAN_SIGMAS: f32 = 3.0;
 
 /// One remembered ping.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub(crate) struct Past {
     pub(crate) look: Look,
     pub(crate) fan: Fan,
-    pub(crate) profile: Arc<Profile>,
+    pub(crate) profile: Profile,
     /// What the pose adds to `look`'s variances where places are only lit or dark.
     pub(crate) blur: PoseBlur,
     /// What it counts against a look that owes nothing to the ping before, 0 to 1.
@@ -28,11 +26,9 @@ pub(crate) struct Past {
 }
 
 impl Past {
-    /// The same ping with all that its pose blurs.
-    pub(crate) fn blurred(&self) -> Self {
-        let mut past = self.clone();
-        past.look = self.blur.of(self.look);
-        past
+    /// The look with all that its pose blurs.
+    pub(crate) fn blurred_look(&self) -> Look {
+        self.blur.of(self.look)
     }
 }
 
@@ -155,7 +151,7 @@ pub(crate) fn past_of(
         fan: Fan::of(&blur.of(look), FAN_SIGMAS),
         blur,
         look,
-        profile: Arc::new(profile),
+        profile,
         weight,
         sequence: posed.ping.sequence(),
         time: posed.ping.transmit_time(),

@@ -6,6 +6,7 @@
 //! configuration and budgets give the same bits at any number of threads.
 
 mod assess;
+mod compact;
 mod config;
 mod evidence;
 mod expectation;
@@ -15,6 +16,7 @@ mod history;
 mod mapper;
 mod profile;
 mod shape;
+mod tally;
 mod visibility;
 
 pub use config::{ConfigError, MapperConfig};

@@ -3,6 +3,7 @@
 use echosplat_model::Ping;
 
 use crate::MapperConfig;
+use crate::compact::{Powers, States};
 
 /// What one bin says of the places at its range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -18,15 +19,27 @@ pub(crate) enum BinState {
     Shadowed = 3,
 }
 
+impl BinState {
+    /// Of the lower two bits.
+    pub(crate) fn of_bits(bits: u8) -> Self {
+        match bits & 3 {
+            0 => Self::Blank,
+            1 => Self::Dark,
+            2 => Self::Lit,
+            _ => Self::Shadowed,
+        }
+    }
+}
+
 /// One ping's intensities and what they say, shapes `[bin_count]`.
 #[derive(Debug, Clone)]
 pub(crate) struct Profile {
     /// Linear power as the ping has it.
-    pub(crate) intensity: Vec<f32>,
+    pub(crate) intensity: Powers,
     /// What each bin says, echoes widened by the localisation error.
-    pub(crate) state: Vec<BinState>,
+    pub(crate) state: States,
     /// Runs of bins above the threshold, half-open, not widened.
-    pub(crate) echoes: Vec<(u32, u32)>,
+    pub(crate) echoes: Box<[(u32, u32)]>,
     /// Mean power of the noise in this ping.
     pub(crate) noise: f32,
 }
@@ -73,9 +86,9 @@ impl Levels {
         let widen = (tolerance_m / bin_length_m).ceil() as usize;
         let shadow = (SHADOW_LENGTH_M / bin_length_m) as usize;
         Profile {
-            intensity: ping.intensity().to_vec(),
+            intensity: Powers::of(ping.intensity()),
             state: states(settings.bin_count, blank, &echoes, widen, shadow),
-            echoes,
+            echoes: echoes.into(),
             noise,
         }
     }
@@ -83,9 +96,9 @@ impl Levels {
     /// A ping that is no evidence of anything, and from which nothing is learnt.
     fn deaf(&self, ping: &Ping) -> Profile {
         Profile {
-            intensity: ping.intensity().to_vec(),
-            state: vec![BinState::Blank; ping.settings().bin_count],
-            echoes: Vec::new(),
+            intensity: Powers::of(ping.intensity()),
+            state: States::of(&vec![BinState::Blank; ping.settings().bin_count]),
+            echoes: Box::default(),
             noise: self.noise.unwrap_or(f32::MIN_POSITIVE),
         }
     }
@@ -148,7 +161,7 @@ fn states(
     echoes: &[(u32, u32)],
     widen: usize,
     shadow: usize,
-) -> Vec<BinState> {
+) -> States {
     let mut states = vec![BinState::Dark; bin_count];
     for &(_, end) in echoes {
         let end = end as usize;
@@ -159,7 +172,7 @@ fn states(
         states[first..(end as usize + widen).min(bin_count)].fill(BinState::Lit);
     }
     states[..blank].fill(BinState::Blank);
-    states
+    States::of(&states)
 }
 
 #[cfg(test)]
@@ -193,8 +206,8 @@ mod tests {
         let profile = levels.profile(&ping(noise(600)), 0.04, &MapperConfig::default());
         assert!((profile.noise - 1.0).abs() < 0.05, "{}", profile.noise);
         assert!(profile.echoes.is_empty());
-        assert_eq!(profile.state[24], BinState::Blank);
-        assert_eq!(profile.state[25], BinState::Dark);
+        assert_eq!(profile.state.at(24), BinState::Blank);
+        assert_eq!(profile.state.at(25), BinState::Dark);
     }
 
     #[test]
@@ -203,8 +216,8 @@ mod tests {
         intensity[300] = 1000.0;
         intensity[301] = 500.0;
         let profile = Levels::default().profile(&ping(intensity), 0.04, &MapperConfig::default());
-        assert_eq!(profile.echoes, [(300, 302)]);
-        let state = |bin: usize| profile.state[bin];
+        assert_eq!(*profile.echoes, [(300, 302)]);
+        let state = |bin: usize| profile.state.at(bin);
         assert_eq!((state(297), state(298)), (BinState::Dark, BinState::Lit));
         assert_eq!(
             (state(303), state(304)),
@@ -224,7 +237,7 @@ mod tests {
         }
         let echoes = (0..600).map(|bin| 1000.0 + bin as f32).collect();
         let full = levels.profile(&ping(echoes), 0.04, &MapperConfig::default());
-        assert_eq!(full.echoes, [(25, 600)]);
+        assert_eq!(*full.echoes, [(25, 600)]);
     }
 
     #[test]
@@ -236,7 +249,7 @@ mod tests {
         for power in [vec![1000.0; 600], clipped] {
             let profile = levels.profile(&ping(power), 0.04, &MapperConfig::default());
             assert!(profile.echoes.is_empty());
-            assert!(profile.state.iter().all(|&state| state == BinState::Blank));
+            assert!(profile.state.iter().all(|state| state == BinState::Blank));
             assert!(profile.noise < 2.0);
         }
         assert!(levels.strongest() < 100.0);

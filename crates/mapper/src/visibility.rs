@@ -3,9 +3,9 @@
 
 use std::ops::Range;
 
-use echosplat_acoustics::Splat;
+use echosplat_acoustics::{Look, Splat};
 
-use crate::evidence::Evidence;
+use crate::expectation::Scene;
 use crate::gaussians::Gaussians;
 use crate::history::Past;
 use crate::profile::BinState;
@@ -39,27 +39,24 @@ pub(crate) struct Sight {
 const SHADOWED_WEIGHT: f32 = 0.15;
 
 impl Sight {
-    /// Fills in what `past` sees; `floor` is the least noise power to reckon with.
-    pub(crate) fn look(
-        &mut self,
-        past: &Past,
-        evidence: &Evidence,
-        gaussians: &Gaussians,
-        floor: f32,
-    ) {
+    /// Fills in what `past` sees of the scene.
+    pub(crate) fn look(&mut self, past: &Past, scene: Scene<'_>) {
         self.rows.clear();
         self.energies.clear();
-        evidence.blocks_in(past, |block| {
+        let look = match scene.is_blurred {
+            true => past.blurred_look(),
+            false => past.look,
+        };
+        scene.evidence.blocks_in(past, |block| {
             for &(_, slot) in &block.gaussians {
-                self.add(past, slot, gaussians);
+                self.add(&look, slot, scene.gaussians);
             }
         });
-        self.predict(past, floor);
+        self.predict(past, scene.floor);
     }
 
-    fn add(&mut self, past: &Past, slot: u32, gaussians: &Gaussians) {
+    fn add(&mut self, look: &Look, slot: u32, gaussians: &Gaussians) {
         let s = slot as usize;
-        let look = &past.look;
         let Some(splat) = look.project(gaussians.mean_m[s], &gaussians.covariance_m2[s]) else {
             return;
         };
@@ -101,7 +98,7 @@ impl Sight {
             .predicted
             .iter()
             .zip(&self.bin_weight)
-            .zip(&profile.intensity);
+            .zip(profile.intensity.iter());
         self.per_predicted.clear();
         self.per_predicted
             .extend(bins.map(|((predicted, weight), intensity)| {

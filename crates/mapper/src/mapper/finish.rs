@@ -75,8 +75,8 @@ impl Mapper {
         let pings = self.history.pings();
         let sample: Vec<&Past> = pings.iter().step_by(pings.len() / 64 + 1).collect();
         let scene = self.scene(world);
-        let count = || over_pings(scene, &sample, || (), |(), _, _| (), |(), ()| ());
-        let ((), pairs) = self.pool.install(count);
+        let count = || over_pings::<(), ()>(scene, &sample, |_, (), _, _| ());
+        let (_, pairs) = self.pool.install(count);
         pairs as f64 / sample.len().max(1) as f64
     }
 

@@ -189,7 +189,7 @@ impl Mapper {
         let range_sigma_m = (look.range_variance_m2 + blur.range_variance_m2).sqrt();
         let tolerance_m = 0.45 * world.evidence.voxel_m() + 1.5 * range_sigma_m;
         let profile = self.levels.profile(&posed.ping, tolerance_m.into(), config);
-        self.learn_unit_strength(&look, &profile.intensity, &profile.echoes);
+        self.learn_unit_strength(&look, posed.ping.intensity(), &profile.echoes);
         let weight = match posed.ping.view() {
             Some(_) => 1.0,
             None => novelty(&look, self.last_look.as_ref()),
@@ -294,6 +294,7 @@ impl Mapper {
             evidence: &world.evidence,
             gaussians: &self.gaussians,
             floor: self.floor(),
+            is_blurred: false,
         }
     }
 
@@ -315,10 +316,7 @@ impl Mapper {
     fn assess_every(&mut self, stride: usize) {
         let floor = self.floor();
         let Some(world) = &self.world else { return };
-        // What is asserted has to stand however far the poses may be off.
-        let pings = self.history.pings().iter().step_by(stride);
-        let pings: Vec<Past> = pings.map(Past::blurred).collect();
-        let pings: Vec<&Past> = pings.iter().collect();
+        let pings: Vec<&Past> = self.history.pings().iter().step_by(stride).collect();
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
         let config = &self.config;
         self.status.pairs += self
