@@ -1,7 +1,7 @@
 //! (14) to (19) for one ping, and the splat that the `online` measurement makes of a Gaussian.
 
 use echosplat_model::glam::{Mat3, Vec3};
-use fearless_simd::{Level, dispatch};
+use fearless_simd::{Level, Simd, dispatch};
 
 use crate::{Beam, online};
 
@@ -243,6 +243,18 @@ impl Look {
     /// `energy · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]`.
     pub fn spread(&self, splat: &Splat, bins: std::ops::Range<usize>, energies: &mut Vec<f32>) {
         dispatch!(Level::new(), simd => online::spread::append(simd, self, splat, bins, energies));
+    }
+
+    /// [`Self::spread`] inside a kernel.
+    #[inline(always)]
+    pub fn spread_with<S: Simd>(
+        &self,
+        simd: S,
+        splat: &Splat,
+        bins: std::ops::Range<usize>,
+        energies: &mut Vec<f32>,
+    ) {
+        online::spread::append(simd, self, splat, bins, energies);
     }
 }
 

@@ -16,6 +16,7 @@ impl Powers {
         self.0.len()
     }
 
+    #[cfg(test)]
     pub(crate) fn at(&self, bin: usize) -> f32 {
         whole(self.0[bin])
     }

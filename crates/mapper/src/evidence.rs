@@ -215,29 +215,26 @@ impl Evidence {
         touched
     }
 
-    /// Blocks in a ping's slice, in a fixed order.
-    pub(crate) fn blocks_in(&self, past: &Past, mut each: impl FnMut(&Block)) {
-        let block_radius_m = self.block_radius_m();
-        let tile_radius_m = block_radius_m * TILE_EDGE as f32;
-        for tile in &self.tiles {
-            if !past.fan.touches(tile.center_m, tile_radius_m) {
-                continue;
-            }
-            for &index in &tile.blocks {
-                let block = &self.blocks[index as usize];
-                if !block.gaussians.is_empty()
-                    && past
-                        .fan
-                        .touches(block.center_m(self.voxel_m), block_radius_m)
-                {
-                    each(block);
-                }
-            }
-        }
+    /// Tiles by their centres, with their blocks, in a fixed order.
+    pub(crate) fn tiles(&self) -> impl Iterator<Item = (Vec3, impl Iterator<Item = &Block>)> {
+        self.tiles.iter().map(|tile| {
+            let blocks = tile.blocks.iter().map(|&index| self.block(index));
+            (tile.center_m, blocks)
+        })
     }
 
-    fn block_radius_m(&self) -> f32 {
+    pub(crate) fn center_of(&self, block: &Block) -> Vec3 {
+        block.center_m(self.voxel_m)
+    }
+
+    /// Of the sphere around a block.
+    pub(crate) fn block_radius_m(&self) -> f32 {
         0.5 * 3f32.sqrt() * self.voxel_m * BLOCK_EDGE as f32
+    }
+
+    /// Of the sphere around a tile.
+    pub(crate) fn tile_radius_m(&self) -> f32 {
+        self.block_radius_m() * TILE_EDGE as f32
     }
 
     /// Takes the blocks touched since last asked, in order of index.

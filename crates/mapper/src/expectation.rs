@@ -5,15 +5,16 @@
 //!
 //! Cost of a pass: pings × Gaussians in a slice (about 100) × bins of a splat (about 12).
 
-use echosplat_acoustics::{Look, SymmetricMat3};
+use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::evidence::Evidence;
+use crate::field::Field;
 use crate::gaussians::{Gaussians, Lobes};
 use crate::history::Past;
 use crate::tally::Tally;
-use crate::visibility::{Row, Sight};
+use crate::visibility::{Against, Moments, Row, Sight};
 
 /// Sums are made per chunk and added in order, so that threads do not change them.
 const CHUNKS: usize = 16;
@@ -48,6 +49,7 @@ pub(crate) fn over_pings<T: Sum, W: Default>(
     each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
 ) -> (Vec<T>, u64) {
     let slot_count = scene.gaussians.slot_count();
+    let field = Field::of(scene.evidence, scene.gaussians);
     let chunk = pings.len().div_ceil(CHUNKS).max(32);
     let parts: Vec<(Tally<T>, u64)> = pings
         .par_chunks(chunk)
@@ -55,7 +57,7 @@ pub(crate) fn over_pings<T: Sum, W: Default>(
             let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
             let (mut sight, mut pairs) = (Sight::default(), 0);
             for past in chunk {
-                sight.look(past, scene);
+                sight.look(past, scene, &field);
                 each(&mut tally, &mut scratch, past, &sight);
                 pairs += sight.pair_count();
             }
@@ -101,8 +103,8 @@ pub(crate) fn maximise(
         floor,
         is_blurred: false,
     };
-    let (sums, pairs) = over_pings(scene, pings, |tally, (), past, sight| {
-        step_of_ping(tally, past, sight);
+    let (sums, pairs) = over_pings(scene, pings, |tally, against, past, sight| {
+        step_of_ping(tally, against, past, sight);
     });
     for (strength, StepSums { pull, weight }) in gaussians.strength.iter_mut().zip(&sums) {
         strength.ahead *= step(pull.ahead, weight.ahead, exponent);
@@ -124,13 +126,18 @@ fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
     )
 }
 
-fn step_of_ping(tally: &mut Tally<StepSums>, past: &Past, sight: &Sight) {
-    for row in sight.rows() {
-        let (weight, pull) = sight.against_prediction(row);
+fn step_of_ping(
+    tally: &mut Tally<StepSums>,
+    against: &mut Vec<Against>,
+    past: &Past,
+    sight: &Sight,
+) {
+    sight.against_prediction(against);
+    for (row, against) in sight.rows().iter().zip(against) {
         let towards = -row.splat.range_axis;
         let sums = tally.of(row.slot);
-        sums.pull.add_facing(towards, past.weight * pull);
-        sums.weight.add_facing(towards, past.weight * weight);
+        sums.pull.add_facing(towards, past.weight * against.pull);
+        sums.weight.add_facing(towards, past.weight * against.share);
     }
 }
 
@@ -142,12 +149,23 @@ pub(crate) struct Pull {
 }
 
 impl Pull {
-    fn add(&mut self, slope: Vec3, residual: f32, weight: f32) {
-        self.gradient += slope * (weight * residual);
-        let scaled = slope * weight;
-        self.information.diagonal += scaled * slope;
-        self.information.mixed +=
-            Vec3::new(scaled.y * slope.z, scaled.x * slope.z, scaled.x * slope.y);
+    /// Adds a row of a ping: a mean moves its echo in range and across the beam.
+    pub(crate) fn add(&mut self, row: &Row, moments: &Moments, weight: f32) {
+        let splat = &row.splat;
+        let lever = splat.azimuth_variance_rad2 * splat.lever_m;
+        let across = splat.azimuth_axis * (-splat.azimuth_rad / lever);
+        let along = splat.range_axis / splat.range_sigma_m;
+        let [flat, tilt, bend] = moments.square.map(|sum| weight * sum);
+        let [pull, push] = moments.residual.map(|sum| weight * sum);
+        self.gradient += along * push + across * pull;
+        let (by_along, by_across) = (along * bend + across * tilt, along * tilt + across * flat);
+        let information = &mut self.information;
+        information.diagonal += by_along * along + by_across * across;
+        information.mixed += Vec3::new(
+            by_along.y * along.z + by_across.y * across.z,
+            by_along.x * along.z + by_across.x * across.z,
+            by_along.x * along.y + by_across.x * across.y,
+        );
     }
 }
 
@@ -162,35 +180,16 @@ impl Sum for Pull {
 /// Gradient and information of every Gaussian's mean over `pings`, per slot, and pairs done.
 /// Likelihood: gamma speckle, `∂ = (I − Î)/Î² · ∂Î`, information `(∂Î/Î)²`.
 pub(crate) fn pulls(scene: Scene<'_>, pings: &[&Past]) -> (Vec<Pull>, u64) {
-    over_pings(scene, pings, |tally, (), past, sight| {
-        for row in sight.rows() {
-            pull_of_row(tally.of(row.slot), row, past, sight);
-        }
-    })
-}
-
-fn pull_of_row(pull: &mut Pull, row: &Row, past: &Past, sight: &Sight) {
-    let splat = &row.splat;
-    let across =
-        splat.azimuth_axis * (-splat.azimuth_rad / (splat.azimuth_variance_rad2 * splat.lever_m));
-    let bins = row.bins.start as usize..row.bins.end as usize;
-    for (bin, &energy) in bins.zip(sight.energies(row)) {
-        let predicted = sight.predicted[bin];
-        let weight = past.weight * sight.bin_weight[bin];
-        if !(weight > 0.0) {
-            continue;
-        }
-        let z = (bin_center_m(&past.look, bin) - splat.range_m) / splat.range_sigma_m;
-        let slope = splat.range_axis * (z / splat.range_sigma_m) + across;
-        let relative = row.strength * energy / predicted;
-        let residual = (past.profile.intensity.at(bin) - predicted) / predicted;
-        // One wild bin must not carry a Gaussian away.
-        pull.add(slope * relative, residual.clamp(-1.0, 3.0), weight);
-    }
-}
-
-fn bin_center_m(look: &Look, bin: usize) -> f32 {
-    look.range_start_m + look.bin_length_m * (bin as f32 + 0.5)
+    over_pings(
+        scene,
+        pings,
+        |tally: &mut Tally<Pull>, moments, past, sight| {
+            sight.moments(&past.look, moments);
+            for (row, moments) in sight.rows().iter().zip(moments) {
+                tally.of(row.slot).add(row, moments, past.weight);
+            }
+        },
+    )
 }
 
 /// Moves every mean by one damped step towards where its echoes are, at most `limit_m`, and never

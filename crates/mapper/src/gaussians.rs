@@ -35,16 +35,11 @@ impl Lobes {
         }
     }
 
-    /// Strength of the three sides that face along `towards`, and what each counts.
-    pub(crate) fn facing(&self, towards: Vec3) -> (Vec3, Vec3) {
-        let faces = Vec3::select(towards.cmpge(Vec3::ZERO), self.ahead, self.behind);
-        (faces, towards * towards)
-    }
-
     /// Strength seen along `towards`.
+    #[cfg(test)]
     pub(crate) fn seen(&self, towards: Vec3) -> f32 {
-        let (faces, counts) = self.facing(towards);
-        faces.dot(counts)
+        let faces = Vec3::select(towards.cmpge(Vec3::ZERO), self.ahead, self.behind);
+        faces.dot(towards * towards)
     }
 
     /// Strength of the strongest side.

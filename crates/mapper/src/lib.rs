@@ -11,11 +11,13 @@ mod config;
 mod evidence;
 mod expectation;
 mod fan;
+mod field;
 mod gaussians;
 mod history;
 mod mapper;
 mod profile;
 mod shape;
+mod splats;
 mod tally;
 mod visibility;
 

@@ -1,0 +1,126 @@
+//! The Gaussians of a pass side by side, block by block, as kernels read them.
+
+use std::ops::Range;
+
+use echosplat_acoustics::lanes::LANES;
+use echosplat_model::glam::Vec3;
+
+use crate::evidence::Evidence;
+use crate::fan::Fan;
+use crate::gaussians::Gaussians;
+
+/// Numbers per Gaussian: mean, covariance (xx, yy, zz, yz, xz, xy), strength ahead and behind.
+pub(crate) const NUMBERS: usize = 15;
+
+/// Gaussians that lie together.
+#[derive(Debug)]
+struct Group {
+    center_m: Vec3,
+    /// Of the groups inside, or of the Gaussians.
+    members: Range<usize>,
+}
+
+/// Copies of what a ping needs to know of each Gaussian, one array per number.
+#[derive(Debug, Default)]
+pub(crate) struct Field {
+    tiles: Vec<Group>,
+    blocks: Vec<Group>,
+    tile_radius_m: f32,
+    block_radius_m: f32,
+    slots: Vec<u32>,
+    /// Shape `[NUMBERS][Gaussians + LANES]`.
+    numbers: [Vec<f32>; NUMBERS],
+}
+
+impl Field {
+    /// Cost: 16 numbers for each Gaussian held.
+    pub(crate) fn of(evidence: &Evidence, gaussians: &Gaussians) -> Self {
+        let mut field = Self {
+            tile_radius_m: evidence.tile_radius_m(),
+            block_radius_m: evidence.block_radius_m(),
+            ..Self::default()
+        };
+        for (tile_center_m, blocks) in evidence.tiles() {
+            let first = field.blocks.len();
+            for block in blocks.filter(|block| !block.gaussians.is_empty()) {
+                let start = field.slots.len();
+                let slots = block.gaussians.iter().map(|&(_, slot)| slot);
+                field.slots.extend(slots);
+                field.blocks.push(Group {
+                    center_m: evidence.center_of(block),
+                    members: start..field.slots.len(),
+                });
+            }
+            if field.blocks.len() > first {
+                field.tiles.push(Group {
+                    center_m: tile_center_m,
+                    members: first..field.blocks.len(),
+                });
+            }
+        }
+        field.copy(gaussians);
+        field
+    }
+
+    /// One block of all there are.
+    #[cfg(test)]
+    pub(crate) fn of_all(gaussians: &Gaussians) -> Self {
+        let mut field = Self {
+            slots: gaussians.slots().map(|slot| slot as u32).collect(),
+            ..Self::default()
+        };
+        field.copy(gaussians);
+        field
+    }
+
+    fn copy(&mut self, gaussians: &Gaussians) {
+        for numbers in &mut self.numbers {
+            numbers.reserve_exact(self.slots.len() + LANES);
+        }
+        for &slot in &self.slots {
+            let s = slot as usize;
+            let covariance = &gaussians.covariance_m2[s];
+            let strength = &gaussians.strength[s];
+            let triples = [
+                gaussians.mean_m[s],
+                covariance.diagonal,
+                covariance.mixed,
+                strength.ahead,
+                strength.behind,
+            ];
+            for (numbers, triple) in self.numbers.chunks_exact_mut(3).zip(triples) {
+                for (numbers, number) in numbers.iter_mut().zip(triple.to_array()) {
+                    numbers.push(number);
+                }
+            }
+        }
+        // Eight at a time may read beyond the last.
+        for numbers in &mut self.numbers {
+            numbers.resize(self.slots.len() + LANES, 0.0);
+        }
+    }
+
+    pub(crate) fn numbers(&self) -> &[Vec<f32>; NUMBERS] {
+        &self.numbers
+    }
+
+    /// Slot of the Gaussian at a place of the arrays.
+    pub(crate) fn slot(&self, place: u32) -> u32 {
+        self.slots[place as usize]
+    }
+
+    /// Finds the places of the arrays that a fan may see, block by block.
+    pub(crate) fn in_fan(&self, fan: &Fan, found: &mut Vec<Range<usize>>) {
+        found.clear();
+        for tile in &self.tiles {
+            if !fan.touches(tile.center_m, self.tile_radius_m) {
+                continue;
+            }
+            for block in &self.blocks[tile.members.clone()] {
+                if fan.touches(block.center_m, self.block_radius_m) {
+                    found.push(block.members.clone());
+                }
+            }
+        }
+    }
+}
