@@ -2,13 +2,14 @@
 //! echoes and the looks fix its position; else it is ambiguous, or explained away by others.
 
 use echosplat_model::Standing;
+use echosplat_model::glam::Vec3;
 
 use crate::MapperConfig;
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, Sum, over_pings, pulls};
 use crate::gaussians::{Gaussians, Verdict};
 use crate::history::Past;
-use crate::profile::BinState;
+use crate::shade::Shade;
 use crate::shape::{Neighbours, eigen};
 use crate::tally::Tally;
 use crate::visibility::{Row, Sight};
@@ -16,31 +17,62 @@ use crate::visibility::{Row, Sight};
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
 /// Least number of independent lit looks. At the rim of what a dive saw, a handful agree by chance.
-const LEAST_LOOKS: f32 = 16.0;
+const LEAST_LOOKS: f32 = 8.0;
+/// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
+const LEAST_CLEAR_SHARE: f32 = 0.15;
+/// Most part of its lit looks that pass through another surface: what is behind an opaque one is
+/// its ghost.
+const MOST_HIDDEN_SHARE: f32 = 0.5;
+/// A mirror image this near is the same place; farther ones have to scatter by this much.
+const HARMLESS_MIRROR_M: f32 = 0.2;
+const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
 /// Below this part of what the best place on its arcs explains, a Gaussian is explained away. Where
 /// all places explain alike nothing is: they are ambiguous together.
 const LEAST_RIVALRY: f32 = 0.15;
 /// Below this part of the strongest strength around it, it is the tail of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
 
+/// Least number of whole confident Gaussians within so many voxels, itself included.
+const LEAST_COMPANY: f32 = 3.0;
+const COMPANY_VOXELS: f32 = 3.0;
+
+const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
+
 /// What was seen of one Gaussian over all looks that lit it.
 #[derive(Debug, Clone, Copy, Default)]
 struct Account {
     /// Independent lit looks.
     looks: f32,
-    /// Sum over looks of the part of the echo that comes from its surroundings.
-    share: f32,
+    /// Of these, looks past a confident surface that should hide it.
+    hidden_looks: f32,
+    /// Of all, looks whose echo comes from its surroundings alone, or nearly.
+    clear_looks: f32,
     /// Sum over looks of what its surroundings explain against the best place on the same arc.
     rivalry: f32,
+    /// Sums over looks of its mirror image above or below the beam's axis, metres from the
+    /// Gaussian's home, and of its square.
+    mirror_m: Vec3,
+    mirror_m2: f32,
 }
 
 impl Account {
+    /// Whether the looks tell the place from its mirror image: it is too near to matter, or each
+    /// look has it elsewhere.
+    fn tells_from_mirror(&self) -> bool {
+        let mean_m = self.mirror_m / self.looks;
+        let spread_m2 = self.mirror_m2 / self.looks - mean_m.length_squared();
+        mean_m.length() < HARMLESS_MIRROR_M || spread_m2 > LEAST_MIRROR_SPREAD_M.powi(2)
+    }
+
     /// As if each look had been made so many times.
     fn times(self, count: f32) -> Self {
         Self {
             looks: self.looks * count,
-            share: self.share * count,
+            hidden_looks: self.hidden_looks * count,
+            clear_looks: self.clear_looks * count,
             rivalry: self.rivalry * count,
+            mirror_m: self.mirror_m * count,
+            mirror_m2: self.mirror_m2 * count,
         }
     }
 }
@@ -48,8 +80,11 @@ impl Account {
 impl Sum for Account {
     fn join(&mut self, part: &Self) {
         self.looks += part.looks;
-        self.share += part.share;
+        self.hidden_looks += part.hidden_looks;
+        self.clear_looks += part.clear_looks;
         self.rivalry += part.rivalry;
+        self.mirror_m += part.mirror_m;
+        self.mirror_m2 += part.mirror_m2;
     }
 }
 
@@ -70,8 +105,11 @@ pub(crate) fn assess(
         // What is asserted has to stand however far the poses may be off.
         is_blurred: true,
     };
-    let radius_m = SURROUNDINGS_VOXELS * evidence.voxel_m();
-    let (accounts, account_pairs) = accounts(scene, pings, radius_m);
+    let rule = Rule {
+        radius_m: SURROUNDINGS_VOXELS * evidence.voxel_m(),
+        clear_share: config.confident_share,
+    };
+    let (accounts, account_pairs) = accounts(scene, pings, rule);
     let (pulls, pull_pairs) = pulls(scene, pings);
     let peaks = strongest_around(gaussians, 2.5 * evidence.voxel_m());
     let slots: Vec<usize> = gaussians.slots().collect();
@@ -89,17 +127,38 @@ pub(crate) fn assess(
             config,
         );
     }
+    doubt_strays(gaussians, evidence.voxel_m());
     account_pairs + pull_pairs
 }
 
+/// A confident Gaussian has company: a surface fills more than one place.
+fn doubt_strays(gaussians: &mut Gaussians, voxel_m: f32) {
+    let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
+    let reach_m = COMPANY_VOXELS * voxel_m;
+    let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
+    let is_stray = |&slot: &usize| {
+        let mut company = 0.0;
+        neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
+            company += gaussians.part[other];
+        });
+        company < LEAST_COMPANY
+    };
+    let confident = gaussians.slots().filter(|&slot| is_confident(slot));
+    let strays: Vec<usize> = confident.filter(is_stray).collect();
+    for slot in strays {
+        gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
+    }
+}
+
 fn verdict(account: Account, relative: f32, sigma_m: f32, config: &MapperConfig) -> Verdict {
-    let share = account.share / account.looks;
     let rivalry = account.rivalry / account.looks;
     if !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH) {
         return Verdict::ExplainedAway;
     }
-    let sure = account.looks >= LEAST_LOOKS
-        && share >= config.confident_share
+    let sure = account.clear_looks >= LEAST_LOOKS
+        && account.clear_looks >= LEAST_CLEAR_SHARE * account.looks
+        && account.hidden_looks <= MOST_HIDDEN_SHARE * account.looks
+        && account.tells_from_mirror()
         && sigma_m <= config.confident_sigma_m;
     Verdict::Published(if sure {
         Standing::Confident
@@ -108,38 +167,67 @@ fn verdict(account: Account, relative: f32, sigma_m: f32, config: &MapperConfig)
     })
 }
 
-fn accounts(scene: Scene<'_>, pings: &[&Past], radius_m: f32) -> (Vec<Account>, u64) {
-    over_pings(scene, pings, |tally, arcs, past, sight| {
-        account_ping(tally, past, sight, arcs, radius_m);
+fn accounts(scene: Scene<'_>, pings: &[&Past], rule: Rule) -> (Vec<Account>, u64) {
+    let verdicts = &scene.gaussians.verdict;
+    over_pings(scene, pings, |tally, desk: &mut Desk, past, sight| {
+        desk.enter(tally, past, sight, verdicts, rule);
     })
 }
 
-/// For every Gaussian near the beam's axis: which part of the echo in its own bin comes from
-/// within `radius_m` of it. In one bin of a narrow beam a place is its position along the arc, so
-/// the surroundings are the steps of the arc next to it.
-fn account_ping(
-    tally: &mut Tally<Account>,
-    past: &Past,
-    sight: &Sight,
-    arcs: &mut Arcs,
+/// What is asked of every look.
+#[derive(Debug, Clone, Copy)]
+struct Rule {
+    /// Surroundings of a Gaussian.
     radius_m: f32,
-) {
-    arcs.fill(sight, past, 0.5 * radius_m);
-    for row in sight.rows() {
-        let splat = &row.splat;
-        let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
-        let range_bins = (splat.range_m - past.look.range_start_m) / past.look.bin_length_m;
-        let bin = range_bins as usize;
-        let lit = past.profile.state.at(bin) == BinState::Lit;
-        if !lit || !(off < 1.5) {
-            continue;
+    /// Least share of an echo that makes a look clear.
+    clear_share: f32,
+}
+
+/// Room to work in.
+#[derive(Debug, Default)]
+struct Desk {
+    arcs: Arcs,
+    shade: Shade,
+}
+
+impl Desk {
+    /// For every Gaussian near the beam's axis: which part of the echo in its own bin comes from
+    /// its surroundings. In one bin of a narrow beam a place is its position along the arc, so
+    /// these are the steps of the arc next to it.
+    fn enter(
+        &mut self,
+        tally: &mut Tally<Account>,
+        past: &Past,
+        sight: &Sight,
+        verdicts: &[Verdict],
+        rule: Rule,
+    ) {
+        let Self { arcs, shade } = self;
+        arcs.fill(sight, past, 0.5 * rule.radius_m);
+        let confident = |row: &&Row| verdicts[row.slot as usize] == CONFIDENT;
+        shade.fill(&past.look, sight.rows().iter().filter(confident));
+        for row in sight.rows() {
+            let splat = &row.splat;
+            let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
+            let range_bins = (splat.range_m - past.look.range_start_m) / past.look.bin_length_m;
+            let bin = range_bins as usize;
+            if !(past.profile.is_lit(bin) && off < 1.5) {
+                continue;
+            }
+            let looks = past.weight * (1.0 - off / 1.5);
+            let near = arcs.around(bin, arcs.step_of(row));
+            let below_m = 2.0 * splat.range_m * splat.elevation_rad.sin();
+            let mirror_m = past.look.pose.axes.z_axis * -below_m;
+            let if_so = |so: bool| if so { looks } else { 0.0 };
+            tally.of(row.slot).join(&Account {
+                looks,
+                hidden_looks: if_so(shade.hides(row)),
+                clear_looks: if_so(near > rule.clear_share * sight.predicted[bin]),
+                rivalry: looks * near / arcs.best(bin).max(f32::MIN_POSITIVE),
+                mirror_m: mirror_m * looks,
+                mirror_m2: mirror_m.length_squared() * looks,
+            });
         }
-        let looks = past.weight * (1.0 - off / 1.5);
-        let near = arcs.around(bin, arcs.step_of(row));
-        let account = tally.of(row.slot);
-        account.looks += looks;
-        account.share += looks * near / sight.predicted[bin];
-        account.rivalry += looks * near / arcs.best(bin).max(f32::MIN_POSITIVE);
     }
 }
 

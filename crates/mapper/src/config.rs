@@ -54,7 +54,7 @@ impl Default for MapperConfig {
             dynamic_range_db: 30.0,
             slice_pings: 8,
             history_pings: 65_536,
-            spawn_evidence: 6.0,
+            spawn_evidence: 4.5,
             finish_passes: 16,
             finish_pairs: 1_500_000_000,
             confident_share: 0.6,

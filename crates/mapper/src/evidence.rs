@@ -198,6 +198,23 @@ impl Evidence {
             .sum()
     }
 
+    /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
+    pub(crate) fn integrate_anew(&mut self, history: &[Past]) -> u64 {
+        for key in self.wanted(history) {
+            self.create(key);
+        }
+        let voxel_m = self.voxel_m;
+        let blocks = self.blocks.par_iter_mut().with_min_len(16);
+        blocks
+            .map(|block| {
+                block.sides = Default::default();
+                block.best = 0.0;
+                block.touched = true;
+                block.integrate(history, voxel_m)
+            })
+            .sum()
+    }
+
     /// Blocks that any look of the slice may see, through the tiles.
     fn touched_by(&self, slice: &[Past]) -> Vec<bool> {
         let radius_m = 0.5 * 3f32.sqrt() * self.voxel_m * (BLOCK_EDGE * TILE_EDGE) as f32;

@@ -23,6 +23,8 @@ pub(crate) struct Past {
     pub(crate) weight: f32,
     pub(crate) sequence: u64,
     pub(crate) time: Timestamp,
+    /// Brightness of the seabed by this ping's gain.
+    pub(crate) brightness: f32,
 }
 
 impl Past {
@@ -66,6 +68,10 @@ impl History {
             index > half || index % 2 == 0
         });
         self.thinned += (before - self.pings.len()) as u64;
+    }
+
+    pub(crate) fn pings_mut(&mut self) -> &mut [Past] {
+        &mut self.pings
     }
 
     pub(crate) fn pings(&self) -> &[Past] {
@@ -145,6 +151,7 @@ pub(crate) fn past_of(
     blur: PoseBlur,
     profile: Profile,
     weight: f32,
+    brightness: f32,
     posed: &PosedPing,
 ) -> Past {
     Past {
@@ -155,6 +162,7 @@ pub(crate) fn past_of(
         weight,
         sequence: posed.ping.sequence(),
         time: posed.ping.transmit_time(),
+        brightness,
     }
 }
 

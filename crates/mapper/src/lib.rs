@@ -16,6 +16,8 @@ mod gaussians;
 mod history;
 mod mapper;
 mod profile;
+mod seabed;
+mod shade;
 mod shape;
 mod splats;
 mod tally;

@@ -42,7 +42,70 @@ pub(crate) struct Profile {
     pub(crate) echoes: Box<[(u32, u32)]>,
     /// Mean power of the noise in this ping.
     pub(crate) noise: f32,
+    /// What the seabed sends back, as thought; empty where none is known.
+    pub(crate) ground: Powers,
+    /// Strongest power of late.
+    strongest: f32,
+    /// An echo is above this.
+    threshold: f32,
+    pub(crate) blank: usize,
+    /// Bins that echoes are widened by, and that they may hide.
+    widen: usize,
+    shadow: usize,
 }
+
+/// What the seabed sends back, power per bin; both empty where none is known.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Backdrop {
+    pub(crate) expected: Vec<f32>,
+    /// The most it may be with heights a little off.
+    pub(crate) most: Vec<f32>,
+}
+
+impl Profile {
+    /// Whether there is an echo in a bin, or within the localisation error of it.
+    pub(crate) fn is_lit(&self, bin: usize) -> bool {
+        self.state.at(bin) == BinState::Lit
+    }
+
+    /// Whether it is no evidence of anything.
+    pub(crate) fn is_deaf(&self) -> bool {
+        !self.threshold.is_finite()
+    }
+
+    /// Tells echoes from noise and from the seabed.
+    pub(crate) fn judge(&mut self, intensity: &[f32], ground: &Backdrop) {
+        if self.is_deaf() {
+            return;
+        }
+        let count = intensity.len();
+        let raised = |bin: usize| {
+            let ground = ground.most.get(bin).copied().unwrap_or(0.0);
+            self.threshold.max(GROUND_FACTOR * ground)
+        };
+        let echoes = runs_above(intensity, self.blank, raised);
+        let mut states = states(count, self.blank, &echoes, self.widen, self.shadow);
+        // The brighter the seabed, the fewer structures would stand out: their absence is no news.
+        let dull = self.threshold.powf(DULL_SHARE) * self.strongest.powf(1.0 - DULL_SHARE);
+        for (bin, state) in states.iter_mut().enumerate() {
+            let level = raised(bin);
+            if *state == BinState::Dark && level > self.threshold && level > dull {
+                *state = BinState::Shadowed;
+            }
+        }
+        self.echoes = echoes.into();
+        self.state = States::of(&states);
+        self.ground = Powers::of(&ground.expected);
+    }
+}
+
+/// A bin stands out from the seabed above this many times its power.
+const GROUND_FACTOR: f32 = 5.0;
+/// Where a threshold leaves less than this share of the decibels up to the strongest echo, darkness
+/// says little.
+const DULL_SHARE: f32 = 0.35;
+/// Bins without the seabed that tell noise.
+const LEAST_QUIET_BINS: usize = 48;
 
 /// Darkness this far behind an echo is weak evidence: a structure's own thickness and its shadow.
 const SHADOW_LENGTH_M: f64 = 0.6;
@@ -60,57 +123,64 @@ impl Levels {
         self.strongest
     }
 
-    /// Turns a ping into evidence and learns from it. `tolerance_m` widens the echoes.
+    /// Turns a ping into evidence and learns from it. `tolerance_m` widens the echoes; `ground` is
+    /// what the seabed sends back, empty where none is known.
     pub(crate) fn profile(
         &mut self,
         ping: &Ping,
         tolerance_m: f64,
+        ground: Backdrop,
         config: &MapperConfig,
     ) -> Profile {
         let settings = ping.settings();
         let bin_length_m = settings.bin_length_m();
         let blank = blank_bins(ping, config.blanking_m);
+        let mut profile = Profile {
+            intensity: Powers::of(ping.intensity()),
+            state: States::of(&vec![BinState::Blank; settings.bin_count]),
+            echoes: Box::default(),
+            noise: self.noise.unwrap_or(f32::MIN_POSITIVE),
+            strongest: self.strongest,
+            threshold: f32::INFINITY,
+            blank,
+            widen: (tolerance_m / bin_length_m).ceil() as usize,
+            shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
+            ground: Powers::of(&[]),
+        };
         let open = &ping.intensity()[blank..];
         if is_clipped(open) {
-            return self.deaf(ping);
+            // No evidence of anything, and nothing is learnt from it.
+            return profile;
         }
-        let noise = self.learn_noise(open);
+        profile.noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
         let peak = open.iter().copied().fold(0.0, f32::max);
-        if peak > config.detection_factor * noise {
+        if peak > config.detection_factor * profile.noise {
             // Rises at once and falls slowly, so that one glint does not hide what follows.
             self.strongest = peak.max(self.strongest * 0.9995);
         }
         let floor = self.strongest * 10f32.powf(-0.1 * config.dynamic_range_db);
-        let threshold = (config.detection_factor * noise).max(floor);
-        let echoes = runs_above(ping.intensity(), blank, threshold);
-        let widen = (tolerance_m / bin_length_m).ceil() as usize;
-        let shadow = (SHADOW_LENGTH_M / bin_length_m) as usize;
-        Profile {
-            intensity: Powers::of(ping.intensity()),
-            state: states(settings.bin_count, blank, &echoes, widen, shadow),
-            echoes: echoes.into(),
-            noise,
-        }
-    }
-
-    /// A ping that is no evidence of anything, and from which nothing is learnt.
-    fn deaf(&self, ping: &Ping) -> Profile {
-        Profile {
-            intensity: Powers::of(ping.intensity()),
-            state: States::of(&vec![BinState::Blank; ping.settings().bin_count]),
-            echoes: Box::default(),
-            noise: self.noise.unwrap_or(f32::MIN_POSITIVE),
-        }
+        profile.strongest = self.strongest;
+        profile.threshold = (config.detection_factor * profile.noise).max(floor);
+        profile.judge(ping.intensity(), &ground);
+        profile
     }
 
     /// Mean noise power of exponentially distributed noise from the lower quartile of the bins:
     /// `q₁/₄ = −ln(3/4)·mean`. A ping full of echoes is held to what pings before it showed.
-    fn learn_noise(&mut self, open: &[f32]) -> f32 {
+    fn learn_noise(&mut self, open: &[f32], ground: &[f32]) -> f32 {
         const QUARTILE_OVER_MEAN: f32 = 0.287_682;
-        if open.is_empty() {
+        let mut sorted = open.to_vec();
+        if let Some(before) = self.noise.filter(|_| !ground.is_empty()) {
+            let bins = open.iter().zip(ground);
+            let quiet = bins.filter(|&(_, &ground)| ground < 0.3 * before);
+            sorted = quiet.map(|(&power, _)| power).collect();
+            if sorted.len() < LEAST_QUIET_BINS {
+                return before;
+            }
+        }
+        if sorted.is_empty() {
             return self.noise.unwrap_or(0.0);
         }
-        let mut sorted = open.to_vec();
         let quarter = sorted.len() / 4;
         let (_, &mut quartile, _) = sorted.select_nth_unstable_by(quarter, f32::total_cmp);
         let here = quartile / QUARTILE_OVER_MEAN;
@@ -141,10 +211,10 @@ fn blank_bins(ping: &Ping, blanking_m: f64) -> usize {
     (bins.ceil().max(0.0) as usize).min(settings.bin_count)
 }
 
-fn runs_above(intensity: &[f32], from: usize, threshold: f32) -> Vec<(u32, u32)> {
+fn runs_above(intensity: &[f32], from: usize, threshold: impl Fn(usize) -> f32) -> Vec<(u32, u32)> {
     let mut runs: Vec<(u32, u32)> = Vec::new();
     for (bin, &power) in intensity.iter().enumerate().skip(from) {
-        if !(power > threshold) {
+        if !(power > threshold(bin)) {
             continue;
         }
         match runs.last_mut() {
@@ -161,7 +231,7 @@ fn states(
     echoes: &[(u32, u32)],
     widen: usize,
     shadow: usize,
-) -> States {
+) -> Vec<BinState> {
     let mut states = vec![BinState::Dark; bin_count];
     for &(_, end) in echoes {
         let end = end as usize;
@@ -172,7 +242,7 @@ fn states(
         states[first..(end as usize + widen).min(bin_count)].fill(BinState::Lit);
     }
     states[..blank].fill(BinState::Blank);
-    States::of(&states)
+    states
 }
 
 #[cfg(test)]
@@ -203,7 +273,12 @@ mod tests {
     #[test]
     fn the_noise_floor_is_its_mean_and_noise_is_dark() {
         let mut levels = Levels::default();
-        let profile = levels.profile(&ping(noise(600)), 0.04, &MapperConfig::default());
+        let profile = levels.profile(
+            &ping(noise(600)),
+            0.04,
+            Backdrop::default(),
+            &MapperConfig::default(),
+        );
         assert!((profile.noise - 1.0).abs() < 0.05, "{}", profile.noise);
         assert!(profile.echoes.is_empty());
         assert_eq!(profile.state.at(24), BinState::Blank);
@@ -215,7 +290,12 @@ mod tests {
         let mut intensity = noise(600);
         intensity[300] = 1000.0;
         intensity[301] = 500.0;
-        let profile = Levels::default().profile(&ping(intensity), 0.04, &MapperConfig::default());
+        let profile = Levels::default().profile(
+            &ping(intensity),
+            0.04,
+            Backdrop::default(),
+            &MapperConfig::default(),
+        );
         assert_eq!(*profile.echoes, [(300, 302)]);
         let state = |bin: usize| profile.state.at(bin);
         assert_eq!((state(297), state(298)), (BinState::Dark, BinState::Lit));
@@ -233,21 +313,41 @@ mod tests {
     fn a_ping_full_of_echoes_does_not_raise_the_floor() {
         let mut levels = Levels::default();
         for _ in 0..20 {
-            levels.profile(&ping(noise(600)), 0.04, &MapperConfig::default());
+            levels.profile(
+                &ping(noise(600)),
+                0.04,
+                Backdrop::default(),
+                &MapperConfig::default(),
+            );
         }
         let echoes = (0..600).map(|bin| 1000.0 + bin as f32).collect();
-        let full = levels.profile(&ping(echoes), 0.04, &MapperConfig::default());
+        let full = levels.profile(
+            &ping(echoes),
+            0.04,
+            Backdrop::default(),
+            &MapperConfig::default(),
+        );
         assert_eq!(*full.echoes, [(25, 600)]);
     }
 
     #[test]
     fn a_receiver_at_its_stop_hears_nothing() {
         let mut levels = Levels::default();
-        levels.profile(&ping(noise(600)), 0.04, &MapperConfig::default());
+        levels.profile(
+            &ping(noise(600)),
+            0.04,
+            Backdrop::default(),
+            &MapperConfig::default(),
+        );
         let mut clipped = noise(600);
         clipped[200..400].fill(1e4);
         for power in [vec![1000.0; 600], clipped] {
-            let profile = levels.profile(&ping(power), 0.04, &MapperConfig::default());
+            let profile = levels.profile(
+                &ping(power),
+                0.04,
+                Backdrop::default(),
+                &MapperConfig::default(),
+            );
             assert!(profile.echoes.is_empty());
             assert!(profile.state.iter().all(|state| state == BinState::Blank));
             assert!(profile.noise < 2.0);
@@ -257,8 +357,12 @@ mod tests {
 
     #[test]
     fn silence_is_dark() {
-        let profile =
-            Levels::default().profile(&ping(vec![0.0; 600]), 0.04, &MapperConfig::default());
+        let profile = Levels::default().profile(
+            &ping(vec![0.0; 600]),
+            0.04,
+            Backdrop::default(),
+            &MapperConfig::default(),
+        );
         assert!(profile.echoes.is_empty());
         assert!(profile.noise > 0.0);
     }

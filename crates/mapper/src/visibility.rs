@@ -92,6 +92,9 @@ impl Sight {
         let padded = (profile.intensity.len() + LANES).next_multiple_of(LANES);
         self.predicted.clear();
         self.predicted.resize(padded, profile.noise.max(floor));
+        for (predicted, ground) in self.predicted.iter_mut().zip(profile.ground.iter()) {
+            *predicted += ground;
+        }
         self.measured.clear();
         self.measured.extend(profile.intensity.iter());
         self.measured.resize(padded, 0.0);

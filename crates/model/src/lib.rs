@@ -9,6 +9,7 @@
 mod gaussian;
 mod ping;
 mod pose;
+mod smoothing;
 mod snapshot;
 mod time;
 mod trajectory;
@@ -19,7 +20,8 @@ pub use pose::{Pose, Twist, enu_from_ned, flu_from_frd};
 pub use snapshot::{Delta, Snapshot, TileKey};
 pub use time::Timestamp;
 pub use trajectory::{
-    PoseError, PoseLookupError, PoseUncertainty, StampedPose, Trajectory, TrajectoryLimits,
+    LOOKAHEAD_S, PoseError, PoseLookupError, PoseUncertainty, StampedPose, Trajectory,
+    TrajectoryLimits,
 };
 
 pub use glam;

@@ -5,6 +5,7 @@ use std::collections::VecDeque;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
+use crate::smoothing::{LONGEST_REACH_S, smoothed};
 use crate::{Pose, Timestamp, Twist};
 
 /// One sigma of a pose.
@@ -28,6 +29,9 @@ pub struct StampedPose {
     /// Changes when the estimator resets; poses of two epochs are never mixed.
     pub epoch: u32,
 }
+
+/// What [`Trajectory::smoothed_at`] looks ahead by if nobody says otherwise, seconds.
+pub const LOOKAHEAD_S: f64 = 0.1;
 
 /// How much a trajectory holds and bridges.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -149,6 +153,49 @@ impl Trajectory {
             linear_mps,
             angular_radps,
         })
+    }
+
+    /// The pose and motion at `time`, freed from what jitter the poses up to `lookahead_s` after it
+    /// show; with a `lookahead_s` of 0 as [`Trajectory::at`] and [`Trajectory::twist_at`] have them.
+    ///
+    /// # Errors
+    /// As [`Trajectory::at`].
+    pub fn smoothed_at(
+        &self,
+        time: Timestamp,
+        lookahead_s: f64,
+    ) -> Result<(StampedPose, Twist), PoseLookupError> {
+        let (mut pose, twist) = (self.at(time)?, self.twist_at(time)?);
+        if !(lookahead_s > 0.0) {
+            return Ok((pose, twist));
+        }
+        let piece = self.piece_around(time, lookahead_s);
+        let (smooth, motion) = smoothed(&piece, time, (pose.world_from_vehicle, twist));
+        pose.world_from_vehicle = smooth;
+        Ok((pose, motion))
+    }
+
+    /// Poses around `time` without a gap or a reset between them.
+    fn piece_around(&self, time: Timestamp, lookahead_s: f64) -> Vec<StampedPose> {
+        let first = time.offset_by(-LONGEST_REACH_S);
+        let last = time.offset_by(lookahead_s);
+        let start = self.poses.partition_point(|pose| pose.time < first);
+        let end = self.poses.partition_point(|pose| pose.time <= last);
+        let mut piece: Vec<StampedPose> = self.poses.range(start..end).copied().collect();
+        let is_break = |pair: &[StampedPose]| {
+            let span_s = pair[1].time.seconds_since(pair[0].time);
+            span_s > self.limits.max_pose_gap_s || pair[0].epoch != pair[1].epoch
+        };
+        // What is beyond a break on either side is of no use here.
+        let here = piece.partition_point(|pose| pose.time <= time);
+        if let Some(after) = piece.windows(2).skip(here).position(is_break) {
+            piece.truncate(here + after + 1);
+        }
+        let before = &piece[..here.min(piece.len())];
+        if let Some(at) = before.windows(2).rposition(is_break) {
+            piece.drain(..=at);
+        }
+        piece
     }
 
     /// The poses on both sides of `time`; the same one twice when it is the last and exact.

@@ -7,8 +7,8 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use echosplat_model::{
-    Ping, Pose, PoseError, PoseLookupError, PosedPing, StampedPose, Timestamp, Trajectory,
-    TrajectoryLimits, Twist,
+    LOOKAHEAD_S, Ping, Pose, PoseError, PoseLookupError, PosedPing, StampedPose, Timestamp,
+    Trajectory, TrajectoryLimits, Twist,
 };
 use serde::{Deserialize, Serialize};
 
@@ -20,6 +20,9 @@ pub struct PoseJoinConfig {
     pub trajectory_capacity: usize,
     /// Longest time between two poses that is interpolated across, seconds.
     pub max_pose_gap_s: f64,
+    /// A ping waits for the poses up to this much after its echo, seconds, so that their jitter can
+    /// be told from motion and taken out; 0 only interpolates.
+    pub lookahead_s: f64,
     /// How the sensor is mounted: its pose in the vehicle's frame.
     pub vehicle_from_sensor: Pose,
     /// Added to a ping's time before its pose is looked up, seconds.
@@ -38,6 +41,7 @@ impl Default for PoseJoinConfig {
         Self {
             trajectory_capacity: 20_000,
             max_pose_gap_s: 0.5,
+            lookahead_s: LOOKAHEAD_S,
             vehicle_from_sensor: Pose::IDENTITY,
             time_offset_s: 0.0,
             waiting_capacity: 4096,
@@ -179,6 +183,9 @@ impl PoseJoin {
     #[must_use]
     pub fn poll(&mut self) -> Option<Result<PosedPing, RejectedPing>> {
         let ping = self.waiting.front()?;
+        if self.may_yet_come(ping) && !self.is_looked_past(ping) {
+            return None;
+        }
         let verdict = self.posed(ping);
         let reason = match verdict {
             Ok(posed) => {
@@ -215,12 +222,9 @@ impl PoseJoin {
     /// The ping with the sensor's pose and motion when the echo from the middle of the recorded
     /// range met the surface.
     fn posed(&self, ping: &Arc<Ping>) -> Result<PosedPing, PoseLookupError> {
-        let settings = ping.settings();
-        let reference_range_m = settings.range_start_m + 0.5 * settings.range_length_m;
-        let time = ping.echo_time(reference_range_m);
-        let time = time.offset_by(self.config.time_offset_s);
-        let vehicle = self.trajectory.at(time)?;
-        let motion = self.trajectory.twist_at(time)?;
+        let (reference_range_m, time) = self.reference(ping);
+        let lookahead_s = self.config.lookahead_s;
+        let (vehicle, motion) = self.trajectory.smoothed_at(time, lookahead_s)?;
         let mount = &self.config.vehicle_from_sensor;
         Ok(PosedPing {
             ping: Arc::clone(ping),
@@ -229,6 +233,23 @@ impl PoseJoin {
             reference_range_m,
             uncertainty: vehicle.uncertainty,
         })
+    }
+
+    /// The middle of the recorded range and when its echo meets the surface, on the poses' clock.
+    fn reference(&self, ping: &Ping) -> (f64, Timestamp) {
+        let settings = ping.settings();
+        let reference_range_m = settings.range_start_m + 0.5 * settings.range_length_m;
+        let time = ping.echo_time(reference_range_m);
+        (reference_range_m, time.offset_by(self.config.time_offset_s))
+    }
+
+    /// Whether there are poses as late as smoothing asks for.
+    fn is_looked_past(&self, ping: &Ping) -> bool {
+        let (_, time) = self.reference(ping);
+        let wanted = time.offset_by(self.config.lookahead_s);
+        self.trajectory
+            .span()
+            .is_some_and(|(_, newest)| newest >= wanted)
     }
 
     /// Whether one more ping would be dropped.
@@ -263,6 +284,7 @@ impl PoseJoinConfig {
         let mount = self.vehicle_from_sensor;
         let mount_fits = Pose::checked(mount.rotation, mount.translation_m).is_some();
         let gap_fits = self.max_pose_gap_s > 0.0 && self.max_pose_gap_s <= 60.0;
+        let lookahead_fits = (0.0..=1.0).contains(&self.lookahead_s);
         let offset_fits = self.time_offset_s.is_finite();
         let wait_fits = self
             .max_wait_s
@@ -282,6 +304,12 @@ impl PoseJoinConfig {
                 "max_pose_gap_s",
                 found(&self.max_pose_gap_s),
                 "above 0, at most 60",
+            ),
+            (
+                lookahead_fits,
+                "lookahead_s",
+                found(&self.lookahead_s),
+                "0 to 1",
             ),
             (
                 offset_fits,

@@ -24,6 +24,7 @@ impl Mapper {
         if self.pending > 0 {
             self.take_in_slice();
         }
+        self.judge_anew();
         self.lift_bars();
         // Steps without end sharpen noise, so that a finished map starts even and stops early.
         let newborn = Lobes::even(EVEN_STRENGTH * self.unit_strength);
@@ -50,6 +51,22 @@ impl Mapper {
         self.interleaved_steps(steps / 3, INTERLEAVE);
         self.assess_every(2 * self.thinning());
         self.publish()
+    }
+
+    /// Judges every ping by what is now known of the seabed, and sums up all evidence anew.
+    fn judge_anew(&mut self) {
+        let Some(world) = &mut self.world else { return };
+        if !self.seabed.is_there() {
+            return;
+        }
+        for past in self.history.pings_mut() {
+            let ground = self.seabed.backdrop(&past.look, past.brightness);
+            let intensity: Vec<f32> = past.profile.intensity.iter().collect();
+            past.profile.judge(&intensity, &ground);
+        }
+        let pings = self.history.pings();
+        let evidence = &mut world.evidence;
+        self.status.voxel_looks += self.pool.install(|| evidence.integrate_anew(pings));
     }
 
     /// Makes every place with enough evidence a candidate again.

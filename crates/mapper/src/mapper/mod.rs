@@ -14,9 +14,10 @@ use serde::Serialize;
 use crate::assess::{assess, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, maximise};
-use crate::gaussians::Gaussians;
+use crate::gaussians::{Gaussians, Verdict};
 use crate::history::{History, Past, look_of, novelty, past_of, pose_blur};
 use crate::profile::Levels;
+use crate::seabed::Seabed;
 use crate::{ConfigError, MapperConfig};
 
 /// Half the beam's width at the far end is resolved; voxels stay within these bounds.
@@ -108,6 +109,7 @@ pub struct Mapper {
     pool: ThreadPool,
     world: Option<World>,
     levels: Levels,
+    seabed: Seabed,
     history: History,
     gaussians: Gaussians,
     pending: usize,
@@ -141,6 +143,7 @@ impl Mapper {
             .map_err(|error| ConfigError::Threads(error.to_string()))?;
         Ok(Self {
             history: History::new(config.history_pings.max(2 * config.slice_pings)),
+            seabed: Seabed::new(&config.beam),
             config,
             pool,
             world: None,
@@ -188,7 +191,13 @@ impl Mapper {
         let blur = pose_blur(posed, config);
         let range_sigma_m = (look.range_variance_m2 + blur.range_variance_m2).sqrt();
         let tolerance_m = 0.45 * world.evidence.voxel_m() + 1.5 * range_sigma_m;
-        let profile = self.levels.profile(&posed.ping, tolerance_m.into(), config);
+        let seabed = &mut self.seabed;
+        let brightness = seabed.brightness();
+        let ground = seabed.backdrop(&look, brightness);
+        let profile = self
+            .levels
+            .profile(&posed.ping, tolerance_m.into(), ground, config);
+        seabed.listen(&look, posed.ping.intensity(), &profile);
         self.learn_unit_strength(&look, posed.ping.intensity(), &profile.echoes);
         let weight = match posed.ping.view() {
             Some(_) => 1.0,
@@ -196,7 +205,7 @@ impl Mapper {
         };
         self.last_look = Some(look);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
-        past_of(look, blur, profile, weight, posed)
+        past_of(look, blur, profile, weight, brightness, posed)
     }
 
     /// The strength at which a Gaussian of one voxel would make the ping's strongest echo.
@@ -322,13 +331,25 @@ impl Mapper {
         self.status.pairs += self
             .pool
             .install(|| assess(evidence, gaussians, &pings, stride, floor, config));
+        self.doubt_underground();
+    }
+
+    /// Nothing is seen through the ground.
+    fn doubt_underground(&mut self) {
+        let slots: Vec<usize> = self.gaussians.slots().collect();
+        for slot in slots {
+            if self.seabed.hides(self.gaussians.mean_m[slot]) {
+                self.gaussians.verdict[slot] = Verdict::ExplainedAway;
+            }
+        }
     }
 
     fn publish(&mut self) -> Snapshot {
         self.sequence += 1;
         let newest = self.history.pings().last();
         let intensity_unit = published::intensity_unit(self.unit_strength);
-        let gaussians = published::published(&self.gaussians, intensity_unit);
+        let mut gaussians = published::published(&self.gaussians, intensity_unit);
+        gaussians.extend(self.seabed.published(intensity_unit));
         let confident = gaussians
             .iter()
             .filter(|g| g.standing == Standing::Confident)

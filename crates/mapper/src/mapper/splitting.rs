@@ -47,6 +47,7 @@ impl Mapper {
             gaussians.set_shape(part, Quat::IDENTITY, Vec3::splat(quarter_m));
             gaussians.strength[part] = strength;
             gaussians.part[part] = PART_OF_INFORMATION;
+            gaussians.verdict[part] = Verdict::Published(Standing::Confident);
         }
     }
 }

@@ -36,7 +36,10 @@ fn eastward(seconds: f64) -> StampedPose {
 }
 
 fn join(change: impl FnOnce(&mut PoseJoinConfig)) -> PoseJoin {
-    let mut config = PoseJoinConfig::default();
+    let mut config = PoseJoinConfig {
+        lookahead_s: 0.0,
+        ..PoseJoinConfig::default()
+    };
     change(&mut config);
     PoseJoin::new(config).unwrap()
 }
@@ -124,6 +127,27 @@ fn a_ping_waits_for_its_pose_and_order_is_kept() {
     assert_eq!(join.poll().unwrap().unwrap().ping.sequence(), 1);
     assert!(join.poll().is_none());
     assert_eq!(join.waiting_len(), 1);
+}
+
+#[test]
+fn a_ping_waits_for_the_poses_that_tell_jitter_from_motion() {
+    let mut join = join(|config| config.lookahead_s = 0.1);
+    let jitter = |step: i32| if step % 2 == 0 { 0.1 } else { -0.1 };
+    let jittery = |step: i32| {
+        let seconds = 0.02 * f64::from(step);
+        pose(seconds, DVec3::new(seconds, jitter(step), 0.0), 0.0)
+    };
+    for step in 0..=52 {
+        join.push_pose(jittery(step)).unwrap();
+    }
+    join.push_ping(ping(0, 1.0 - MIDDLE_S));
+    assert!(join.poll().is_none());
+    for step in 53..=56 {
+        join.push_pose(jittery(step)).unwrap();
+    }
+    let posed = join.poll().unwrap().unwrap();
+    assert!(posed.world_from_sensor.translation_m.y.abs() < 0.04);
+    assert!((posed.world_from_sensor.translation_m.x - 1.0).abs() < 1e-6);
 }
 
 #[test]

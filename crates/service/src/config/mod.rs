@@ -79,6 +79,8 @@ pub(crate) struct PoseConfig {
     pub(crate) time_offset_s: f64,
     /// Longest time between two poses that is interpolated across.
     pub(crate) max_pose_gap_s: f64,
+    /// How long a ping waits for later poses, to tell their jitter from motion; 0 interpolates.
+    pub(crate) lookahead_s: f64,
     /// Most poses held.
     pub(crate) capacity: usize,
     /// Most pings that wait for a pose.
@@ -95,6 +97,7 @@ impl Default for PoseConfig {
             url: PoseUrl::Zenoh,
             time_offset_s: 0.0,
             max_pose_gap_s: 0.5,
+            lookahead_s: 0.1,
             capacity: 65_536,
             waiting_pings: 256,
             max_wait_s: 2.0,
@@ -267,6 +270,7 @@ impl PoseConfig {
     fn check(&self) -> Result<(), BadSetting> {
         within("pose.time_offset_s", self.time_offset_s, -1e9, 1e9)?;
         within("pose.max_pose_gap_s", self.max_pose_gap_s, 0.001, 60.0)?;
+        within("pose.lookahead_s", self.lookahead_s, 0.0, 1.0)?;
         within("pose.capacity", self.capacity as f64, 2.0, 1e7)?;
         within(
             "pose.waiting_pings",

@@ -1,0 +1,252 @@
+//! The seabed as a layer of its own: a smooth height field under what pings show of it.
+//!
+//! Beyond its onset the ground lights every bin, so nothing is ever dark there and its echoes would
+//! breed phantoms along their arcs. Its onset is sharp, one place of the ground per ping. Heights
+//! through those places tell what each bin of any ping would hold of ground alone: only what stands
+//! out from that is an echo, and the layer explains the rest.
+//!
+//! Used only where pings show ground. Deliberately absent: overhangs, and ground that is not below.
+//!
+//! Cost: for every fourth ping an onset (1 ms); for every ping 96 rays over the field, 20 µs.
+
+mod fan_plane;
+mod field;
+mod onset;
+
+use echosplat_acoustics::{Beam, Look};
+use echosplat_model::glam::{Quat, Vec2, Vec3};
+use echosplat_model::{Gaussian, GaussianId, Standing};
+
+use crate::profile::{Backdrop, Profile};
+use fan_plane::{FanEnergy, FanPlane};
+use field::{Field, NODE_M};
+use onset::Runs;
+
+/// Every so many-th ping is asked for the ground; those between show the same of it.
+const STRIDE: u32 = 4;
+/// The ground is there once so many pings showed it, and this share of those that could.
+const LEAST_SHOWN: u32 = 24;
+const LEAST_SHARE: f32 = 0.3;
+/// Measurements further than this from what is known are of something else.
+const OUTLIER_M: f32 = 0.6;
+/// How far the ground may be from where it is thought to be.
+const TOLERANCE_M: f32 = 0.12;
+/// Rays over the height of the fan.
+const RAYS: usize = 96;
+/// Rays that descend less than this never meet it, metres per metre.
+const LEAST_DESCENT: f32 = 0.02;
+/// Steps to where a ray meets the ground; it is smooth.
+const RAY_STEPS: usize = 3;
+/// What each new brightness counts.
+const BRIGHTNESS_RATE: f32 = 0.12;
+/// Onsets between smoothings of the field.
+const ONSETS_PER_SMOOTHING: u32 = 16;
+/// Ground that scatters more is not asserted.
+const MOST_SPREAD_M: f32 = 0.2;
+/// What is deeper than this is not seen.
+const BURIED_M: f32 = 0.3;
+/// Half the thickness of its Gaussians.
+const THICKNESS_M: f32 = 0.02;
+/// Ids of the ground start here, far above all others.
+const FIRST_ID: GaussianId = 1 << 31;
+
+/// What is known of the seabed.
+#[derive(Debug)]
+pub(crate) struct Seabed {
+    fan: FanEnergy,
+    beam_sigma_rad: f32,
+    field: Field,
+    runs: Runs,
+    heard: u32,
+    /// Pings that could show ground, and those that did.
+    able: u32,
+    shown: u32,
+    /// Power per radian of elevation, of late.
+    brightness: Option<f32>,
+}
+
+impl Seabed {
+    pub(crate) fn new(beam: &Beam) -> Self {
+        Self {
+            fan: FanEnergy::new(beam),
+            beam_sigma_rad: beam.azimuth_sigma_rad(),
+            field: Field::default(),
+            runs: Runs::default(),
+            heard: 0,
+            able: 0,
+            shown: 0,
+            brightness: None,
+        }
+    }
+
+    /// Whether there is ground in view at all.
+    pub(crate) fn is_there(&self) -> bool {
+        self.shown >= LEAST_SHOWN && self.shown as f32 > LEAST_SHARE * self.able as f32
+    }
+
+    /// Power per radian of elevation, of late; 0 as long as none is known.
+    pub(crate) fn brightness(&self) -> f32 {
+        self.brightness.unwrap_or(0.0)
+    }
+
+    /// Learns from a ping.
+    pub(crate) fn listen(&mut self, look: &Look, intensity: &[f32], profile: &Profile) {
+        self.heard = self.heard.wrapping_add(1);
+        if !self.heard.is_multiple_of(STRIDE) || profile.is_deaf() {
+            return;
+        }
+        let plane = FanPlane::of(look);
+        let near_m = look.range_start_m + profile.blank as f32 * look.bin_length_m;
+        let (from, noise) = (profile.blank, profile.noise);
+        self.runs
+            .fill(intensity, from, noise, near_m, look.bin_length_m);
+        if !self.runs.can_tell(&plane, &self.fan) {
+            return;
+        }
+        self.able = self.able.saturating_add(1);
+        let Some(onset) = self.runs.onset(&plane, &self.fan, self.brightness) else {
+            return;
+        };
+        let off_m = onset.point_m.z - self.field.height_m(onset.point_m.truncate());
+        if !self.is_there() || off_m.abs() < OUTLIER_M {
+            // The gain may walk in mid-dive.
+            let before = self.brightness.unwrap_or(onset.brightness);
+            let now = before * (onset.brightness / before).powf(BRIGHTNESS_RATE);
+            self.brightness = Some(now);
+        }
+        self.shown = self.shown.saturating_add(1);
+        self.field.add(onset.point_m);
+        if self.shown.is_multiple_of(ONSETS_PER_SMOOTHING) {
+            self.field.smooth();
+        }
+    }
+
+    /// Power of the ground per bin of a look, by the brightness of its time, 0 for that of now.
+    pub(crate) fn backdrop(&self, look: &Look, brightness: f32) -> Backdrop {
+        if !self.is_there() {
+            return Backdrop::default();
+        }
+        let brightness = if brightness > 0.0 {
+            brightness
+        } else {
+            self.brightness()
+        };
+        let count = look.bin_count as usize;
+        let mut expected = vec![0.0; count];
+        let met = self.rays(look);
+        for pair in met.windows(2) {
+            let [near, far] = [pair[0], pair[1]];
+            let power = brightness * (far.energy_below_rad - near.energy_below_rad);
+            let bin = |range_m: f32| {
+                let bin = (range_m - look.range_start_m) / look.bin_length_m;
+                bin.clamp(0.0, count as f32)
+            };
+            let (first, last) = (bin(near.range_m), bin(far.range_m));
+            let bins = (far.range_m - near.range_m).max(1e-3) / look.bin_length_m;
+            let end = (last.ceil() as usize).min(count);
+            let lit = expected.iter_mut().enumerate().take(end);
+            for (bin, expected) in lit.skip(first as usize) {
+                let overlap = last.min(bin as f32 + 1.0) - first.max(bin as f32);
+                *expected += power / bins * overlap;
+            }
+        }
+        let most = widened(&expected, look, &met);
+        Backdrop { expected, most }
+    }
+
+    /// Where rays from the lower edge of the fan upwards meet the ground, nearest first.
+    fn rays(&self, look: &Look) -> Vec<Met> {
+        let plane = FanPlane::of(look);
+        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+        let lowest_rad = self.fan.lowest_rad();
+        let mut met: Vec<Met> = Vec::with_capacity(RAYS);
+        for ray in 0..RAYS {
+            let elevation_rad = lowest_rad * (1.0 - 2.0 * ray as f32 / RAYS as f32);
+            let direction = plane.direction(elevation_rad);
+            let near_m = met.last().map_or(0.0, |met| met.range_m);
+            if !(-direction.z > LEAST_DESCENT) || near_m >= end_m {
+                break;
+            }
+            let mut range_m = near_m;
+            for _ in 0..RAY_STEPS {
+                let at_m = plane.position_m + direction * range_m;
+                let clear_m = at_m.z - self.field.height_m(at_m.truncate());
+                range_m = (range_m - clear_m / direction.z).clamp(near_m, 2.0 * end_m);
+            }
+            met.push(Met {
+                range_m,
+                descent: -direction.z,
+                energy_below_rad: self.fan.below(elevation_rad),
+            });
+        }
+        met
+    }
+
+    /// Whether a place lies under the ground.
+    pub(crate) fn hides(&self, place_m: Vec3) -> bool {
+        self.is_there() && place_m.z < self.field.height_m(place_m.truncate()) - BURIED_M
+    }
+
+    /// The ground that pings measured, as flat Gaussians in order of id, four to a node. `unit` is
+    /// the intensity per steradian that αρ = 1 stands for.
+    pub(crate) fn published(&self, unit: f32) -> Vec<Gaussian> {
+        if !self.is_there() {
+            return Vec::new();
+        }
+        // Of what a radian of elevation holds, the beam across takes in this much solid angle.
+        let solid_angle = std::f32::consts::TAU.sqrt() * self.beam_sigma_rad;
+        let product = (self.brightness() / solid_angle / unit).clamp(1e-12, 1.0);
+        let scale_m = 0.2 * NODE_M;
+        let asserted = self.field.measured().filter(|g| g.spread_m < MOST_SPREAD_M);
+        let mut published: Vec<Gaussian> = asserted
+            .flat_map(|ground| (0..4).map(move |part| (ground, part)))
+            .map(|(ground, part)| {
+                let corner = Vec2::new((part % 2) as f32 - 0.5, (part / 2) as f32 - 0.5);
+                let place_m = ground.place_m + corner * (0.5 * NODE_M);
+                Gaussian {
+                    id: FIRST_ID + 4 * ground.serial + part,
+                    mean_m: place_m.extend(self.field.height_m(place_m)),
+                    rotation: Quat::from_rotation_arc(Vec3::Z, self.field.normal(place_m)),
+                    scale_m: Vec3::new(scale_m, scale_m, THICKNESS_M),
+                    opacity: product.cbrt(),
+                    reflectivity: product.cbrt() * product.cbrt(),
+                    sigma_m: ground.spread_m,
+                    standing: Standing::Confident,
+                }
+            })
+            .filter(Gaussian::is_sound)
+            .collect();
+        published.sort_unstable_by_key(|gaussian| gaussian.id);
+        published
+    }
+}
+
+/// A ray that meets the ground.
+#[derive(Debug, Clone, Copy)]
+struct Met {
+    range_m: f32,
+    /// Metres down per metre of range.
+    descent: f32,
+    /// Sensitivity summed up from the fan's lower edge to it, radians.
+    energy_below_rad: f32,
+}
+
+/// The most that each bin may hold with the ground a little higher or deeper: a metre of height is
+/// `1 / descent` metres of range.
+fn widened(expected: &[f32], look: &Look, met: &[Met]) -> Vec<f32> {
+    let mut met = met.iter().peekable();
+    let mut most = vec![0.0; expected.len()];
+    for (bin, most) in most.iter_mut().enumerate() {
+        let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+        while met.next_if(|met| met.range_m < range_m).is_some() {}
+        let Some(ray) = met.peek() else { break };
+        let reach = (TOLERANCE_M / ray.descent / look.bin_length_m) as usize;
+        let end = (bin + reach + 1).min(expected.len());
+        let window = &expected[bin.saturating_sub(reach)..end];
+        *most = window.iter().copied().fold(0.0, f32::max);
+    }
+    most
+}
+
+#[cfg(test)]
+mod tests;

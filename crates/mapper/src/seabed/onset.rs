@@ -1,0 +1,191 @@
+//! The first bottom return of a ping: how far below the sensor the ground lies where the lower edge
+//! of the fan meets it.
+//!
+//! Flat ground `h` below the sensor lights every bin from `r₀ = h / sin(edge)` on, ever more faintly,
+//! until something shades it. For each `r₀` the gain in log likelihood over no ground at all is
+//! summed up to the best end; bins that hold something else count as little for one depth as for
+//! another.
+//!
+//! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 1 ms.
+
+use echosplat_model::glam::Vec3;
+
+use super::fan_plane::{FanEnergy, FanPlane};
+
+/// A profile is looked at in about so many runs of bins.
+const RUNS: usize = 150;
+/// Looks that a run averages, as the likelihood has it: few, since neighbouring bins share them.
+const LOOKS: f32 = 4.0;
+/// `L ln L − ln Γ(L)`: the density of log power is `exp` of this plus `L (x − eˣ)`.
+const LOG_DENSITY: f32 = 3.753_4;
+/// Log density of an echo of something else: 5 % of bins, spread over 11 nats of power.
+const LOG_OUTLIER: f32 = -5.4;
+/// Power this far above the mean is an outlier for sure, nats.
+const FAR_ABOVE: f32 = 3.0;
+/// The ground has to be lit out to this many times the range of its onset: a wall's echo ends at
+/// 1.2, where the fan does.
+const LEAST_EXTENT: f32 = 1.35;
+/// Gain in log likelihood over no ground at all.
+const LEAST_GAIN: f32 = 40.0;
+/// Metres down per metre of range at the fan's lower edge, below which depth cannot be told.
+const LEAST_DESCENT: f32 = 0.15;
+const LEAST_RUNS: usize = 8;
+/// Brightnesses tried, as ratios to the one of late.
+const RATIOS: [f32; 5] = [0.5, 0.71, 1.0, 1.41, 2.0];
+/// As long as none is known: steps of this ratio from the noise on.
+const STEP_RATIO: f32 = 1.6;
+const STEPS: i32 = 15;
+
+/// What a ping says of the ground.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Onset {
+    /// Where the lower edge of the fan meets it.
+    pub(crate) point_m: Vec3,
+    /// Power per radian of elevation.
+    pub(crate) brightness: f32,
+}
+
+/// Runs of bins of one ping. Reused from ping to ping.
+#[derive(Debug, Default)]
+pub(crate) struct Runs {
+    bins_per_run: f32,
+    noise: f32,
+    /// Range of the edges of runs, one more than there are runs.
+    edges_m: Vec<f32>,
+    /// Log of the mean power of a run.
+    log_power: Vec<f32>,
+    /// Log likelihood of nothing but noise.
+    empty: Vec<f32>,
+    /// Power of the ground per bin of each run, for a brightness of 1.
+    energy: Vec<f32>,
+}
+
+/// A depth and brightness, and how well they explain a ping.
+#[derive(Debug, Clone, Copy)]
+struct Explanation {
+    gain: f32,
+    onset: usize,
+    brightness: f32,
+}
+
+impl Runs {
+    /// Takes in a ping from bin `from` on, which begins at `near_m`; bins of `bin_length_m`.
+    pub(crate) fn fill(
+        &mut self,
+        intensity: &[f32],
+        from: usize,
+        noise: f32,
+        near_m: f32,
+        bin_length_m: f32,
+    ) {
+        let per_run = (intensity.len() / RUNS).max(1);
+        self.bins_per_run = per_run as f32;
+        self.noise = noise;
+        self.edges_m.clear();
+        self.log_power.clear();
+        self.empty.clear();
+        let open = intensity.get(from..).unwrap_or_default();
+        self.edges_m.push(near_m);
+        for (run, bins) in open.chunks_exact(per_run).enumerate() {
+            let mean = bins.iter().sum::<f32>() / per_run as f32;
+            let log_power = mean.max(f32::MIN_POSITIVE).ln();
+            self.log_power.push(log_power);
+            self.empty.push(log_likelihood(log_power, noise.ln()));
+            let end = (run + 1) * per_run;
+            self.edges_m.push(near_m + end as f32 * bin_length_m);
+        }
+    }
+
+    /// Whether the lower edge of the fan meets the ground steeply enough to tell its depth.
+    pub(crate) fn can_tell(&self, plane: &FanPlane, fan: &FanEnergy) -> bool {
+        let descent = plane.descent(-fan.half_width_rad());
+        descent > LEAST_DESCENT && self.log_power.len() >= LEAST_RUNS
+    }
+
+    /// The ground in this ping, if it shows. `brightness` is what it was of late, if it is known.
+    pub(crate) fn onset(
+        &mut self,
+        plane: &FanPlane,
+        fan: &FanEnergy,
+        brightness: Option<f32>,
+    ) -> Option<Onset> {
+        let edge_rad = -fan.half_width_rad();
+        let descent = plane.descent(edge_rad);
+        let end_m = self.edges_m.last()?;
+        let onsets = self
+            .edges_m
+            .partition_point(|&edge_m| edge_m * LEAST_EXTENT < *end_m);
+        let mut best: Option<Explanation> = None;
+        for onset in 1..onsets {
+            let range_m = self.edges_m[onset];
+            self.spread_ground(plane, fan, range_m * descent);
+            let enough = self
+                .edges_m
+                .partition_point(|&edge_m| edge_m < LEAST_EXTENT * range_m);
+            let peak = self.energy.iter().copied().fold(0.0, f32::max);
+            let mut attempt = |brightness: f32| {
+                let gain = self.gain(brightness, enough);
+                if best.is_none_or(|best| gain > best.gain) {
+                    best = Some(Explanation {
+                        gain,
+                        onset,
+                        brightness,
+                    });
+                }
+            };
+            match brightness {
+                Some(known) => RATIOS.iter().for_each(|ratio| attempt(known * ratio)),
+                None => {
+                    for step in 1..=STEPS {
+                        attempt(self.noise * STEP_RATIO.powi(step) / peak);
+                    }
+                }
+            }
+        }
+        let best = best?;
+        // An onset at the last depth tried may lie beyond it.
+        if !(best.gain > LEAST_GAIN) || best.onset + 1 >= onsets {
+            return None;
+        }
+        let range_m = self.edges_m[best.onset];
+        Some(Onset {
+            point_m: plane.position_m + plane.direction(edge_rad) * range_m,
+            brightness: best.brightness,
+        })
+    }
+
+    /// Energy of flat ground `depth_m` below the sensor.
+    fn spread_ground(&mut self, plane: &FanPlane, fan: &FanEnergy, depth_m: f32) {
+        let mut before = 0.0;
+        self.energy.clear();
+        for &edge_m in &self.edges_m[1..] {
+            let upto = fan.below(plane.elevation_of_ground(depth_m, edge_m));
+            self.energy.push((upto - before) / self.bins_per_run);
+            before = upto;
+        }
+    }
+
+    /// Gain of ground lit from its onset to wherever the sum is best, from run `enough` on.
+    fn gain(&self, brightness: f32, enough: usize) -> f32 {
+        let (mut sum, mut most) = (0.0, f32::MIN);
+        let runs = self.energy.iter().zip(&self.log_power).zip(&self.empty);
+        for (run, ((energy, &log_power), empty)) in runs.enumerate() {
+            if *energy > 0.0 {
+                let mean = self.noise + brightness * energy;
+                sum += log_likelihood(log_power, mean.ln()) - empty;
+            }
+            if run >= enough {
+                most = most.max(sum);
+            }
+        }
+        most
+    }
+}
+
+fn log_likelihood(log_power: f32, log_mean: f32) -> f32 {
+    let x = log_power - log_mean;
+    if !(x < FAR_ABOVE) {
+        return LOG_OUTLIER;
+    }
+    (LOG_DENSITY + LOOKS * (x - x.exp())).max(LOG_OUTLIER)
+}

@@ -1,0 +1,124 @@
+use super::*;
+use echosplat_acoustics::LookPose;
+use echosplat_model::glam::Mat3;
+use echosplat_model::{Ping, PingSettings, Timestamp};
+
+use crate::MapperConfig;
+use crate::profile::Levels;
+
+const BINS: usize = 600;
+const BIN_M: f32 = 0.0167;
+const NOISE: f32 = 1.0;
+const BRIGHTNESS: f32 = 5000.0;
+
+fn look(height_m: f32, x_m: f32) -> Look {
+    Look {
+        pose: LookPose {
+            position_m: Vec3::new(x_m, 0.0, height_m),
+            axes: Mat3::IDENTITY,
+            drift_per_m: Vec3::ZERO,
+            reference_range_m: 5.0,
+        },
+        range_start_m: 0.0,
+        bin_length_m: BIN_M,
+        bin_count: BINS as u32,
+        range_variance_m2: 1e-4,
+        azimuth_variance_rad2: 0.0,
+        beam: Beam::default(),
+    }
+}
+
+/// Exponential noise at its own quantiles, shuffled by a stride that differs from ping to ping.
+fn speckle(bin: usize, ping: usize) -> f32 {
+    let quantile = ((bin * 997 + ping * 131) % BINS) as f32 + 0.5;
+    -(1.0 - quantile / BINS as f32).ln()
+}
+
+/// What a ping `height_m` above flat ground at z = 0 holds, by `dφ/dr` of `sin φ = h/r`.
+fn ground(height_m: f32, bin: usize) -> f32 {
+    let elevation = |range_m: f32| -(height_m / range_m).min(1.0).asin();
+    let (near, far) = (bin as f32 * BIN_M, (bin + 1) as f32 * BIN_M);
+    let middle = elevation(0.5 * (near + far));
+    let turned = elevation(far) - elevation(near.max(1e-3));
+    BRIGHTNESS * Beam::default().elevation_weight(middle) * turned
+}
+
+fn heard(levels: &mut Levels, index: usize, power: impl Fn(usize) -> f32) -> (Vec<f32>, Profile) {
+    let settings = PingSettings {
+        range_start_m: 0.0,
+        range_length_m: f64::from(BIN_M) * BINS as f64,
+        bin_count: BINS,
+        speed_of_sound_mps: 1500.0,
+        frequency_hz: 450e3,
+        pulse_duration_s: 2e-5,
+        gain_index: 0,
+    };
+    let power = |bin| (NOISE + power(bin)) * speckle(bin, index);
+    let intensity: Vec<f32> = (0..BINS).map(power).collect();
+    let ping = Ping::new(index as u64, Timestamp::ZERO, settings, intensity.clone()).unwrap();
+    let config = MapperConfig::default();
+    let profile = levels.profile(&ping, 0.04, Backdrop::default(), &config);
+    (intensity, profile)
+}
+
+/// A vehicle that goes ahead while it heaves between 1.5 and 2.5 m.
+fn dive(power: impl Fn(f32, usize) -> f32) -> Seabed {
+    let mut seabed = Seabed::new(&Beam::default());
+    let mut levels = Levels::default();
+    for index in 0..400 {
+        let height_m = 2.0 + 0.5 * (0.05 * index as f32).sin();
+        // The noise floor is heard before the ground is.
+        let quiet = index < 40;
+        let (intensity, profile) = heard(&mut levels, index, |bin| match quiet {
+            true => 0.0,
+            false => power(height_m, bin),
+        });
+        let look = look(height_m, 0.005 * index as f32);
+        seabed.listen(&look, &intensity, &profile);
+    }
+    seabed
+}
+
+#[test]
+fn flat_ground_is_found_at_its_height_and_explains_its_echoes() {
+    let seabed = dive(ground);
+    assert!(seabed.is_there());
+    let published = seabed.published(BRIGHTNESS * 1e4);
+    assert!(!published.is_empty());
+    for gaussian in &published {
+        assert!(gaussian.mean_m.z.abs() < 0.1, "{}", gaussian.mean_m);
+        assert!((gaussian.rotation * Vec3::Z).z > 0.95);
+    }
+    let backdrop = seabed.backdrop(&look(2.0, 1.0), 0.0);
+    for bin in [330, 400, 500] {
+        let ratio = backdrop.expected[bin] / ground(2.0, bin);
+        assert!((0.6..1.6).contains(&ratio), "bin {bin}: {ratio}");
+    }
+    assert!(backdrop.most[200] <= 0.0);
+    assert!(seabed.hides(Vec3::new(1.0, 4.0, -0.6)) && !seabed.hides(Vec3::new(1.0, 4.0, 0.2)));
+}
+
+#[test]
+fn a_structure_without_ground_is_no_ground() {
+    let seabed = dive(|_, bin| {
+        if (240..264).contains(&bin) {
+            500.0
+        } else {
+            0.0
+        }
+    });
+    assert!(!seabed.is_there());
+    assert!(seabed.backdrop(&look(2.0, 1.0), 0.0).expected.is_empty());
+    assert!(seabed.published(1.0).is_empty());
+}
+
+#[test]
+fn a_sonar_mounted_upside_down_sees_the_same_ground() {
+    let upright = look(2.0, 0.0);
+    let mut turned = upright;
+    turned.pose.axes = Mat3::from_rotation_x(std::f32::consts::PI);
+    let (a, b) = (FanPlane::of(&upright), FanPlane::of(&turned));
+    let edge_rad = -Beam::default().elevation_half_width_rad();
+    assert!((a.descent(edge_rad) - b.descent(edge_rad)).abs() < 1e-5);
+    assert!((a.elevation_of_ground(2.0, 6.0) - b.elevation_of_ground(2.0, 6.0)).abs() < 1e-5);
+}

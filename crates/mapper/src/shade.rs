@@ -1,0 +1,69 @@
+//! What confident surfaces hide from a ping: covered fraction along its elevations.
+//!
+//! Cost: one addition for each confident Gaussian in the ping and a sum over 64 × shells.
+
+use echosplat_acoustics::Look;
+
+use crate::visibility::Row;
+
+/// Steps of elevation over the fan and its soft edge.
+const CELLS: usize = 64;
+const REACH: f32 = 1.3;
+/// Thickness of a shell of range.
+const SHELL_M: f32 = 0.1;
+/// A surface is some voxels thick, each layer covering it once: less than two layers may be a rod
+/// that hides only its share.
+const OPAQUE: f32 = 2.0;
+/// What is this near behind the front belongs to it.
+const THICKNESS_M: f32 = 0.3;
+
+/// Covered fraction per elevation and range. Reused from ping to ping.
+#[derive(Debug, Default)]
+pub(crate) struct Shade {
+    cover: Vec<f32>,
+    shells: usize,
+    /// Range from which on a cell is hidden.
+    hidden_from_m: Vec<f32>,
+    lowest_rad: f32,
+    cell_rad: f32,
+}
+
+impl Shade {
+    /// Takes in the rows of confident Gaussians.
+    pub(crate) fn fill<'a>(&mut self, look: &Look, confident: impl Iterator<Item = &'a Row>) {
+        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+        self.shells = (end_m / SHELL_M) as usize + 1;
+        self.cover.clear();
+        self.cover.resize(CELLS * self.shells, 0.0);
+        self.lowest_rad = -REACH * look.beam.elevation_half_width_rad();
+        self.cell_rad = -2.0 * self.lowest_rad / CELLS as f32;
+        let whole = std::f32::consts::TAU.sqrt() * look.beam.azimuth_sigma_rad() * self.cell_rad;
+        for row in confident {
+            let shell = ((row.splat.range_m / SHELL_M) as usize).min(self.shells - 1);
+            let cell = self.cell_of(row);
+            self.cover[cell * self.shells + shell] += row.splat.energy / whole;
+        }
+        self.hidden_from_m.clear();
+        for cell in self.cover.chunks_exact(self.shells) {
+            let mut covered = 0.0;
+            let front = cell.iter().position(|cover| {
+                covered += cover;
+                covered >= OPAQUE
+            });
+            let from_m = front.map_or(f32::INFINITY, |shell| {
+                (shell + 1) as f32 * SHELL_M + THICKNESS_M
+            });
+            self.hidden_from_m.push(from_m);
+        }
+    }
+
+    fn cell_of(&self, row: &Row) -> usize {
+        let cell = (row.splat.elevation_rad - self.lowest_rad) / self.cell_rad;
+        (cell.max(0.0) as usize).min(CELLS - 1)
+    }
+
+    /// Whether a surface in front hides it.
+    pub(crate) fn hides(&self, row: &Row) -> bool {
+        row.splat.range_m > self.hidden_from_m[self.cell_of(row)]
+    }
+}
