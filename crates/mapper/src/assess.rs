@@ -32,9 +32,8 @@ const LEAST_RIVALRY: f32 = 0.15;
 /// Below this part of the strongest strength around it, it is the tail of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
 
-/// Least number of whole confident Gaussians within so many voxels, itself included.
-const LEAST_COMPANY: f32 = 3.0;
-const COMPANY_VOXELS: f32 = 3.0;
+/// Least numbers of whole confident Gaussians within so many voxels, itself included.
+const COMPANY: [(f32, f32); 2] = [(3.0, 3.0), (6.0, 8.0)];
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
 
@@ -134,17 +133,18 @@ pub(crate) fn assess(
 /// A confident Gaussian has company: a surface fills more than one place.
 fn doubt_strays(gaussians: &mut Gaussians, voxel_m: f32) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
-    let reach_m = COMPANY_VOXELS * voxel_m;
-    let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
-    let is_stray = |&slot: &usize| {
-        let mut company = 0.0;
-        neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
-            company += gaussians.part[other];
-        });
-        company < LEAST_COMPANY
-    };
-    let confident = gaussians.slots().filter(|&slot| is_confident(slot));
-    let strays: Vec<usize> = confident.filter(is_stray).collect();
+    let confident: Vec<usize> = gaussians.slots().filter(|&s| is_confident(s)).collect();
+    let mut strays = Vec::new();
+    for (reach_voxels, least) in COMPANY {
+        let neighbours = Neighbours::new(gaussians, reach_voxels * voxel_m, is_confident);
+        strays.extend(confident.iter().copied().filter(|&slot| {
+            let mut company = 0.0;
+            neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
+                company += gaussians.part[other];
+            });
+            company < least
+        }));
+    }
     for slot in strays {
         gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
     }

@@ -129,7 +129,7 @@ impl Levels {
         &mut self,
         ping: &Ping,
         tolerance_m: f64,
-        ground: Backdrop,
+        ground: &Backdrop,
         config: &MapperConfig,
     ) -> Profile {
         let settings = ping.settings();
@@ -161,7 +161,7 @@ impl Levels {
         let floor = self.strongest * 10f32.powf(-0.1 * config.dynamic_range_db);
         profile.strongest = self.strongest;
         profile.threshold = (config.detection_factor * profile.noise).max(floor);
-        profile.judge(ping.intensity(), &ground);
+        profile.judge(ping.intensity(), ground);
         profile
     }
 
@@ -276,7 +276,7 @@ mod tests {
         let profile = levels.profile(
             &ping(noise(600)),
             0.04,
-            Backdrop::default(),
+            &Backdrop::default(),
             &MapperConfig::default(),
         );
         assert!((profile.noise - 1.0).abs() < 0.05, "{}", profile.noise);
@@ -293,7 +293,7 @@ mod tests {
         let profile = Levels::default().profile(
             &ping(intensity),
             0.04,
-            Backdrop::default(),
+            &Backdrop::default(),
             &MapperConfig::default(),
         );
         assert_eq!(*profile.echoes, [(300, 302)]);
@@ -316,7 +316,7 @@ mod tests {
             levels.profile(
                 &ping(noise(600)),
                 0.04,
-                Backdrop::default(),
+                &Backdrop::default(),
                 &MapperConfig::default(),
             );
         }
@@ -324,7 +324,7 @@ mod tests {
         let full = levels.profile(
             &ping(echoes),
             0.04,
-            Backdrop::default(),
+            &Backdrop::default(),
             &MapperConfig::default(),
         );
         assert_eq!(*full.echoes, [(25, 600)]);
@@ -336,7 +336,7 @@ mod tests {
         levels.profile(
             &ping(noise(600)),
             0.04,
-            Backdrop::default(),
+            &Backdrop::default(),
             &MapperConfig::default(),
         );
         let mut clipped = noise(600);
@@ -345,7 +345,7 @@ mod tests {
             let profile = levels.profile(
                 &ping(power),
                 0.04,
-                Backdrop::default(),
+                &Backdrop::default(),
                 &MapperConfig::default(),
             );
             assert!(profile.echoes.is_empty());
@@ -360,7 +360,7 @@ mod tests {
         let profile = Levels::default().profile(
             &ping(vec![0.0; 600]),
             0.04,
-            Backdrop::default(),
+            &Backdrop::default(),
             &MapperConfig::default(),
         );
         assert!(profile.echoes.is_empty());

@@ -13,7 +13,7 @@ const REACH: f32 = 1.3;
 const SHELL_M: f32 = 0.1;
 /// A surface is some voxels thick, each layer covering it once: less than two layers may be a rod
 /// that hides only its share.
-const OPAQUE: f32 = 2.0;
+const OPAQUE: f32 = 1.0;
 /// What is this near behind the front belongs to it.
 const THICKNESS_M: f32 = 0.3;
 

@@ -196,7 +196,7 @@ impl Mapper {
         let ground = seabed.backdrop(&look, brightness);
         let profile = self
             .levels
-            .profile(&posed.ping, tolerance_m.into(), ground, config);
+            .profile(&posed.ping, tolerance_m.into(), &ground, config);
         seabed.listen(&look, posed.ping.intensity(), &profile);
         self.learn_unit_strength(&look, posed.ping.intensity(), &profile.echoes);
         let weight = match posed.ping.view() {
