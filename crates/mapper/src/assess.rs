@@ -33,7 +33,7 @@ const LEAST_RIVALRY: f32 = 0.15;
 const LEAST_STRENGTH: f32 = 0.12;
 
 /// Least numbers of whole confident Gaussians within so many voxels, itself included.
-const COMPANY: [(f32, f32); 2] = [(3.0, 3.0), (6.0, 8.0)];
+const COMPANY: [(f32, f32); 2] = [(3.0, 3.0), (6.0, 5.0)];
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
 

@@ -128,17 +128,23 @@ fn fit(samples: &[(f64, DVec3)]) -> Option<Fitted> {
 }
 
 /// Variance of white errors along one axis, from second differences: `6 σ²` where steps are even,
-/// `2 (1 + a + a²) σ²` for a sample at the part `a` between its neighbours.
+/// `2 (1 + a + a²) σ²` for a sample at the part `a` between its neighbours. Their median, lest a
+/// kink in the motion passes for jitter.
 fn jitter2(samples: &[(f64, DVec3)]) -> f64 {
-    let (mut sum, mut weight) = (0.0, 0.0);
-    for three in samples.windows(3) {
-        let [(t0, p0), (t1, p1), (t2, p2)] = [three[0], three[1], three[2]];
-        let part = (t1 - t0) / (t2 - t0);
-        let off = p1 - p0 - (p2 - p0) * part;
-        sum += off.length_squared();
-        weight += 3.0 * (1.0 + part * part + (1.0 - part) * (1.0 - part));
-    }
-    sum / weight
+    /// Of χ² with three degrees of freedom.
+    const MEDIAN: f64 = 2.366;
+    let mut squares: Vec<f64> = samples
+        .windows(3)
+        .map(|three| {
+            let [(t0, p0), (t1, p1), (t2, p2)] = [three[0], three[1], three[2]];
+            let part = (t1 - t0) / (t2 - t0);
+            let off = p1 - p0 - (p2 - p0) * part;
+            off.length_squared() / (1.0 + part * part + (1.0 - part) * (1.0 - part))
+        })
+        .collect();
+    let middle = squares.len() / 2;
+    let (_, median, _) = squares.select_nth_unstable_by(middle, f64::total_cmp);
+    *median / MEDIAN
 }
 
 #[cfg(test)]
