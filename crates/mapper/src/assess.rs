@@ -107,6 +107,7 @@ pub(crate) fn assess(
     let rule = Rule {
         radius_m: SURROUNDINGS_VOXELS * evidence.voxel_m(),
         clear_share: config.confident_share,
+        whole_strength: whole_strength(gaussians),
     };
     let (accounts, account_pairs) = accounts(scene, pings, rule);
     let (pulls, pull_pairs) = pulls(scene, pings);
@@ -174,6 +175,17 @@ fn accounts(scene: Scene<'_>, pings: &[&Past], rule: Rule) -> (Vec<Account>, u64
     })
 }
 
+/// Median strength of the confident; infinite if there are none.
+fn whole_strength(gaussians: &Gaussians) -> f32 {
+    let confident = gaussians.slots().filter(|&s| gaussians.verdict[s] == CONFIDENT);
+    let mut strengths: Vec<f32> = confident.map(|s| gaussians.strength[s].strongest()).collect();
+    if strengths.is_empty() {
+        return f32::INFINITY;
+    }
+    let middle = strengths.len() / 2;
+    *strengths.select_nth_unstable_by(middle, f32::total_cmp).1
+}
+
 /// What is asked of every look.
 #[derive(Debug, Clone, Copy)]
 struct Rule {
@@ -181,6 +193,8 @@ struct Rule {
     radius_m: f32,
     /// Least share of an echo that makes a look clear.
     clear_share: f32,
+    /// Strength of what is certainly there: weaker ones are there only in part.
+    whole_strength: f32,
 }
 
 /// Room to work in.
@@ -204,8 +218,12 @@ impl Desk {
     ) {
         let Self { arcs, shade } = self;
         arcs.fill(sight, past, 0.5 * rule.radius_m);
-        let confident = |row: &&Row| verdicts[row.slot as usize] == CONFIDENT;
-        shade.fill(&past.look, sight.rows().iter().filter(confident));
+        let solid = |row: &Row| match verdicts[row.slot as usize] {
+            CONFIDENT => 1.0,
+            Verdict::Published(_) => (row.strength / rule.whole_strength).min(1.0),
+            _ => 0.0,
+        };
+        shade.fill(&past.look, sight.rows().iter().map(|row| (row, solid(row))));
         for row in sight.rows() {
             let splat = &row.splat;
             let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;

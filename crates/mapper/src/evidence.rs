@@ -396,7 +396,7 @@ impl Block {
         let step = into_beam.x_axis * voxel_m;
         let sigma = look.beam.azimuth_sigma_rad();
         let beam_variance =
-            sigma * sigma + look.azimuth_variance_rad2 + past.blur.azimuth_variance_rad2;
+            sigma * sigma + look.azimuth_variance_rad2 + 6.0 * past.blur.azimuth_variance_rad2;
         let voxel_variance_m2 = voxel_m * voxel_m / 12.0;
         let fan_tangent2 = (0.92 * look.beam.elevation_half_width_rad()).tan().powi(2);
         let per_bin = 1.0 / look.bin_length_m;

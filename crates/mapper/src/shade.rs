@@ -29,8 +29,8 @@ pub(crate) struct Shade {
 }
 
 impl Shade {
-    /// Takes in the rows of confident Gaussians.
-    pub(crate) fn fill<'a>(&mut self, look: &Look, confident: impl Iterator<Item = &'a Row>) {
+    /// Takes in rows, each with the part of it that is there.
+    pub(crate) fn fill<'a>(&mut self, look: &Look, surfaces: impl Iterator<Item = (&'a Row, f32)>) {
         let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
         self.shells = (end_m / SHELL_M) as usize + 1;
         self.cover.clear();
@@ -38,10 +38,10 @@ impl Shade {
         self.lowest_rad = -REACH * look.beam.elevation_half_width_rad();
         self.cell_rad = -2.0 * self.lowest_rad / CELLS as f32;
         let whole = std::f32::consts::TAU.sqrt() * look.beam.azimuth_sigma_rad() * self.cell_rad;
-        for row in confident {
+        for (row, part) in surfaces {
             let shell = ((row.splat.range_m / SHELL_M) as usize).min(self.shells - 1);
             let cell = self.cell_of(row);
-            self.cover[cell * self.shells + shell] += row.splat.energy / whole;
+            self.cover[cell * self.shells + shell] += part * row.splat.energy / whole;
         }
         self.hidden_from_m.clear();
         for cell in self.cover.chunks_exact(self.shells) {
