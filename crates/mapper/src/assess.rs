@@ -22,7 +22,7 @@ const LEAST_LOOKS: f32 = 8.0;
 const LEAST_CLEAR_SHARE: f32 = 0.15;
 /// Most part of its lit looks that pass through another surface: what is behind an opaque one is
 /// its ghost.
-const MOST_HIDDEN_SHARE: f32 = 0.5;
+const MOST_HIDDEN_SHARE: f32 = 0.45;
 /// A mirror image this near is the same place; farther ones have to scatter by this much.
 const HARMLESS_MIRROR_M: f32 = 0.2;
 const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
@@ -32,8 +32,10 @@ const LEAST_RIVALRY: f32 = 0.15;
 /// Below this part of the strongest strength around it, it is the tail of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
 
-/// Least numbers of whole confident Gaussians within so many voxels, itself included.
-const COMPANY: [(f32, f32); 2] = [(3.0, 3.0), (6.0, 5.0)];
+/// Least number of whole confident Gaussians within so many voxels, itself included. Wide rather
+/// than near: a glinting rod shows here and there along its whole length.
+const LEAST_COMPANY: f32 = 16.0;
+const COMPANY_VOXELS: f32 = 16.0;
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
 
@@ -134,18 +136,17 @@ pub(crate) fn assess(
 /// A confident Gaussian has company: a surface fills more than one place.
 fn doubt_strays(gaussians: &mut Gaussians, voxel_m: f32) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
-    let confident: Vec<usize> = gaussians.slots().filter(|&s| is_confident(s)).collect();
-    let mut strays = Vec::new();
-    for (reach_voxels, least) in COMPANY {
-        let neighbours = Neighbours::new(gaussians, reach_voxels * voxel_m, is_confident);
-        strays.extend(confident.iter().copied().filter(|&slot| {
-            let mut company = 0.0;
-            neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
-                company += gaussians.part[other];
-            });
-            company < least
-        }));
-    }
+    let reach_m = COMPANY_VOXELS * voxel_m;
+    let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
+    let is_stray = |&slot: &usize| {
+        let mut company = 0.0;
+        neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
+            company += gaussians.part[other];
+        });
+        company < LEAST_COMPANY
+    };
+    let confident = gaussians.slots().filter(|&slot| is_confident(slot));
+    let strays: Vec<usize> = confident.filter(is_stray).collect();
     for slot in strays {
         gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
     }
@@ -177,8 +178,12 @@ fn accounts(scene: Scene<'_>, pings: &[&Past], rule: Rule) -> (Vec<Account>, u64
 
 /// Median strength of the confident; infinite if there are none.
 fn whole_strength(gaussians: &Gaussians) -> f32 {
-    let confident = gaussians.slots().filter(|&s| gaussians.verdict[s] == CONFIDENT);
-    let mut strengths: Vec<f32> = confident.map(|s| gaussians.strength[s].strongest()).collect();
+    let confident = gaussians
+        .slots()
+        .filter(|&s| gaussians.verdict[s] == CONFIDENT);
+    let mut strengths: Vec<f32> = confident
+        .map(|s| gaussians.strength[s].strongest())
+        .collect();
     if strengths.is_empty() {
         return f32::INFINITY;
     }

@@ -31,6 +31,9 @@ const DARK: f32 = -2.15;
 const SHADOWED: f32 = 0.15 * DARK;
 /// Beyond this many sigma from the axis a look says nothing clear.
 const LOOK_SIGMAS_SQUARED: f32 = 1.4;
+/// Places are found although the heading is off by this factor of variance: what a surface that
+/// glints shows but once must not be lost to one bad pose.
+const POSE_DOUBT: f32 = 6.0;
 /// Darkness from one side weighs at most this much against what other sides saw.
 const MOST_AGAINST: f32 = -2.0;
 /// A block whose best voxel is this deep in darkness needs no more looks.
@@ -395,8 +398,9 @@ impl Block {
         let base = into_beam * (first_m - look.pose.position_m);
         let step = into_beam.x_axis * voxel_m;
         let sigma = look.beam.azimuth_sigma_rad();
-        let beam_variance =
-            sigma * sigma + look.azimuth_variance_rad2 + 6.0 * past.blur.azimuth_variance_rad2;
+        let beam_variance = sigma * sigma
+            + look.azimuth_variance_rad2
+            + POSE_DOUBT * past.blur.azimuth_variance_rad2;
         let voxel_variance_m2 = voxel_m * voxel_m / 12.0;
         let fan_tangent2 = (0.92 * look.beam.elevation_half_width_rad()).tan().powi(2);
         let per_bin = 1.0 / look.bin_length_m;

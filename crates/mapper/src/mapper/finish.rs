@@ -4,7 +4,7 @@ use echosplat_model::Snapshot;
 
 use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births};
 use crate::expectation::{localise, maximise, over_pings, pulls};
-use crate::gaussians::Lobes;
+use crate::gaussians::{Lobes, Verdict};
 use crate::history::Past;
 use crate::shape::align;
 
@@ -29,6 +29,8 @@ impl Mapper {
         // Steps without end sharpen noise, so that a finished map starts even and stops early.
         let newborn = Lobes::even(EVEN_STRENGTH * self.unit_strength);
         self.gaussians.strength.fill(newborn);
+        // Nor may it depend on when the map was looked at.
+        self.gaussians.verdict.fill(Verdict::ExplainedAway);
         let steps = self.config.finish_passes;
         // Few looks sort out most candidates; the rest is worth all of them.
         self.pairs_per_ping = self.count_pairs_per_ping();

@@ -190,7 +190,7 @@ impl Mapper {
         let look = look_of(posed, world.origin_m, config);
         let blur = pose_blur(posed, config);
         let range_sigma_m = (look.range_variance_m2 + blur.range_variance_m2).sqrt();
-        let tolerance_m = 0.45 * world.evidence.voxel_m() + 3.0 * range_sigma_m;
+        let tolerance_m = 0.45 * world.evidence.voxel_m() + 2.2 * range_sigma_m;
         let seabed = &mut self.seabed;
         let brightness = seabed.brightness();
         let ground = seabed.backdrop(&look, brightness);
