@@ -115,10 +115,8 @@ fn held_back_pings_are_told_better_by_the_map_than_by_a_constant() {
     let score = &said["held_back"];
     assert_eq!(score["ping_count"], PING_COUNT / HELD_BACK);
     assert_eq!(score["fit_ping_count"], PING_COUNT / HELD_BACK);
-    // Little of the fence is known after eight seconds.
-    assert!(score["gain_per_bin"].as_f64().unwrap() > 0.005, "{score}");
-    let l1 = |of: &str| score[of]["l1"].as_f64().unwrap();
-    assert!(l1("map") < l1("constant"), "{score}");
+    // Little of the fence is known after half a minute: where it is not, L1 says nothing yet.
+    assert!(score["gain_per_bin"].as_f64().unwrap() > 0.1, "{score}");
     let drawn = fs::read_to_string(&picture).unwrap();
     assert_eq!(drawn.matches("<image").count(), 2);
     assert!(drawn.contains("measured") && drawn.contains("predicted"));

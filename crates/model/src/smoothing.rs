@@ -1,7 +1,7 @@
 //! Poses freed from their own jitter: a parabola through the poses around a time, as long a piece of
 //! them as one fits.
 //!
-//! Jitter shows in second differences, which motion hardly enters at the rate of a navigation
+//! Jitter shows in third differences, which motion hardly enters at the rate of a navigation
 //! filter. A piece is used if what it leaves over is no more than that, so that a turn is never cut
 //! and poses without jitter are only interpolated. White errors of one sigma come out as 0.3 of it.
 //!
@@ -21,6 +21,9 @@ const LEAST_POSES: usize = 8;
 const MOST_LEFT_OVER: f64 = 1.4;
 /// Jitter below this is not worth it, metres and radians.
 const LEAST_JITTER: f64 = 1e-4;
+
+/// What moves less from one pose to the next rests, metres and radians.
+const STILL: f64 = 1e-6;
 
 /// Value and rate of a quantity at time 0 of its samples.
 #[derive(Debug, Clone, Copy)]
@@ -127,19 +130,31 @@ fn fit(samples: &[(f64, DVec3)]) -> Option<Fitted> {
     })
 }
 
-/// Variance of white errors along one axis, from second differences: `6 σ²` where steps are even,
-/// `2 (1 + a + a²) σ²` for a sample at the part `a` between its neighbours. Their median, lest a
-/// kink in the motion passes for jitter.
+/// Variance of white errors along one axis, from what a parabola through three samples leaves over
+/// at the fourth: `20 σ²` where steps are even. The median of them, lest a kink in the motion passes
+/// for jitter.
 fn jitter2(samples: &[(f64, DVec3)]) -> f64 {
     /// Of χ² with three degrees of freedom.
     const MEDIAN: f64 = 2.366;
+    let stands = samples.windows(2).filter(|two| {
+        let [(_, before), (_, after)] = [two[0], two[1]];
+        before.distance(after) < STILL
+    });
+    // Steps with rests between, as of a scan or of poses told twice, are no jitter.
+    if 4 * stands.count() > samples.len() {
+        return 0.0;
+    }
     let mut squares: Vec<f64> = samples
-        .windows(3)
-        .map(|three| {
-            let [(t0, p0), (t1, p1), (t2, p2)] = [three[0], three[1], three[2]];
-            let part = (t1 - t0) / (t2 - t0);
-            let off = p1 - p0 - (p2 - p0) * part;
-            off.length_squared() / (1.0 + part * part + (1.0 - part) * (1.0 - part))
+        .windows(4)
+        .map(|four| {
+            let [(t0, p0), (t1, p1), (t2, p2), (t, p)] = [four[0], four[1], four[2], four[3]];
+            let lagrange = DVec3::new(
+                (t - t1) * (t - t2) / ((t0 - t1) * (t0 - t2)),
+                (t - t0) * (t - t2) / ((t1 - t0) * (t1 - t2)),
+                (t - t0) * (t - t1) / ((t2 - t0) * (t2 - t1)),
+            );
+            let off = p - p0 * lagrange.x - p1 * lagrange.y - p2 * lagrange.z;
+            off.length_squared() / (1.0 + lagrange.length_squared())
         })
         .collect();
     let middle = squares.len() / 2;
@@ -207,6 +222,18 @@ mod tests {
         let (pose, twist) = smoothed(&clean, now(), raw);
         assert_eq!(pose, raw.0);
         assert_eq!(twist, raw.1);
+    }
+
+    #[test]
+    fn a_scan_in_steps_is_left_as_it_is() {
+        let steps = |at_s: f64| {
+            let step = (at_s / (2.0 * PERIOD_S) + 100.01).floor() - 100.0;
+            Pose::from_yaw_pitch_roll(0.01 * step, 0.0, 0.0, DVec3::ZERO)
+        };
+        let scan = poses(steps, 0.0, 0.0);
+        let raw = (scan[22].world_from_vehicle, Twist::default());
+        let (pose, twist) = smoothed(&scan, now(), raw);
+        assert_eq!((pose, twist), raw);
     }
 
     #[test]
