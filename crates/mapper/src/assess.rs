@@ -9,6 +9,7 @@ use crate::evidence::Evidence;
 use crate::expectation::{Scene, Sum, over_pings, pulls};
 use crate::gaussians::{Gaussians, Verdict};
 use crate::history::Past;
+use crate::parts::AtWork;
 use crate::shade::Shade;
 use crate::shape::{Neighbours, eigen};
 use crate::tally::Tally;
@@ -95,8 +96,9 @@ pub(crate) fn assess(
     evidence: &Evidence,
     gaussians: &mut Gaussians,
     pings: &[&Past],
-    stride: usize,
+    stride: f64,
     floor: f32,
+    at_work: AtWork,
     config: &MapperConfig,
 ) -> u64 {
     let scene = Scene {
@@ -105,11 +107,13 @@ pub(crate) fn assess(
         floor,
         // What is asserted has to stand however far the poses may be off.
         is_blurred: true,
+        at_work,
     };
     let rule = Rule {
         radius_m: SURROUNDINGS_VOXELS * evidence.voxel_m(),
         clear_share: config.confident_share,
         whole_strength: whole_strength(gaussians),
+        occlusion: at_work.occlusion,
     };
     let (accounts, account_pairs) = accounts(scene, pings, rule);
     let (pulls, pull_pairs) = pulls(scene, pings);
@@ -200,6 +204,8 @@ struct Rule {
     clear_share: f32,
     /// Strength of what is certainly there: weaker ones are there only in part.
     whole_strength: f32,
+    /// Whether what surfaces hide is doubted.
+    occlusion: bool,
 }
 
 /// Room to work in.
@@ -228,7 +234,9 @@ impl Desk {
             Verdict::Published(_) => (row.strength / rule.whole_strength).min(1.0),
             _ => 0.0,
         };
-        shade.fill(&past.look, sight.rows().iter().map(|row| (row, solid(row))));
+        if rule.occlusion {
+            shade.fill(&past.look, sight.rows().iter().map(|row| (row, solid(row))));
+        }
         for row in sight.rows() {
             let splat = &row.splat;
             let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
@@ -244,7 +252,7 @@ impl Desk {
             let if_so = |so: bool| if so { looks } else { 0.0 };
             tally.of(row.slot).join(&Account {
                 looks,
-                hidden_looks: if_so(shade.hides(row)),
+                hidden_looks: if_so(rule.occlusion && shade.hides(row)),
                 clear_looks: if_so(near > rule.clear_share * sight.predicted[bin]),
                 rivalry: looks * near / arcs.best(bin).max(f32::MIN_POSITIVE),
                 mirror_m: mirror_m * looks,

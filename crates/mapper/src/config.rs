@@ -3,6 +3,8 @@
 use echosplat_acoustics::{Beam, BeamError};
 use serde::{Deserialize, Serialize};
 
+use crate::Parts;
+
 /// Settings of the mapper.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -40,6 +42,8 @@ pub struct MapperConfig {
     pub confident_sigma_m: f32,
     /// Threads of the mapper's own pool; 0 takes one per core. Does not change the result.
     pub threads: usize,
+    /// What a scene may not need.
+    pub parts: Parts,
 }
 
 impl Default for MapperConfig {
@@ -60,6 +64,7 @@ impl Default for MapperConfig {
             confident_share: 0.6,
             confident_sigma_m: 0.25,
             threads: 0,
+            parts: Parts::default(),
         }
     }
 }

@@ -13,11 +13,14 @@ use crate::evidence::Evidence;
 use crate::field::Field;
 use crate::gaussians::{Gaussians, Lobes};
 use crate::history::Past;
+use crate::parts::AtWork;
 use crate::tally::Tally;
 use crate::visibility::{Against, Moments, Row, Sight};
 
 /// Sums are made per chunk and added in order, so that threads do not change them.
 const CHUNKS: usize = 16;
+/// Exponent for counts over that for gamma speckle.
+const COUNTS_STEP: f32 = 2.0;
 
 /// What a pass reads.
 #[derive(Clone, Copy)]
@@ -28,6 +31,7 @@ pub(crate) struct Scene<'a> {
     pub(crate) floor: f32,
     /// Whether looks are as blurred as their poses may be off.
     pub(crate) is_blurred: bool,
+    pub(crate) at_work: AtWork,
 }
 
 /// What is summed over pings for a Gaussian.
@@ -96,17 +100,28 @@ pub(crate) fn maximise(
     pings: &[&Past],
     floor: f32,
     exponent: f32,
+    at_work: AtWork,
 ) -> u64 {
     let scene = Scene {
         evidence,
         gaussians,
         floor,
         is_blurred: false,
+        at_work,
     };
     let (sums, pairs) = over_pings(scene, pings, |tally, against, past, sight| {
         step_of_ping(tally, against, past, sight);
     });
+    let exponent = match at_work.speckle {
+        true => exponent,
+        false => COUNTS_STEP * exponent,
+    };
     for (strength, StepSums { pull, weight }) in gaussians.strength.iter_mut().zip(&sums) {
+        if !at_work.specular {
+            let even = step(Vec3::splat(pull.sum()), Vec3::splat(weight.sum()), exponent);
+            strength.scale(even.x);
+            continue;
+        }
         strength.ahead *= step(pull.ahead, weight.ahead, exponent);
         strength.behind *= step(pull.behind, weight.behind, exponent);
     }

@@ -61,6 +61,11 @@ impl Lobes {
         self.behind += other.behind;
     }
 
+    /// Of all sides.
+    pub(crate) fn sum(&self) -> f32 {
+        self.ahead.element_sum() + self.behind.element_sum()
+    }
+
     /// Multiplies every side.
     pub(crate) fn scale(&mut self, factor: f32) {
         self.ahead *= factor;

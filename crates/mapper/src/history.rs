@@ -28,6 +28,13 @@ pub(crate) struct Past {
 }
 
 impl Past {
+    /// Ahead at the range of the first echo, or of none.
+    pub(crate) fn first_echo_m(&self) -> Vec3 {
+        let bin = self.profile.echoes.first().map_or(0, |&(start, _)| start);
+        let range_m = self.look.range_start_m + bin as f32 * self.look.bin_length_m;
+        self.look.pose.position_m + self.look.pose.axes.x_axis * range_m
+    }
+
     /// The look with all that its pose blurs.
     pub(crate) fn blurred_look(&self) -> Look {
         self.blur.of(self.look)
@@ -82,6 +89,12 @@ impl History {
     pub(crate) fn thinned(&self) -> u64 {
         self.thinned
     }
+}
+
+/// Every `stride`-th ping from `offset` on; neither need be whole.
+pub(crate) fn every(pings: &[Past], offset: f64, stride: f64) -> Vec<&Past> {
+    let index = |step: usize| (offset + step as f64 * stride) as usize;
+    (0..).map_while(|step| pings.get(index(step))).collect()
 }
 
 /// What an uncertain pose adds to range and azimuth.

@@ -15,6 +15,7 @@ mod field;
 mod gaussians;
 mod history;
 mod mapper;
+mod parts;
 mod profile;
 mod seabed;
 mod shade;
@@ -25,4 +26,5 @@ mod visibility;
 
 pub use config::{ConfigError, MapperConfig};
 pub use history::look_of;
+pub use parts::{LeftOut, Parts, Switch};
 pub use mapper::{Budget, InsertReport, Mapper, MapperStatus, OptimizeReport};

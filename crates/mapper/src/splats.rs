@@ -45,6 +45,8 @@ pub(crate) struct View {
     /// Variance in azimuth of beam and attitude.
     beam_variance: f32,
     inverse_half_width: f32,
+    /// Whether sensitivity falls off over elevation.
+    is_graded: bool,
     /// Tangent of the fan's reach.
     fan_tangent: f32,
     range_variance_m2: f32,
@@ -54,7 +56,7 @@ pub(crate) struct View {
 }
 
 impl View {
-    pub(crate) fn of(look: &Look) -> Self {
+    pub(crate) fn of(look: &Look, is_graded: bool) -> Self {
         let sigma_b = look.beam.azimuth_sigma_rad();
         let half_width = look.beam.elevation_half_width_rad();
         Self {
@@ -65,6 +67,7 @@ impl View {
             sigma_b,
             beam_variance: sigma_b * sigma_b + look.azimuth_variance_rad2,
             inverse_half_width: 1.0 / half_width,
+            is_graded,
             fan_tangent: (FAN_REACH * half_width).min(1.5).tan(),
             range_variance_m2: look.range_variance_m2,
             range_start_m: look.range_start_m,
@@ -283,7 +286,10 @@ fn project_eight<S: Simd>(
     let steep2 = steep * steep;
     let steep4 = steep2 * steep2;
     let fan = lanes::exp(steep4 * steep4 * -std::f32::consts::LN_2);
-    let energy = solid_angle * fan * pattern;
+    let energy = match view.is_graded {
+        true => solid_angle * fan * pattern,
+        false => solid_angle * pattern,
+    };
     let strength = facing(range_axis, ahead, behind);
 
     let reach_m = range_sigma_m * RANGE_REACH_SIGMAS;
@@ -412,7 +418,7 @@ mod tests {
     fn eight_at_a_time_see_what_one_at_a_time_sees() {
         let look = look();
         let gaussians = gaussians(&look);
-        let (field, view) = (Field::of_all(&gaussians), View::of(&look));
+        let (field, view) = (Field::of_all(&gaussians), View::of(&look, true));
         let (mut places, mut seen) = (Vec::new(), Vec::new());
         dispatch!(Level::new(), simd => {
             cull(simd, &view, field.numbers(), 0..gaussians.slot_count(), &mut places);

@@ -14,6 +14,7 @@ use fearless_simd::{Level, dispatch, f32x8};
 use crate::expectation::Scene;
 use crate::field::Field;
 use crate::history::Past;
+use crate::parts::Extent;
 use crate::profile::BinState;
 use crate::splats::{self, Seen, View};
 
@@ -44,7 +45,7 @@ pub(crate) struct Sight {
     measured: Vec<f32>,
     /// What each bin counts: 0 in the blanking, little in a shadow, 0 beyond the last.
     pub(crate) bin_weight: Vec<f32>,
-    /// `w/Î` and `w·I/Î²` per bin: what a row's energies are summed with.
+    /// `w/Î` and `w·I/Î²` per bin, as counts `w` and `w·I/Î`: what a row's energies are summed with.
     share: Vec<f32>,
     pull: Vec<f32>,
 }
@@ -76,22 +77,22 @@ impl Sight {
             true => past.blurred_look(),
             false => past.look,
         };
-        self.listen(past, scene.floor);
-        let view = View::of(&look);
+        self.listen(past, scene);
+        let view = View::of(&look, scene.at_work.elevation);
         field.in_fan(&past.fan, &mut self.near);
         dispatch!(Level::new(), simd => {
             self.find(simd, &view, field);
             self.spread(simd, &look, field);
-            self.compare(simd);
+            self.compare(simd, scene.at_work.speckle);
         });
     }
 
     /// What the ping measured, and the noise it has to be told from.
-    fn listen(&mut self, past: &Past, floor: f32) {
+    fn listen(&mut self, past: &Past, scene: Scene<'_>) {
         let profile = &past.profile;
         let padded = (profile.intensity.len() + LANES).next_multiple_of(LANES);
         self.predicted.clear();
-        self.predicted.resize(padded, profile.noise.max(floor));
+        self.predicted.resize(padded, profile.noise.max(scene.floor));
         for (predicted, ground) in self.predicted.iter_mut().zip(profile.ground.iter()) {
             *predicted += ground;
         }
@@ -99,7 +100,12 @@ impl Sight {
         self.measured.extend(profile.intensity.iter());
         self.measured.resize(padded, 0.0);
         self.bin_weight.clear();
-        self.bin_weight.extend(profile.state.iter().map(weight_of));
+        let dark = match scene.at_work.empty {
+            Extent::None => 0.0,
+            _ => 1.0,
+        };
+        let weights = profile.state.iter().map(|state| weight_of(state, dark));
+        self.bin_weight.extend(weights);
         self.bin_weight.resize(padded, 0.0);
     }
 
@@ -153,7 +159,7 @@ impl Sight {
     }
 
     #[inline(always)]
-    fn compare<S: Simd>(&mut self, simd: S) {
+    fn compare<S: Simd>(&mut self, simd: S, is_speckled: bool) {
         let count = self.predicted.len();
         self.share.resize(count, 0.0);
         self.pull.resize(count, 0.0);
@@ -168,7 +174,11 @@ impl Sight {
         let inputs = inputs.zip(self.measured.chunks_exact(LANES));
         for ((share, pull), ((predicted, weight), measured)) in outputs.zip(inputs) {
             let predicted = f32x8::from_slice(simd, predicted);
-            let weighted = f32x8::from_slice(simd, weight) / predicted;
+            let weight = f32x8::from_slice(simd, weight);
+            let weighted = match is_speckled {
+                true => weight / predicted,
+                false => weight,
+            };
             weighted.store_slice(share);
             let pulled = weighted * f32x8::from_slice(simd, measured) / predicted;
             pulled.store_slice(pull);
@@ -270,10 +280,11 @@ impl Sight {
     }
 }
 
-fn weight_of(state: BinState) -> f32 {
+fn weight_of(state: BinState, dark: f32) -> f32 {
     match state {
         BinState::Blank => 0.0,
-        BinState::Shadowed => SHADOWED_WEIGHT,
-        BinState::Dark | BinState::Lit => 1.0,
+        BinState::Shadowed => SHADOWED_WEIGHT * dark,
+        BinState::Dark => dark,
+        BinState::Lit => 1.0,
     }
 }

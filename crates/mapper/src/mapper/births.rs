@@ -1,8 +1,6 @@
 //! Births and deaths: Gaussians follow the evidence.
 
-use echosplat_model::glam::Vec3;
-
-use crate::evidence::{Evidence, VOXELS};
+use crate::evidence::{Block, Evidence, VOXELS};
 use crate::gaussians::Gaussians;
 
 /// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
@@ -20,22 +18,26 @@ pub(super) fn follow_evidence(
     strength: f32,
 ) -> (u64, u64) {
     let (mut added, mut pruned) = (0, 0);
+    let scale_m = 0.5 * evidence.voxel_m();
     for index in evidence.take_touched() {
-        let scale_m = 0.5 * evidence.voxel_m();
         let block = evidence.block_mut(index);
+        if block.gaussians.is_empty() && block.best < spawn_evidence {
+            continue;
+        }
+        let (key, best, sums) = (block.key, block.best, block.evidence());
+        let least = DROP_EVIDENCE.max(DROP_PART * best);
         let before = block.gaussians.len();
-        let least = DROP_EVIDENCE.max(DROP_PART * block.best);
-        let mut held = std::mem::take(&mut block.gaussians);
-        held.retain(|&(voxel, slot)| {
-            let stays = block.evidence(voxel.into()) > least;
+        block.gaussians.retain(|&(voxel, slot)| {
+            let stays = sums[usize::from(voxel)] > least;
             if !stays {
                 gaussians.remove(slot);
             }
             stays
         });
-        block.gaussians = held;
         pruned += (before - block.gaussians.len()) as u64;
-        for (voxel, center_m) in births(evidence, index, spawn_evidence) {
+        let enough = spawn_evidence.max(SPAWN_PART * best);
+        for voxel in births(block, &sums, enough) {
+            let center_m = evidence.center_m(key, voxel.into());
             let slot = gaussians.spawn(center_m, (index, voxel), scale_m, strength);
             evidence.block_mut(index).gaussians.push((voxel, slot));
             added += 1;
@@ -45,14 +47,12 @@ pub(super) fn follow_evidence(
 }
 
 /// Voxels of a block that the evidence now fills and that hold no Gaussian yet.
-fn births(evidence: &Evidence, index: u32, spawn_evidence: f32) -> Vec<(u16, Vec3)> {
-    let block = evidence.block(index);
-    let spawn_evidence = spawn_evidence.max(SPAWN_PART * block.best);
-    let full = (0..VOXELS).filter(|&voxel| block.evidence(voxel) >= spawn_evidence);
-    let free = full.filter(|&voxel| {
-        let held = |&(other, _): &(u16, u32)| usize::from(other) == voxel;
-        !block.gaussians.iter().any(held) && !block.is_barred(voxel)
-    });
-    free.map(|voxel| (voxel as u16, evidence.center_m(block.key, voxel)))
-        .collect()
+fn births(block: &Block, sums: &[f32; VOXELS], enough: f32) -> Vec<u16> {
+    let mut held = block.barred;
+    for &(voxel, _) in &block.gaussians {
+        held[usize::from(voxel) / 64] |= 1 << (voxel % 64);
+    }
+    let is_free = |voxel: usize| held[voxel / 64] >> (voxel % 64) & 1 == 0;
+    let full = (0..VOXELS).filter(|&voxel| sums[voxel] >= enough && is_free(voxel));
+    full.map(|voxel| voxel as u16).collect()
 }

@@ -5,7 +5,8 @@ use echosplat_model::Snapshot;
 use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births};
 use crate::expectation::{localise, maximise, over_pings, pulls};
 use crate::gaussians::{Lobes, Verdict};
-use crate::history::Past;
+use crate::history::{Past, every};
+use crate::parts::Extent;
 use crate::shape::align;
 
 /// What all Gaussians start with, alike.
@@ -13,7 +14,13 @@ const EVEN_STRENGTH: f32 = 0.2;
 /// Looks made at each ping, all its steps together.
 const FINISH_LOOKS_PER_PING: f64 = 7.5;
 /// A step of a finished dive looks at every so many-th ping.
-const INTERLEAVE: usize = 8;
+const INTERLEAVE: f64 = 8.0;
+/// Pairs of each Gaussian in one pass over a dive, beyond which more pings say nothing new.
+const ENOUGH_PAIRS: f64 = 6000.0;
+/// So many times fewer looks see every ping about once over all steps.
+const NEVER_TWICE: f64 = FINISH_LOOKS_PER_PING;
+/// Steps of offset from one step to the next.
+const OFFSET_STRIDE: f64 = 5.0;
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
 
@@ -24,6 +31,7 @@ impl Mapper {
         if self.pending > 0 {
             self.take_in_slice();
         }
+        self.decide();
         self.judge_anew();
         self.lift_bars();
         // Steps without end sharpen noise, so that a finished map starts even and stops early.
@@ -34,24 +42,28 @@ impl Mapper {
         let steps = self.config.finish_passes;
         // Few looks sort out most candidates; the rest is worth all of them.
         self.pairs_per_ping = self.count_pairs_per_ping();
-        self.interleaved_steps(steps, 4 * INTERLEAVE);
+        self.interleaved_steps(steps, 4.0 * INTERLEAVE);
         self.drop_tails(TAIL_PART);
         self.interleaved_steps(steps, INTERLEAVE);
         self.drop_tails(TAIL_PART);
         for _ in 0..2 {
-            self.localise_every(2);
+            self.localise_every(2.0);
             self.interleaved_steps(steps / 3, INTERLEAVE);
         }
-        self.assess_every(2 * self.thinning());
-        self.split_confident();
-        self.interleaved_steps(steps / 3, INTERLEAVE);
-        self.drop_tails(TAIL_PART);
-        self.localise_every(2);
-        if let Some(world) = &self.world {
+        self.assess_every(2.0 * self.thinning());
+        if self.at_work.splitting {
+            self.split_confident();
+            self.interleaved_steps(steps / 3, INTERLEAVE);
+            self.drop_tails(TAIL_PART);
+            self.localise_every(2.0);
+        }
+        if self.at_work.anisotropy
+            && let Some(world) = &self.world
+        {
             align(&mut self.gaussians, world.evidence.voxel_m());
         }
         self.interleaved_steps(steps / 3, INTERLEAVE);
-        self.assess_every(2 * self.thinning());
+        self.assess_every(2.0 * self.thinning());
         self.publish()
     }
 
@@ -80,13 +92,21 @@ impl Mapper {
         births::follow_evidence(&mut world.evidence, &mut self.gaussians, spawn, strength);
     }
 
-    /// How many times fewer looks a finish must make do with to stay within its work.
-    fn thinning(&self) -> usize {
-        let looks = FINISH_LOOKS_PER_PING * self.history.pings().len() as f64;
-        let ratio = looks * self.pairs_per_ping / self.config.finish_pairs as f64;
+    /// How many times fewer looks a finish makes do with, at least 1: to stay within its work, and
+    /// since what has been seen often enough gains nothing.
+    fn thinning(&self) -> f64 {
+        let pings = self.history.pings().len() as f64;
+        let pass = pings * self.pairs_per_ping;
+        let within_work = FINISH_LOOKS_PER_PING * pass / self.config.finish_pairs as f64;
+        let gaussians = self.gaussians.alive_count().max(1) as f64;
+        let enough = match self.at_work.converged {
+            Extent::All => 0.0,
+            Extent::Useful => pass / (ENOUGH_PAIRS * gaussians),
+            Extent::None => NEVER_TWICE,
+        };
         // At least some dozens of looks a step, however crowded the map.
-        let most = (self.history.pings().len() / (64 * INTERLEAVE)).max(1);
-        (ratio.ceil() as usize).clamp(1, most)
+        let most = (pings / (64.0 * INTERLEAVE)).max(1.0);
+        within_work.max(enough).clamp(1.0, most)
     }
 
     fn count_pairs_per_ping(&self) -> f64 {
@@ -107,29 +127,28 @@ impl Mapper {
     }
 
     /// Multiplicative steps, each over every `interleave`-th ping, the next over the ones beside.
-    fn interleaved_steps(&mut self, steps: usize, interleave: usize) {
+    fn interleaved_steps(&mut self, steps: usize, interleave: f64) {
         let interleave = interleave * self.thinning();
         for step in 0..steps {
             // A stride through the offsets keeps neighbouring steps on different sweeps.
-            let offset = step * 5 % interleave;
-            let pings = self.history.pings();
-            let subset: Vec<&Past> = pings.iter().skip(offset).step_by(interleave).collect();
+            let offset = (step as f64 * OFFSET_STRIDE) % interleave;
+            let mut subset = every(self.history.pings(), offset, interleave);
+            subset.retain(|past| self.is_of_use(past));
             let looks = subset.len();
-            let floor = self.floor();
+            let (floor, at_work) = (self.floor(), self.at_work);
             let Some(world) = &self.world else { return };
             let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
             let pairs = self
                 .pool
-                .install(|| maximise(evidence, gaussians, &subset, floor, FULL_STEP));
+                .install(|| maximise(evidence, gaussians, &subset, floor, FULL_STEP, at_work));
             self.worked(pairs, looks);
             self.status.iterations += 1;
         }
     }
 
-    fn localise_every(&mut self, stride: usize) {
+    fn localise_every(&mut self, stride: f64) {
         let Some(world) = &self.world else { return };
-        let pings = self.history.pings().iter();
-        let pings: Vec<&Past> = pings.step_by(stride * self.thinning()).collect();
+        let pings = every(self.history.pings(), 0.0, stride * self.thinning());
         let looks = pings.len();
         let voxel_m = world.evidence.voxel_m();
         let scene = self.scene(world);

@@ -6,7 +6,7 @@ mod published;
 mod splitting;
 
 use echosplat_acoustics::{Look, SymmetricMat3};
-use echosplat_model::glam::DVec3;
+use echosplat_model::glam::{DVec3, Vec3};
 use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
@@ -15,7 +15,8 @@ use crate::assess::{assess, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, maximise};
 use crate::gaussians::{Gaussians, Verdict};
-use crate::history::{History, Past, look_of, novelty, past_of, pose_blur};
+use crate::history::{History, Past, every, look_of, novelty, past_of, pose_blur};
+use crate::parts::{AtWork, Cue, Cues, Extent, LeftOut, MapCues, decide};
 use crate::profile::Levels;
 use crate::seabed::Seabed;
 use crate::{ConfigError, MapperConfig};
@@ -33,6 +34,9 @@ const LEAST_PAIRS_PER_LOOK: u64 = 1000;
 /// A running map lets go of tails after so many steps, and of that judgement when it has seen
 /// twice as many pings.
 const STEPS_BETWEEN_DROPS: usize = 8;
+/// Pings asked whether they see the newest echo, within so far of its middle.
+const RETURN_SAMPLE: usize = 256;
+const RETURN_RADIUS_M: f32 = 2.0;
 /// Most pings a running assessment looks at.
 const ASSESSED_PINGS: usize = 768;
 /// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
@@ -121,6 +125,9 @@ pub struct Mapper {
     unit_strength: f32,
     /// As of the last work done.
     pairs_per_ping: f64,
+    cues: Cues,
+    at_work: AtWork,
+    left_out: Vec<LeftOut>,
     status: MapperStatus,
 }
 
@@ -141,6 +148,7 @@ impl Mapper {
             .thread_name(|index| format!("mapper-{index}"))
             .build()
             .map_err(|error| ConfigError::Threads(error.to_string()))?;
+        let (at_work, left_out) = decide(&config.parts, &Cues::default(), MapCues::default());
         Ok(Self {
             history: History::new(config.history_pings.max(2 * config.slice_pings)),
             seabed: Seabed::new(&config.beam),
@@ -156,6 +164,9 @@ impl Mapper {
             sequence: 0,
             unit_strength: 0.0,
             pairs_per_ping: 0.0,
+            cues: Cues::default(),
+            at_work,
+            left_out,
             status: MapperStatus::default(),
         })
     }
@@ -205,6 +216,13 @@ impl Mapper {
         };
         self.last_look = Some(look);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
+        self.cues.add(Cue {
+            runs: profile.echoes.len(),
+            weight,
+            quarter: quarter_of(look.pose.axes.x_axis),
+            noise_db: self.status.noise_db,
+            blur_m: range_sigma_m,
+        });
         past_of(look, blur, profile, weight, brightness, posed)
     }
 
@@ -270,19 +288,25 @@ impl Mapper {
     }
 
     fn step(&mut self) -> u64 {
-        let floor = self.floor();
+        self.decide();
+        let (floor, at_work) = (self.floor(), self.at_work);
         let Some(world) = &self.world else { return 0 };
         let pings = self.history.pings();
         let newest = pings.len().saturating_sub(NEWEST_PINGS);
         let stride = (newest / OLDER_PINGS).max(1);
         self.cursor += 1;
         let offset = self.cursor.wrapping_mul(7) % stride;
-        let older = pings[..newest].iter().skip(offset).step_by(stride);
-        let subset: Vec<&Past> = older.chain(&pings[newest..]).collect();
+        let older = match at_work.reservoir {
+            true => &pings[..newest],
+            false => &[],
+        };
+        let older = older.iter().skip(offset).step_by(stride);
+        let looked_at = older.chain(&pings[newest..]);
+        let subset: Vec<&Past> = looked_at.filter(|past| self.is_of_use(past)).collect();
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
         let pairs = self
             .pool
-            .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP));
+            .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP, at_work));
         let looks = subset.len() as u64;
         self.status.pairs += pairs;
         if self.cursor.is_multiple_of(STEPS_BETWEEN_DROPS) {
@@ -294,7 +318,7 @@ impl Mapper {
     /// The map as it stands. Looking at it leaves no trace in what [`Mapper::finish`] gives.
     pub fn snapshot(&mut self) -> Snapshot {
         let pings = self.history.pings().len();
-        self.assess_every(pings.div_ceil(ASSESSED_PINGS).max(1));
+        self.assess_every((pings as f64 / ASSESSED_PINGS as f64).max(1.0));
         self.publish()
     }
 
@@ -304,7 +328,46 @@ impl Mapper {
             gaussians: &self.gaussians,
             floor: self.floor(),
             is_blurred: false,
+            at_work: self.at_work,
         }
+    }
+
+    /// Which parts the dive so far asks for.
+    fn decide(&mut self) {
+        let voxel_m = self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m());
+        let map = MapCues {
+            voxel_m,
+            return_share: self.return_share(),
+        };
+        (self.at_work, self.left_out) = decide(&self.config.parts, &self.cues, map);
+    }
+
+    /// Share of the remembered pings that see the place of the newest echo.
+    fn return_share(&self) -> f32 {
+        let pings = self.history.pings();
+        let Some(newest) = pings.iter().rev().find(|past| !past.profile.echoes.is_empty()) else {
+            return 1.0;
+        };
+        let place_m = newest.first_echo_m();
+        let sample = pings.iter().step_by(pings.len() / RETURN_SAMPLE + 1);
+        let (mut seen, mut all) = (0, 0);
+        for past in sample {
+            all += 1;
+            seen += u32::from(past.fan.touches(place_m, RETURN_RADIUS_M));
+        }
+        seen as f32 / all as f32
+    }
+
+    /// Whether a ping says something of strengths: where it heard nothing, evidence has taken away
+    /// what it could contradict.
+    fn is_of_use(&self, past: &Past) -> bool {
+        self.at_work.empty == Extent::All || !past.profile.echoes.is_empty()
+    }
+
+    /// What is not at work, and why.
+    #[must_use]
+    pub fn left_out(&self) -> &[LeftOut] {
+        &self.left_out
     }
 
     /// Least noise power to reckon with.
@@ -322,15 +385,15 @@ impl Mapper {
         }
     }
 
-    fn assess_every(&mut self, stride: usize) {
-        let floor = self.floor();
+    fn assess_every(&mut self, stride: f64) {
+        let (floor, at_work) = (self.floor(), self.at_work);
         let Some(world) = &self.world else { return };
-        let pings: Vec<&Past> = self.history.pings().iter().step_by(stride).collect();
+        let pings = every(self.history.pings(), 0.0, stride);
         let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
         let config = &self.config;
         self.status.pairs += self
             .pool
-            .install(|| assess(evidence, gaussians, &pings, stride, floor, config));
+            .install(|| assess(evidence, gaussians, &pings, stride, floor, at_work, config));
         self.doubt_underground();
     }
 
@@ -395,6 +458,11 @@ fn is_usable(posed: &PosedPing) -> bool {
                 && u.attitude_rad >= 0.0
                 && u.attitude_rad < 3.2
         })
+}
+
+/// Quarter of the horizon that a direction is in.
+fn quarter_of(direction: Vec3) -> usize {
+    usize::from(direction.x < 0.0) + 2 * usize::from(direction.y < 0.0)
 }
 
 fn voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {

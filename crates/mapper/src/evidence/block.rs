@@ -1,0 +1,283 @@
+//! A cube of voxels, and what looks from each side say of it.
+
+use echosplat_acoustics::lanes::{self, LANES};
+use echosplat_model::glam::{IVec3, Vec3};
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x8};
+
+use super::{BLOCK_EDGE, VOXELS};
+use crate::history::Past;
+
+/// Sides of a block that looks come from: east, west, north, south.
+const SIDES: usize = 4;
+
+/// Log likelihood ratio of a look on the beam's axis: an echo is seen from 95 % of looks at a
+/// surface, and from about 57 % at a place that is only asked about because some arc of it was
+/// lit: ln(0.95/0.57) and ln(0.05/0.43).
+const LIT: f32 = 0.5;
+const DARK: f32 = -2.15;
+/// Darkness behind an echo may be its shadow.
+const SHADOWED: f32 = 0.15 * DARK;
+/// Rows further off than the beam's reach and this are passed over: a voxel's own spread, and what
+/// the sensor drifts until an echo.
+const ROW_MARGIN_VOXELS: f32 = 0.7;
+/// Beyond this many sigma from the axis a look says nothing clear.
+const LOOK_SIGMAS_SQUARED: f32 = 1.4;
+/// Of the fan's half-width, beyond which a look says nothing.
+const FAN_SHARE: f32 = 0.92;
+/// Places are found although the heading is off by this factor of variance: what a surface that
+/// glints shows but once must not be lost to one bad pose.
+const POSE_DOUBT: f32 = 6.0;
+/// Darkness from one side weighs at most this much against what other sides saw.
+const MOST_AGAINST: f32 = -2.0;
+/// A block whose best voxel is this deep in darkness needs no more looks.
+const SETTLED_EVIDENCE: f32 = -30.0;
+
+/// Sums per voxel, x fastest.
+type Sums = [f32; VOXELS];
+
+/// 8 × 8 × 8 voxels.
+#[derive(Debug)]
+pub(crate) struct Block {
+    /// Position in units of blocks.
+    pub(crate) key: IVec3,
+    /// What was seen from each side.
+    sides: [Side; SIDES],
+    /// Slots of the Gaussians born here, by voxel.
+    pub(crate) gaussians: Vec<(u16, u32)>,
+    /// Voxels whose Gaussian was let go as the tail of a stronger one, a bit each.
+    pub(crate) barred: [u64; VOXELS / 64],
+    /// The most evidence of any voxel.
+    pub(crate) best: f32,
+}
+
+/// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
+/// that glints do not contradict their front.
+#[derive(Debug, Default)]
+enum Side {
+    #[default]
+    Unseen,
+    /// Sum of log likelihood ratios per voxel.
+    Seen(Box<Sums>),
+    /// So dark everywhere that no more looks are needed and nothing need be remembered.
+    Settled,
+}
+
+impl Side {
+    /// From nothing if it was unseen; `None` if settled.
+    fn sums(&mut self) -> Option<&mut Sums> {
+        if let Self::Unseen = self {
+            *self = Self::Seen(Box::new([0.0; VOXELS]));
+        }
+        match self {
+            Self::Seen(sums) => Some(sums),
+            _ => None,
+        }
+    }
+
+    /// Adds what each voxel counts together with the other sides: one that saw it dark, since the
+    /// structure hides itself or glints elsewhere, contradicts them only so far.
+    fn add_to(&self, total: &mut Sums) {
+        match self {
+            Self::Unseen => {}
+            Self::Seen(sums) => {
+                for (total, sum) in total.iter_mut().zip(sums.iter()) {
+                    *total += sum.max(MOST_AGAINST);
+                }
+            }
+            Self::Settled => total.iter_mut().for_each(|total| *total += MOST_AGAINST),
+        }
+    }
+
+    /// Lets go of the sums when no place is left that could be anything.
+    fn settle(&mut self) {
+        if let Self::Seen(sums) = self
+            && best_of(sums) < SETTLED_EVIDENCE
+        {
+            *self = Self::Settled;
+        }
+    }
+}
+
+fn best_of(sums: &Sums) -> f32 {
+    sums.iter().copied().fold(f32::MIN, f32::max)
+}
+
+/// The side a look comes from, by the direction towards its sensor.
+fn side_of(towards_m: Vec3) -> usize {
+    if towards_m.x.abs() > towards_m.y.abs() {
+        usize::from(towards_m.x < 0.0)
+    } else {
+        2 + usize::from(towards_m.y < 0.0)
+    }
+}
+
+impl Block {
+    pub(super) fn new(key: IVec3) -> Self {
+        Self {
+            key,
+            sides: Default::default(),
+            gaussians: Vec::new(),
+            barred: [0; VOXELS / 64],
+            best: 0.0,
+        }
+    }
+
+    /// Forgets all evidence, and keeps its Gaussians.
+    pub(super) fn forget(&mut self) {
+        self.sides = Default::default();
+        self.best = 0.0;
+    }
+
+    /// Takes the Gaussian of a voxel away and lets none be born there until bars are lifted.
+    pub(crate) fn bar(&mut self, voxel: u16, slot: u32) {
+        self.gaussians.retain(|&(_, other)| other != slot);
+        self.barred[usize::from(voxel) / 64] |= 1 << (voxel % 64);
+    }
+
+    pub(super) fn center_m(&self, voxel_m: f32) -> Vec3 {
+        (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
+    }
+
+    /// Adds the evidence of `pings` in their order. Returns voxel looks done.
+    pub(super) fn integrate(&mut self, pings: &[Past], voxel_m: f32) -> u64 {
+        let center_m = self.center_m(voxel_m);
+        let radius_m = 0.5 * 3f32.sqrt() * voxel_m * BLOCK_EDGE as f32;
+        let mut work = 0;
+        for past in pings {
+            if past.fan.touches(center_m, radius_m) {
+                let side = side_of(past.look.pose.position_m - center_m);
+                if let Some(sums) = self.sides[side].sums() {
+                    let glance = Glance::of(past, self.key, voxel_m);
+                    work += dispatch!(Level::new(), simd => glance.add(simd, sums));
+                }
+            }
+        }
+        if work > 0 {
+            self.sides.iter_mut().for_each(Side::settle);
+            self.best = best_of(&self.evidence());
+        }
+        work
+    }
+
+    /// Evidence for each voxel over all sides.
+    pub(crate) fn evidence(&self) -> Sums {
+        let mut total = [0.0; VOXELS];
+        self.sides.iter().for_each(|side| side.add_to(&mut total));
+        total
+    }
+}
+
+/// One ping against one block.
+struct Glance<'a> {
+    past: &'a Past,
+    /// Centre of the first voxel in the beam's frame.
+    first_m: Vec3,
+    /// From voxel to voxel along each of the block's axes.
+    steps_m: [Vec3; 3],
+    voxel_m: f32,
+    beam_variance: f32,
+    /// What each state says.
+    ratios: [f32; 4],
+}
+
+impl<'a> Glance<'a> {
+    fn of(past: &'a Past, key: IVec3, voxel_m: f32) -> Self {
+        let look = &past.look;
+        let into_beam = look.pose.axes.transpose();
+        let first_m = ((key * BLOCK_EDGE).as_vec3() + 0.5) * voxel_m;
+        let sigma = look.beam.azimuth_sigma_rad();
+        Self {
+            past,
+            first_m: into_beam * (first_m - look.pose.position_m),
+            steps_m: [into_beam.x_axis, into_beam.y_axis, into_beam.z_axis].map(|a| a * voxel_m),
+            voxel_m,
+            beam_variance: sigma * sigma
+                + look.azimuth_variance_rad2
+                + POSE_DOUBT * past.blur.azimuth_variance_rad2,
+            ratios: [0.0, DARK, LIT, SHADOWED].map(|ratio| ratio * past.weight),
+        }
+    }
+
+    /// Adds the look to every voxel in its beam. Returns voxel looks done.
+    #[inline(always)]
+    fn add<S: Simd>(&self, simd: S, sums: &mut Sums) -> u64 {
+        let look = &self.past.look;
+        let [step, along_y, along_z] = self.steps_m;
+        let fan_tangent2 = (FAN_SHARE * look.beam.elevation_half_width_rad())
+            .tan()
+            .powi(2);
+        let voxel_variance_m2 = self.voxel_m * self.voxel_m / 12.0;
+        let (per_bin, start_m) = (1.0 / look.bin_length_m, look.range_start_m);
+        let [left, turn, roll] = look.pose.drift_per_m.to_array();
+        let numbers = lanes::lane_numbers(simd);
+        let (none, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
+        let [across_x, across_y, across_z] = step.to_array().map(|step| numbers * step);
+        let states = &self.past.profile.state;
+        // Beyond this the beam's middle says nothing of a row, its drift included.
+        let margin_m = 3.5 * step.y.abs() + ROW_MARGIN_VOXELS * self.voxel_m;
+        let reach = (LOOK_SIGMAS_SQUARED * self.beam_variance).sqrt();
+        let mut work = 0;
+        for (row, sums) in sums.chunks_exact_mut(LANES).enumerate() {
+            let start = self.first_m + along_y * (row % 8) as f32 + along_z * (row / 8) as f32;
+            let middle = start + step * 3.5;
+            let lever_m = middle.x.abs() + 3.5 * self.voxel_m;
+            if middle.y.abs() > margin_m + reach * lever_m || middle.x < -4.0 * self.voxel_m {
+                continue;
+            }
+            work += LANES as u64;
+            let (x, y, z) = (across_x + start.x, across_y + start.y, across_z + start.z);
+            let lever2 = x.mul_add(x, y * y);
+            let range_m = z.mul_add(z, lever2).sqrt();
+            let late_m = range_m - look.pose.reference_range_m;
+            let across_m = y - late_m * (x * turn - z * roll + left);
+            let variance_m2 = lever2 * self.beam_variance + voxel_variance_m2;
+            let off = across_m * across_m / (variance_m2 * LOOK_SIGMAS_SQUARED);
+            let bin = (range_m - start_m) * per_bin;
+            let seen = x.simd_gt(0.0)
+                & off.simd_lt(1.0)
+                & (z * z).simd_lt(lever2 * fan_tangent2)
+                & bin.simd_ge(0.0);
+            if seen.to_bitmask() == 0 {
+                continue;
+            }
+            let clear = seen.select(one - off, none);
+            let mut ratio = [0.0; LANES];
+            for (ratio, bin) in ratio.iter_mut().zip(bin.to_array()) {
+                // Not a closure: those are not compiled for the wide vectors around them.
+                *ratio = self.ratios[states.at(bin as usize) as usize];
+            }
+            let ratio = f32x8::simd_from(simd, ratio);
+            let before = f32x8::from_slice(simd, sums);
+            clear.mul_add(ratio, before).store_slice(sums);
+        }
+        work
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_side_that_sees_nothing_contradicts_the_others_only_so_far() {
+        let mut block = Block::new(IVec3::ZERO);
+        let seen_as = |ratio: f32| Side::Seen(Box::new([ratio; VOXELS]));
+        let first = |block: &Block| block.evidence()[0];
+        block.sides[0] = seen_as(20.0);
+        block.sides[1] = seen_as(-50.0);
+        assert!((first(&block) - 18.0).abs() < 1e-6);
+        block.sides.iter_mut().for_each(Side::settle);
+        let is_settled = |side: &Side| matches!(side, Side::Settled);
+        assert!(is_settled(&block.sides[1]) && !is_settled(&block.sides[0]));
+        assert!((first(&block) - 18.0).abs() < 1e-6);
+        block.sides[0] = seen_as(1.0);
+        assert!(first(&block) < 0.0);
+    }
+
+    #[test]
+    fn looks_come_from_the_side_their_sensor_is_on() {
+        let sides = [Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y].map(side_of);
+        assert_eq!(sides, [0, 1, 2, 3]);
+    }
+}

@@ -1,0 +1,242 @@
+//! Parts of the mapper that a scene may not need, and what of the running dive decides.
+//!
+//! Cost: a few sums per ping. A decision may change as the dive goes on, and every part that is
+//! left out says why.
+
+use serde::{Deserialize, Serialize};
+
+/// Whether a part is at work.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Switch {
+    /// Always.
+    On,
+    /// Never.
+    Off,
+    /// As the running dive asks for.
+    #[default]
+    Auto,
+}
+
+/// The optional parts.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Parts {
+    /// What surfaces hide behind them is doubted.
+    pub occlusion: Switch,
+    /// The fan's sensitivity over elevation is part of the measurement; without it, it is even up
+    /// to its edge.
+    pub elevation: Switch,
+    /// Gaussians are laid along the surface; without it they stay round.
+    pub anisotropy: Switch,
+    /// Echoes scatter as gamma speckle; without it, as counts do: faint ones matter less.
+    pub speckle: Switch,
+    /// Strength towards each of six sides; without it, one for all.
+    pub specular: Switch,
+    /// What is confident is split in eight at the end of a dive.
+    pub splitting: Switch,
+    /// Each step of a running map looks at older pings too.
+    pub reservoir: Switch,
+    /// What has been seen often enough is looked at further; with auto only where it helps.
+    pub converged: Switch,
+    /// Pings without an echo are looked at for strengths too; off leaves out every dark bin.
+    pub empty: Switch,
+}
+
+impl Parts {
+    /// Names of all.
+    pub const NAMES: [&'static str; 9] = [
+        "occlusion",
+        "elevation",
+        "anisotropy",
+        "speckle",
+        "specular",
+        "splitting",
+        "reservoir",
+        "converged",
+        "empty",
+    ];
+}
+
+/// A part that is not at work though it may be, and why.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct LeftOut {
+    /// One of [`Parts::NAMES`].
+    pub part: &'static str,
+    /// With the figure that decided.
+    pub why: String,
+}
+
+/// What is at work now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct AtWork {
+    pub(crate) occlusion: bool,
+    pub(crate) elevation: bool,
+    pub(crate) anisotropy: bool,
+    pub(crate) speckle: bool,
+    pub(crate) specular: bool,
+    pub(crate) splitting: bool,
+    pub(crate) reservoir: bool,
+    pub(crate) converged: Extent,
+    pub(crate) empty: Extent,
+}
+
+/// How far a part goes that is not just there or not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Extent {
+    All,
+    Useful,
+    None,
+}
+
+impl From<Switch> for Extent {
+    fn from(switch: Switch) -> Self {
+        match switch {
+            Switch::On => Self::All,
+            Switch::Auto => Self::Useful,
+            Switch::Off => Self::None,
+        }
+    }
+}
+
+/// Runs of echoes per ping that shows any, up to which nothing lies behind anything.
+const ALONE: f32 = 1.05;
+/// Pings before anything is decided.
+const LEAST_PINGS: f32 = 64.0;
+/// Noise this far below the strongest echo is none: only a simulator is so silent.
+const SILENT_DB: f32 = -60.0;
+/// Share of looks from one side beyond which a structure has no other.
+const ONE_SIDED: f32 = 0.98;
+/// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
+const BLURRED_VOXELS: f32 = 0.8;
+/// Share of older pings that see what the newest see, below which they are of no use to a step.
+const LEAST_RETURN: f32 = 0.02;
+
+/// Cheap statistics of the running dive.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Cues {
+    pings: f32,
+    /// Pings with an echo, and runs of echoes in them.
+    echoing: f32,
+    runs: f32,
+    /// Looks towards each quarter of the horizon.
+    towards: [f32; 4],
+    noise_db: f32,
+    /// What poses leave open at the range of echoes, metres, mean of late.
+    blur_m: f32,
+}
+
+/// What a ping tells [`Cues`].
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Cue {
+    /// Runs of echoes.
+    pub(crate) runs: usize,
+    /// Independent look, 0 to 1.
+    pub(crate) weight: f32,
+    /// Quarter of the horizon it looks towards.
+    pub(crate) quarter: usize,
+    pub(crate) noise_db: f32,
+    pub(crate) blur_m: f32,
+}
+
+impl Cues {
+    pub(crate) fn add(&mut self, cue: Cue) {
+        /// What a new blur counts.
+        const RATE: f32 = 0.01;
+        self.pings += 1.0;
+        self.noise_db = cue.noise_db;
+        if cue.runs > 0 {
+            self.echoing += 1.0;
+            self.runs += cue.runs as f32;
+            self.towards[cue.quarter] += cue.weight;
+        }
+        let before = if self.blur_m > 0.0 { self.blur_m } else { cue.blur_m };
+        self.blur_m = before + RATE * (cue.blur_m - before);
+    }
+
+    fn runs_per_ping(&self) -> f32 {
+        self.runs / self.echoing.max(1.0)
+    }
+
+    fn most_sided(&self) -> f32 {
+        let all: f32 = self.towards.iter().sum();
+        self.towards.iter().copied().fold(0.0, f32::max) / all.max(f32::MIN_POSITIVE)
+    }
+}
+
+/// What the map itself adds to the decision.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct MapCues {
+    pub(crate) voxel_m: f32,
+    /// Share of older pings that see what the newest see.
+    pub(crate) return_share: f32,
+}
+
+/// Settings and statistics to what is at work, and what is left out.
+pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<LeftOut>) {
+    let mut left_out = Vec::new();
+    let mut use_part = |part: &'static str, switch: Switch, reason: Option<String>| {
+        let why = match (switch, reason) {
+            (Switch::On, _) | (Switch::Auto, None) => return true,
+            (Switch::Off, _) => "switched off".to_owned(),
+            (Switch::Auto, Some(why)) => why,
+        };
+        left_out.push(LeftOut { part, why });
+        false
+    };
+    let known = cues.pings >= LEAST_PINGS && cues.echoing > 0.0;
+    let if_so = |so: bool, why: String| (known && so).then_some(why);
+    let runs = cues.runs_per_ping();
+    let sided = cues.most_sided();
+    let blur = cues.blur_m / map.voxel_m.max(f32::MIN_POSITIVE);
+    let at_work = AtWork {
+        occlusion: use_part(
+            "occlusion",
+            parts.occlusion,
+            if_so(
+                runs <= ALONE,
+                format!("{runs:.2} runs of echoes a ping: nothing lies behind anything"),
+            ),
+        ),
+        elevation: use_part("elevation", parts.elevation, None),
+        anisotropy: use_part("anisotropy", parts.anisotropy, None),
+        speckle: use_part(
+            "speckle",
+            parts.speckle,
+            if_so(
+                cues.noise_db <= SILENT_DB,
+                format!("noise at {:.0} dB: nothing scatters", cues.noise_db),
+            ),
+        ),
+        specular: use_part(
+            "specular",
+            parts.specular,
+            if_so(
+                sided >= ONE_SIDED,
+                format!("{:.0} % of looks from one side", 100.0 * sided),
+            ),
+        ),
+        splitting: use_part(
+            "splitting",
+            parts.splitting,
+            if_so(
+                blur >= BLURRED_VOXELS,
+                format!("poses leave {blur:.1} voxels open: finer shows nothing finer"),
+            ),
+        ),
+        reservoir: use_part(
+            "reservoir",
+            parts.reservoir,
+            if_so(
+                map.return_share < LEAST_RETURN,
+                format!(
+                    "{:.0} % of older pings see what the newest see",
+                    100.0 * map.return_share
+                ),
+            ),
+        ),
+        converged: parts.converged.into(),
+        empty: parts.empty.into(),
+    };
+    (at_work, left_out)
+}
