@@ -56,7 +56,7 @@ impl Default for MapperConfig {
             attitude_sigma_deg: 0.2,
             detection_factor: 12.0,
             dynamic_range_db: 30.0,
-            slice_pings: 8,
+            slice_pings: 4,
             history_pings: 65_536,
             spawn_evidence: 4.5,
             finish_passes: 16,

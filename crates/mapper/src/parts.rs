@@ -103,8 +103,6 @@ impl From<Switch> for Extent {
 const ALONE: f32 = 1.05;
 /// Pings before anything is decided.
 const LEAST_PINGS: f32 = 64.0;
-/// Noise this far below the strongest echo is none: only a simulator is so silent.
-const SILENT_DB: f32 = -60.0;
 /// Share of looks from one side beyond which a structure has no other.
 const ONE_SIDED: f32 = 0.98;
 /// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
@@ -121,7 +119,6 @@ pub(crate) struct Cues {
     runs: f32,
     /// Looks towards each quarter of the horizon.
     towards: [f32; 4],
-    noise_db: f32,
     /// What poses leave open at the range of echoes, metres, mean of late.
     blur_m: f32,
 }
@@ -135,7 +132,6 @@ pub(crate) struct Cue {
     pub(crate) weight: f32,
     /// Quarter of the horizon it looks towards.
     pub(crate) quarter: usize,
-    pub(crate) noise_db: f32,
     pub(crate) blur_m: f32,
 }
 
@@ -144,13 +140,16 @@ impl Cues {
         /// What a new blur counts.
         const RATE: f32 = 0.01;
         self.pings += 1.0;
-        self.noise_db = cue.noise_db;
         if cue.runs > 0 {
             self.echoing += 1.0;
             self.runs += cue.runs as f32;
             self.towards[cue.quarter] += cue.weight;
         }
-        let before = if self.blur_m > 0.0 { self.blur_m } else { cue.blur_m };
+        let before = if self.blur_m > 0.0 {
+            self.blur_m
+        } else {
+            cue.blur_m
+        };
         self.blur_m = before + RATE * (cue.blur_m - before);
     }
 
@@ -200,14 +199,7 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
         ),
         elevation: use_part("elevation", parts.elevation, None),
         anisotropy: use_part("anisotropy", parts.anisotropy, None),
-        speckle: use_part(
-            "speckle",
-            parts.speckle,
-            if_so(
-                cues.noise_db <= SILENT_DB,
-                format!("noise at {:.0} dB: nothing scatters", cues.noise_db),
-            ),
-        ),
+        speckle: use_part("speckle", parts.speckle, None),
         specular: use_part(
             "specular",
             parts.specular,

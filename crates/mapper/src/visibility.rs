@@ -92,7 +92,8 @@ impl Sight {
         let profile = &past.profile;
         let padded = (profile.intensity.len() + LANES).next_multiple_of(LANES);
         self.predicted.clear();
-        self.predicted.resize(padded, profile.noise.max(scene.floor));
+        self.predicted
+            .resize(padded, profile.noise.max(scene.floor));
         for (predicted, ground) in self.predicted.iter_mut().zip(profile.ground.iter()) {
             *predicted += ground;
         }

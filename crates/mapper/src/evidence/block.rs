@@ -135,6 +135,17 @@ impl Block {
         self.barred[usize::from(voxel) / 64] |= 1 << (voxel % 64);
     }
 
+    /// Lets places be candidates again that hold at least `part` of the best evidence.
+    pub(super) fn lift_bars(&mut self, part: f32) {
+        let sums = self.evidence();
+        let least = part * self.best;
+        for (word, sums) in self.barred.iter_mut().zip(sums.chunks_exact(64)) {
+            for (bit, sum) in sums.iter().enumerate() {
+                *word &= !(u64::from(*sum >= least) << bit);
+            }
+        }
+    }
+
     pub(super) fn center_m(&self, voxel_m: f32) -> Vec3 {
         (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
     }
@@ -176,6 +187,8 @@ struct Glance<'a> {
     /// From voxel to voxel along each of the block's axes.
     steps_m: [Vec3; 3],
     voxel_m: f32,
+    /// Squared tangent of elevation at [`FAN_SHARE`].
+    edge: f32,
     beam_variance: f32,
     /// What each state says.
     ratios: [f32; 4],
@@ -192,6 +205,9 @@ impl<'a> Glance<'a> {
             first_m: into_beam * (first_m - look.pose.position_m),
             steps_m: [into_beam.x_axis, into_beam.y_axis, into_beam.z_axis].map(|a| a * voxel_m),
             voxel_m,
+            edge: (FAN_SHARE * look.beam.elevation_half_width_rad())
+                .tan()
+                .powi(2),
             beam_variance: sigma * sigma
                 + look.azimuth_variance_rad2
                 + POSE_DOUBT * past.blur.azimuth_variance_rad2,
@@ -204,9 +220,6 @@ impl<'a> Glance<'a> {
     fn add<S: Simd>(&self, simd: S, sums: &mut Sums) -> u64 {
         let look = &self.past.look;
         let [step, along_y, along_z] = self.steps_m;
-        let fan_tangent2 = (FAN_SHARE * look.beam.elevation_half_width_rad())
-            .tan()
-            .powi(2);
         let voxel_variance_m2 = self.voxel_m * self.voxel_m / 12.0;
         let (per_bin, start_m) = (1.0 / look.bin_length_m, look.range_start_m);
         let [left, turn, roll] = look.pose.drift_per_m.to_array();
@@ -236,7 +249,7 @@ impl<'a> Glance<'a> {
             let bin = (range_m - start_m) * per_bin;
             let seen = x.simd_gt(0.0)
                 & off.simd_lt(1.0)
-                & (z * z).simd_lt(lever2 * fan_tangent2)
+                & (z * z).simd_lt(lever2 * self.edge)
                 & bin.simd_ge(0.0);
             if seen.to_bitmask() == 0 {
                 continue;

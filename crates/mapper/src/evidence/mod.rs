@@ -71,11 +71,11 @@ impl Evidence {
         &mut self.blocks[index as usize]
     }
 
-    /// Lets every place be a candidate again.
-    pub(crate) fn lift_bars(&mut self) {
+    /// Lets places be candidates again that hold at least `part` of their block's best evidence.
+    pub(crate) fn lift_bars(&mut self, part: f32) {
         for (block, touched) in self.blocks.iter_mut().zip(&mut self.touched) {
             if block.barred != [0; VOXELS / 64] {
-                block.barred = [0; VOXELS / 64];
+                block.lift_bars(part);
                 *touched = true;
             }
         }

@@ -86,7 +86,7 @@ impl Mapper {
     /// Makes every place with enough evidence a candidate again.
     fn lift_bars(&mut self) {
         let Some(world) = &mut self.world else { return };
-        world.evidence.lift_bars();
+        world.evidence.lift_bars(f32::MIN);
         let strength = NEWBORN_STRENGTH * self.unit_strength;
         let spawn = self.config.spawn_evidence;
         births::follow_evidence(&mut world.evidence, &mut self.gaussians, spawn, strength);
@@ -119,7 +119,7 @@ impl Mapper {
         pairs as f64 / sample.len().max(1) as f64
     }
 
-    fn worked(&mut self, pairs: u64, looks: usize) {
+    pub(super) fn worked(&mut self, pairs: u64, looks: usize) {
         self.status.pairs += pairs;
         if looks > 0 {
             self.pairs_per_ping = pairs as f64 / looks as f64;

@@ -26,9 +26,13 @@ const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
 /// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
 /// does not make darkness infinitely telling.
 const LEAST_NOISE: f32 = 1e-4;
-/// Newest and older pings of one optimisation step.
-const NEWEST_PINGS: usize = 128;
-const OLDER_PINGS: usize = 384;
+/// Most and least pings of one optimisation step, and about what it may cost in pairs: in a crowded
+/// map many small steps sort out candidates sooner than a few large ones.
+const MOST_PINGS: f64 = 512.0;
+const LEAST_PINGS: f64 = 96.0;
+const STEP_PAIRS: f64 = 2.5e6;
+/// One part in so many of a step's pings are the newest.
+const NEWEST_PART: usize = 4;
 /// What a ping costs even if it sees no Gaussian, in pairs.
 const LEAST_PAIRS_PER_LOOK: u64 = 1000;
 /// A running map lets go of tails after so many steps, and of that judgement when it has seen
@@ -37,6 +41,8 @@ const STEPS_BETWEEN_DROPS: usize = 8;
 /// Pings asked whether they see the newest echo, within so far of its middle.
 const RETURN_SAMPLE: usize = 256;
 const RETURN_RADIUS_M: f32 = 2.0;
+/// Of the best evidence beside it, what a place must hold for another try while the dive goes on.
+const LIFTED_PART: f32 = 0.8;
 /// Most pings a running assessment looks at.
 const ASSESSED_PINGS: usize = 768;
 /// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
@@ -220,7 +226,6 @@ impl Mapper {
             runs: profile.echoes.len(),
             weight,
             quarter: quarter_of(look.pose.axes.x_axis),
-            noise_db: self.status.noise_db,
             blur_m: range_sigma_m,
         });
         past_of(look, blur, profile, weight, brightness, posed)
@@ -256,7 +261,7 @@ impl Mapper {
         self.pending = 0;
         if pings.len() > 2 * self.bars_lifted_at + 256 {
             self.bars_lifted_at = pings.len();
-            world.evidence.lift_bars();
+            world.evidence.lift_bars(LIFTED_PART);
         }
         let evidence = &mut world.evidence;
         self.status.voxel_looks += self.pool.install(|| evidence.integrate(pings, start));
@@ -292,8 +297,10 @@ impl Mapper {
         let (floor, at_work) = (self.floor(), self.at_work);
         let Some(world) = &self.world else { return 0 };
         let pings = self.history.pings();
-        let newest = pings.len().saturating_sub(NEWEST_PINGS);
-        let stride = (newest / OLDER_PINGS).max(1);
+        let affordable = STEP_PAIRS / self.pairs_per_ping.max(1.0);
+        let count = affordable.clamp(LEAST_PINGS, MOST_PINGS) as usize;
+        let newest = pings.len().saturating_sub(count / NEWEST_PART);
+        let stride = (newest / (count - count / NEWEST_PART)).max(1);
         self.cursor += 1;
         let offset = self.cursor.wrapping_mul(7) % stride;
         let older = match at_work.reservoir {
@@ -308,7 +315,7 @@ impl Mapper {
             .pool
             .install(|| maximise(evidence, gaussians, &subset, floor, PART_STEP, at_work));
         let looks = subset.len() as u64;
-        self.status.pairs += pairs;
+        self.worked(pairs, looks as usize);
         if self.cursor.is_multiple_of(STEPS_BETWEEN_DROPS) {
             self.drop_tails(TAIL_PART);
         }
@@ -345,7 +352,11 @@ impl Mapper {
     /// Share of the remembered pings that see the place of the newest echo.
     fn return_share(&self) -> f32 {
         let pings = self.history.pings();
-        let Some(newest) = pings.iter().rev().find(|past| !past.profile.echoes.is_empty()) else {
+        let Some(newest) = pings
+            .iter()
+            .rev()
+            .find(|past| !past.profile.echoes.is_empty())
+        else {
             return 1.0;
         };
         let place_m = newest.first_echo_m();

@@ -142,7 +142,7 @@ impl Default for PipelineConfig {
     fn default() -> Self {
         Self {
             queue_pings: 256,
-            pairs_per_ping: 100_000,
+            pairs_per_ping: 25_000,
             snapshot_interval_s: 0.2,
             hold_back_every: 0,
         }
