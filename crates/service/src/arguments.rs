@@ -394,6 +394,9 @@ pub(crate) enum Bench {
     Paper(PaperBenchArguments),
     /// Every target of accuracy and robustness over several seeds, and which are met
     Targets(TargetsBenchArguments),
+    /// Makes one run and prints its outcome
+    #[command(hide = true)]
+    Run(RunBenchArguments),
 }
 
 /// What all benches share.
@@ -429,14 +432,21 @@ pub(crate) struct PaperBenchArguments {
 pub(crate) struct TargetsBenchArguments {
     #[command(flatten)]
     pub(crate) options: BenchOptions,
-    /// Seeds of each case, counted from --seed; one with --quick
-    #[arg(long, value_name = "N", default_value_t = 5,
-        value_parser = clap::value_parser!(u64).range(1..=1000))]
-    pub(crate) seeds: u64,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
     /// Only this section (accuracy, shift, more, length, threads, frames, own) or this scene;
     /// repeatable, and SECTION/SCENE takes what is both
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
+}
+
+/// What is run of a bench that runs dives, and how long.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct QueueOptions {
+    /// Seeds of each case, counted from --seed; one with --quick
+    #[arg(long, value_name = "N", default_value_t = 5,
+        value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub(crate) seeds: u64,
     /// Stop after so many minutes; what is left out is listed
     #[arg(long, value_name = "MINUTES", value_parser = positive)]
     pub(crate) budget: Option<f64>,
@@ -444,11 +454,24 @@ pub(crate) struct TargetsBenchArguments {
     #[arg(long, value_name = "N", default_value_t = 2,
         value_parser = clap::value_parser!(u64).range(1..=64))]
     pub(crate) jobs: u64,
-    /// Does one run and prints its outcome
-    #[arg(long, hide = true, value_name = "JSON")]
-    pub(crate) run: Option<String>,
-    /// Where that run's map goes
-    #[arg(long, hide = true, value_name = "OUT.ply", requires = "run")]
+}
+
+impl QueueOptions {
+    /// Counted from the first; one of them where it shall be quick.
+    pub(crate) fn seeds_of(&self, options: &BenchOptions) -> Vec<u64> {
+        let count = if options.quick { 1 } else { self.seeds };
+        (options.seed..options.seed.saturating_add(count)).collect()
+    }
+}
+
+/// One run, as benches start it.
+#[derive(Debug, Args)]
+pub(crate) struct RunBenchArguments {
+    /// What to run
+    #[arg(value_name = "SPEC.json")]
+    pub(crate) spec: String,
+    /// Where its map goes
+    #[arg(long, value_name = "OUT.ply")]
     pub(crate) keep_map: Option<PathBuf>,
 }
 
@@ -536,6 +559,27 @@ mod tests {
         }
         let parsed = Arguments::try_parse_from(["echosplat", "run", "--time-offset-s", "-1.5"]);
         assert!(parsed.is_ok());
+    }
+
+    #[test]
+    fn seeds_count_from_the_first() {
+        let seeds = |more: &[&str]| {
+            let words = ["echosplat", "bench", "targets"].iter().chain(more);
+            let Ok(Arguments {
+                command: Command::Bench(bench),
+                ..
+            }) = Arguments::try_parse_from(words)
+            else {
+                panic!("bench takes them");
+            };
+            match bench.bench {
+                Bench::Targets(arguments) => arguments.queue.seeds_of(&arguments.options),
+                _ => panic!("it is another bench"),
+            }
+        };
+        assert_eq!(seeds(&["--seed", "3", "--seeds", "2"]), [3, 4]);
+        assert_eq!(seeds(&["--quick"]), [1]);
+        assert_eq!(seeds(&[]).len(), 5);
     }
 
     #[test]

@@ -22,16 +22,21 @@ pub(super) enum Axis {
     Work,
     Chamfer,
     Hausdorff,
+    False,
 }
+
+/// A share of 0 is drawn here: it has no logarithm.
+const LEAST_SHARE: f64 = 1e-4;
 
 impl Axis {
     pub(super) fn label(self) -> &'static str {
         match self {
             Self::Compute => "compute time, CPU s",
             Self::Dive => "dive time, s",
-            Self::Work => "work, Gaussian–bin pairs",
+            Self::Work => "work, pairs + voxel looks",
             Self::Chamfer => "CD, m",
             Self::Hausdorff => "HD, m",
+            Self::False => "confident but false, share",
         }
     }
 
@@ -39,16 +44,18 @@ impl Axis {
         match self {
             Self::Compute => point.compute_s,
             Self::Dive => point.dive_s,
-            Self::Work => point.pair_count,
+            Self::Work => point.work,
             Self::Chamfer => point.cd_m.median,
             Self::Hausdorff => point.hd_m.median,
+            Self::False => point.false_share.median,
         }
     }
 
-    /// Of the two errors.
+    /// Of the three errors.
     pub(super) fn spread_of(self, point: &BandPoint) -> Spread {
         match self {
             Self::Hausdorff => point.hd_m,
+            Self::False => point.false_share.at_least(LEAST_SHARE),
             _ => point.cd_m,
         }
     }

@@ -1,9 +1,9 @@
 //! Rows and runs as sections of a report, and as text.
 
 use super::limit::{Row, Verdict};
-use super::run::{Outcome, Results};
 use super::sections::Section;
 use crate::report::{FAILED, Section as Chapter, Table};
+use crate::runs::{Outcome, Results};
 use crate::table::{metres, percent};
 
 const ROW_COLUMNS: [&str; 9] = [
@@ -128,22 +128,6 @@ fn run_cells(name: &str, outcome: &Outcome) -> [String; 13] {
         outcome.held_back.map_or_else(none, gain),
         format!("{:.0}", outcome.peak_memory_bytes as f64 * 1e-6),
     ]
-}
-
-/// What is worth saying when a run is done.
-#[must_use]
-pub fn run_line(outcome: &Outcome) -> String {
-    let metrics = &outcome.metrics;
-    format!(
-        "CD {} m, HD {} m, {} false, {} + {} Gaussians, {:.0} s of computing, {:.0} s in all",
-        metres(metrics.cd_m),
-        metres(metrics.hd_m),
-        percent(metrics.confident_false_share),
-        metrics.confident_count,
-        metrics.ambiguous_count,
-        outcome.total.compute_s,
-        outcome.wall_s,
-    )
 }
 
 /// The rows as lines of text, in columns.

@@ -7,6 +7,7 @@
 mod kernels;
 mod machine;
 mod paper;
+mod runs;
 mod stability;
 mod targets;
 
@@ -42,10 +43,8 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Kernels(options) => publish(kernels::run(options)?, options),
         Bench::Stability(options) => publish(stability::run(options)?, options),
         Bench::Paper(arguments) => publish(paper::run(arguments)?, &arguments.options),
-        Bench::Targets(arguments) => match &arguments.run {
-            Some(spec) => targets::run_one(spec, arguments.keep_map.as_deref()),
-            None => publish(targets::run(arguments)?, &arguments.options),
-        },
+        Bench::Targets(arguments) => publish(targets::run(arguments)?, &arguments.options),
+        Bench::Run(arguments) => runs::run_one(arguments),
     }
 }
 
