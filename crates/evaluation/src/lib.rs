@@ -15,6 +15,8 @@ mod alignment;
 pub mod baselines;
 mod between;
 pub mod curve;
+pub mod error_time;
+pub mod front;
 pub mod held_back;
 mod map_points;
 mod metrics;

@@ -394,6 +394,9 @@ pub(crate) enum Bench {
     Paper(PaperBenchArguments),
     /// Every target of accuracy and robustness over several seeds, and which are met
     Targets(TargetsBenchArguments),
+    /// Error against compute time, counted work and dive time, of several methods; and what each
+    /// setting trades
+    ErrorTime(ErrorTimeBenchArguments),
     /// Makes one run and prints its outcome
     #[command(hide = true)]
     Run(RunBenchArguments),
@@ -436,6 +439,18 @@ pub(crate) struct TargetsBenchArguments {
     pub(crate) queue: QueueOptions,
     /// Only this section (accuracy, shift, more, length, threads, frames, own) or this scene;
     /// repeatable, and SECTION/SCENE takes what is both
+    #[arg(long, value_name = "NAME")]
+    pub(crate) only: Vec<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ErrorTimeBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
+    /// Only the dives of this scene, or the settings (settings); repeatable, and SCENE/DIVE and
+    /// SCENE/DIVE/NOISE take less
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
 }

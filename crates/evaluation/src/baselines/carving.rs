@@ -43,7 +43,7 @@ impl Default for Carving {
             dynamic_range_db: 30.0,
             tolerance_m: 0.06,
             shadow_m: 0.6,
-            least_share: 0.7,
+            least_share: 0.9,
             least_looks: 16,
         }
     }

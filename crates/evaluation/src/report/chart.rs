@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::Mark;
 use crate::curve::{BandPoint, Spread};
 
 /// Colours in the style sheet; further lines start over.
@@ -72,6 +73,7 @@ pub(super) struct Chart<'a> {
     pub(super) x_label: &'a str,
     pub(super) y_label: &'a str,
     pub(super) lines: Vec<Line>,
+    pub(super) marks: &'a [Mark],
 }
 
 impl Chart<'_> {
@@ -101,6 +103,9 @@ impl Chart<'_> {
         svg += &grid(&x, &y);
         for (index, points) in drawn.iter().enumerate() {
             svg += &line_svg(index % COLOR_COUNT, &self.lines[index].name, points, &x, &y);
+        }
+        for mark in self.marks {
+            svg += &mark_svg(mark, &x, &y);
         }
         svg + "</svg>"
     }
@@ -214,6 +219,29 @@ fn line_svg(color: usize, name: &str, points: &[(f64, Spread)], x: &Scale, y: &S
     svg + "</g>"
 }
 
+/// Words beside a place, to its left in the right part of the chart.
+fn mark_svg(mark: &Mark, x: &Scale, y: &Scale) -> String {
+    let is_shown = |value: f64| value > 0.0 && value.is_finite();
+    if !is_shown(mark.at.0) || !is_shown(mark.at.1) {
+        return String::new();
+    }
+    let (along, up) = (x.at(mark.at.0), y.at(mark.at.1));
+    let (shift, anchor) = match along > 0.75 * WIDTH {
+        true => (-7.0, "end"),
+        false => (7.0, "start"),
+    };
+    let ring = match mark.is_ringed {
+        true => format!("<circle class=\"ring\" cx=\"{along:.1}\" cy=\"{up:.1}\" r=\"6\"/>"),
+        false => String::new(),
+    };
+    format!(
+        "{ring}<text class=\"mark\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>",
+        along + shift,
+        up - 4.0,
+        super::escape(&mark.text)
+    )
+}
+
 /// A tick: plain where short, a power of ten where not.
 fn number(value: f64) -> String {
     if (0.000_999..1e4).contains(&value) {
@@ -283,10 +311,33 @@ mod tests {
                 name: "a<b".into(),
                 points,
             }],
+            marks: &[],
         };
         let svg = chart(points).to_svg();
         assert_eq!(svg.matches("h0").count(), 2);
         assert!(svg.contains("a&lt;b") && !svg.contains("NaN") && !svg.contains("inf"));
         assert!(chart(vec![]).to_svg().contains("nothing to draw"));
+    }
+
+    #[test]
+    fn marks_are_words_beside_places_that_can_be_drawn() {
+        let mark = |at, is_ringed| Mark {
+            at,
+            text: "8 < 9".into(),
+            is_ringed,
+        };
+        let marks = [mark((1.0, 1.0), true), mark((2.0, f64::INFINITY), true)];
+        let chart = Chart {
+            x_label: "a",
+            y_label: "b",
+            lines: vec![Line {
+                name: "c".into(),
+                points: vec![(1.0, Spread::of([1.0])), (2.0, Spread::of([2.0]))],
+            }],
+            marks: &marks,
+        };
+        let svg = chart.to_svg();
+        assert_eq!(svg.matches("class=\"ring\"").count(), 1);
+        assert_eq!(svg.matches("8 &lt; 9").count(), 1);
     }
 }

@@ -46,6 +46,19 @@ pub struct Plot {
     pub y_label: String,
     /// Name and points of each line.
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
+    /// Places with words beside them.
+    pub marks: Vec<Mark>,
+}
+
+/// A place in a plot that is named.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Mark {
+    /// Along and up.
+    pub at: (f64, f64),
+    /// Beside it.
+    pub text: String,
+    /// Whether a ring is drawn around it.
+    pub is_ringed: bool,
 }
 
 /// One scene, or one question.
@@ -236,6 +249,7 @@ fn plots_html(plots: &[Plot]) -> String {
             x_label: &plot.x_label,
             y_label: &plot.y_label,
             lines: names.iter().map(|name| plot.line(name)).collect(),
+            marks: &plot.marks,
         };
         let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
     }
@@ -269,6 +283,7 @@ fn curves_html(bands: &[Band]) -> String {
                 x_label: x.label(),
                 y_label: y.label(),
                 lines: lines(bands, x, y),
+                marks: &[],
             };
             let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
         }

@@ -99,6 +99,9 @@ pub struct Outcome {
     pub mid_dive_cd_m: f64,
     /// Pings in the map.
     pub pings: u64,
+    /// From the first ping to the newest in the map, seconds.
+    #[serde(default)]
+    pub dive_s: f64,
     /// Before the finish; maps made to be looked at do not count.
     pub streamed: Work,
     /// With the finish.
@@ -174,6 +177,7 @@ pub(crate) mod tests {
             metrics: evaluate_raw(&map, &truth),
             mid_dive_cd_m: f64::INFINITY,
             pings: 10,
+            dive_s: 30.0,
             streamed: Work::default(),
             total,
             held_back: None,

@@ -4,7 +4,7 @@ use super::limit::{Row, Verdict};
 use super::sections::Section;
 use crate::report::{FAILED, Section as Chapter, Table};
 use crate::runs::{Outcome, Results};
-use crate::table::{metres, percent};
+use crate::table::{self, metres, percent};
 
 const ROW_COLUMNS: [&str; 9] = [
     "case",
@@ -135,37 +135,20 @@ fn run_cells(name: &str, outcome: &Outcome) -> [String; 13] {
 pub fn text(rows: &[Row]) -> String {
     let mut text = String::new();
     for section in Section::ALL {
-        let own: Vec<[String; 9]> = of(section, rows).map(row_cells).collect();
+        let own = of(section, rows).map(|row| without_seeds(row_cells(row).into()));
+        let own: Vec<Vec<String>> = own.collect();
         if own.is_empty() {
             continue;
         }
-        text += &format!("{}\n", section.title());
-        let lines = std::iter::once(ROW_COLUMNS.map(str::to_owned)).chain(own);
-        text += &aligned(&lines.collect::<Vec<_>>());
+        let header = without_seeds(ROW_COLUMNS.map(str::to_owned).into());
+        text += &format!("{}\n{}", section.title(), table::aligned(&header, &own, 2));
     }
     text
 }
 
 /// Without the column of all seeds, which is as wide as the rest.
-fn aligned(rows: &[[String; 9]]) -> String {
+fn without_seeds(mut cells: Vec<String>) -> Vec<String> {
     const EACH_SEED: usize = 7;
-    let columns = (0..ROW_COLUMNS.len()).filter(|column| *column != EACH_SEED);
-    let columns: Vec<(usize, usize)> = columns
-        .map(|column| {
-            let width = rows.iter().map(|row| row[column].chars().count()).max();
-            (column, width.unwrap_or(0))
-        })
-        .collect();
-    let mut text = String::new();
-    for row in rows {
-        let cells = columns.iter().map(|&(column, width)| {
-            let cell = &row[column];
-            match column < 2 {
-                true => format!("{cell:<width$}"),
-                false => format!("{cell:>width$}"),
-            }
-        });
-        text += &format!("  {}\n", cells.collect::<Vec<_>>().join("  "));
-    }
-    text
+    cells.remove(EACH_SEED);
+    cells
 }

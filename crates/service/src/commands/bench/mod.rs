@@ -4,6 +4,7 @@
 //! A bench is a file beside this one that returns [`Results`], a line in [`run`] and a variant of
 //! [`Bench`].
 
+mod error_time;
 mod kernels;
 mod machine;
 mod paper;
@@ -44,6 +45,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Stability(options) => publish(stability::run(options)?, options),
         Bench::Paper(arguments) => publish(paper::run(arguments)?, &arguments.options),
         Bench::Targets(arguments) => publish(targets::run(arguments)?, &arguments.options),
+        Bench::ErrorTime(arguments) => publish(error_time::run(arguments)?, &arguments.options),
         Bench::Run(arguments) => runs::run_one(arguments),
     }
 }

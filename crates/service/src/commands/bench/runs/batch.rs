@@ -46,6 +46,7 @@ pub(super) fn outcome(spec: &Spec, sonar: &SimulatedSonar) -> anyhow::Result<Out
         metrics: last.metrics,
         mid_dive_cd_m: f64::INFINITY,
         pings: last.ping_count,
+        dive_s: last.dive_s,
         streamed: total,
         total,
         held_back: None,

@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 use crate::arguments::QueueOptions;
 use crate::signals::Stop;
 pub(super) use clock::Clock;
-pub(super) use one::run_one;
+pub(super) use one::{run_one, sonar};
 pub(super) use queue::Job;
 use queue::Queue;
 pub(super) use store::Store;

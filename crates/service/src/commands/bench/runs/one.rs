@@ -40,7 +40,7 @@ fn outcome(spec: &Spec, keep_map: Option<&Path>) -> anyhow::Result<Outcome> {
 ///
 /// # Errors
 /// If there is no such dive.
-pub(super) fn sonar(spec: &Spec) -> anyhow::Result<SimulatedSonar> {
+pub(in crate::commands::bench) fn sonar(spec: &Spec) -> anyhow::Result<SimulatedSonar> {
     let dive = DiveArguments {
         scene: spec.scene.clone(),
         dive: spec.dive,

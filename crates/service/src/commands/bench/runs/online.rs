@@ -59,6 +59,7 @@ pub(super) fn outcome(
         metrics: judge(&map),
         mid_dive_cd_m: times.middle(&judged),
         pings: report.pings_mapped,
+        dive_s: report.dive_s,
         streamed,
         total,
         held_back: match spec.scores_held_back() {

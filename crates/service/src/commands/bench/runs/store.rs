@@ -127,6 +127,7 @@ mod tests {
             metrics: evaluate_raw(&MapPoints::default(), &Truth::from_points(&[])),
             mid_dive_cd_m: f64::INFINITY,
             pings,
+            dive_s: 0.0,
             streamed: Work::default(),
             total: Work::default(),
             held_back: None,
