@@ -11,6 +11,7 @@
 //! Deliberately absent: a clock (times come in as numbers), running the mapper on dives (only the
 //! degenerate pings of [`stability`] go through it), and files other than a truth's.
 
+pub mod ablation;
 mod alignment;
 pub mod baselines;
 mod between;

@@ -397,6 +397,10 @@ pub(crate) enum Bench {
     /// Error against compute time, counted work and dive time, of several methods; and what each
     /// setting trades
     ErrorTime(ErrorTimeBenchArguments),
+    /// Each optional part of the mapper on, off and as it chooses by itself
+    Ablation(AblationBenchArguments),
+    /// Error-time, ablation, stability and targets in turn, each within its share of the time
+    All(AllBenchArguments),
     /// Makes one run and prints its outcome
     #[command(hide = true)]
     Run(RunBenchArguments),
@@ -431,7 +435,7 @@ pub(crate) struct PaperBenchArguments {
     pub(crate) epochs: Option<u32>,
 }
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct TargetsBenchArguments {
     #[command(flatten)]
     pub(crate) options: BenchOptions,
@@ -453,6 +457,34 @@ pub(crate) struct ErrorTimeBenchArguments {
     /// SCENE/DIVE/NOISE take less
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct AblationBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
+    /// Only this scene; repeatable
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) only: Vec<String>,
+    /// Other settings in place of the mapper's parts, as KEY=ON,OFF,AUTO; repeatable
+    #[arg(long, hide = true, value_name = "KEY=ON,OFF,AUTO", value_parser = part)]
+    pub(crate) part: Vec<(String, [String; 3])>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct AllBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
+    /// Fail where work or error differ from this table by more than a factor of 1.5
+    #[arg(long, value_name = "TABLE.json", requires = "quick")]
+    pub(crate) against: Option<PathBuf>,
+    /// Write the table of work and error there
+    #[arg(long, value_name = "TABLE.json", requires = "quick")]
+    pub(crate) write_table: Option<PathBuf>,
 }
 
 /// What is run of a bench that runs dives, and how long.
@@ -546,6 +578,13 @@ fn sweep(text: &str) -> Result<f64, String> {
         true => Ok(value),
         false => Err("it must be at most 360".to_owned()),
     }
+}
+
+fn part(text: &str) -> Result<(String, [String; 3]), String> {
+    let wrong = || "it must read KEY=ON,OFF,AUTO, as in mapper.finish_passes=32,4,16".to_owned();
+    let (key, values) = text.split_once('=').ok_or_else(wrong)?;
+    let values: Vec<String> = values.split(',').map(str::to_owned).collect();
+    Ok((key.to_owned(), values.try_into().map_err(|_| wrong())?))
 }
 
 fn key_and_value(text: &str) -> Result<(String, String), String> {

@@ -10,7 +10,7 @@ use crate::runs::{Method, Outcome, Results, Spec};
 /// Moments of a dive at which its map is judged.
 const MOMENTS: usize = 12;
 const QUICK_MOMENTS: usize = 8;
-const QUICK_DIVE_S: f64 = 24.0;
+const QUICK_DIVE_S: f64 = 30.0;
 /// Of the finish with more passes: three times the default's, and four times the work.
 const MORE_PASSES: [(&str, u64); 2] = [
     ("mapper.finish_passes", 48),
