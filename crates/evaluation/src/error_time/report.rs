@@ -264,12 +264,12 @@ fn sweep_table(points: &[Point]) -> Table {
 /// All that was left out.
 #[must_use]
 pub fn omissions_section(omissions: &[Omission]) -> Section {
-    let row = |omission: &Omission| vec![omission.what.clone(), omission.why.clone()];
+    let row = |omission: &Omission| vec![omission.why.clone(), omission.what.clone()];
     Section {
         title: "Omissions".to_owned(),
         tables: vec![Table {
             title: format!("{} kinds of runs left out", omissions.len()),
-            columns: ["what", "why"].map(str::to_owned).into(),
+            columns: ["why", "what"].map(str::to_owned).into(),
             rows: omissions.iter().map(row).collect(),
             note: String::new(),
         }],

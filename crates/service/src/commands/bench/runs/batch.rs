@@ -7,6 +7,7 @@ use echosplat_evaluation::curve::Sample;
 use echosplat_evaluation::runs::{Method, Outcome, Spec, Work};
 use echosplat_evaluation::{MapPoints, Metrics, Truth, evaluate_raw};
 use echosplat_model::PosedPing;
+use echosplat_model::glam::DVec3;
 use echosplat_paper::{Choices, ImageError, Images, PaperMethod, support};
 use echosplat_simulator::SimulatedSonar;
 use rayon::prelude::*;
@@ -69,9 +70,9 @@ struct Made {
 }
 
 impl Made {
-    fn add(&mut self, sample: Sample, points: MapPoints) {
-        self.samples.push(sample);
-        self.last = Some((sample, points));
+    fn add(&mut self, sample: &Sample, points: MapPoints) {
+        self.samples.push(*sample);
+        self.last = Some((*sample, points));
     }
 }
 
@@ -138,7 +139,7 @@ impl Bench {
                 ping_count: count as u64,
                 metrics: self.judge(&map.points),
             };
-            made.add(sample, map.points);
+            made.add(&sample, map.points);
         }
         Ok(made)
     }
@@ -169,7 +170,7 @@ impl Bench {
                 ping_count: self.pings.len() as u64,
                 metrics: self.judge(&points),
             };
-            made.add(sample, points);
+            made.add(&sample, points);
             clock.go_on();
         }
         Ok(made)
@@ -200,7 +201,7 @@ fn shares(spec: &Spec) -> Vec<f64> {
 fn fingerprint(points: &MapPoints) -> String {
     use std::hash::Hasher;
     let mut bits = Fingerprint::default();
-    for number in points.positions().iter().flat_map(|p| p.to_array()) {
+    for number in points.positions().iter().flat_map(DVec3::to_array) {
         bits.write(&number.to_bits().to_le_bytes());
     }
     bits.to_string()
