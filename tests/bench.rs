@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use crate::harness::Program;
 
-const LONG: Duration = Duration::from_secs(180);
+const LONG: Duration = Duration::from_secs(300);
 
 /// The JSON object that is all of standard output; both files are written.
 fn bench(name: &str, more: &[&str]) -> serde_json::Value {
@@ -93,4 +93,73 @@ fn a_target_is_run_judged_and_not_run_again() {
     };
     assert!(run().contains("[1/1] empty survey nominal, seed 1"));
     assert!(run().contains("1 of 1 runs are done already"));
+}
+
+/// Work and error of the quick form, kept to tell when a change moves them:
+/// `echosplat bench all --quick --write-table docs/quick.json` renews it.
+const KEPT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../docs/quick.json");
+
+#[test]
+fn work_and_error_of_the_quick_form_are_those_of_the_kept_table() {
+    let json = bench("all", &["--against", KEPT, "--seeds", "1"]);
+    assert_eq!(json["differences"].as_array().unwrap().len(), 0, "{json}");
+    assert!(json["table"].as_object().unwrap().len() >= 9, "{json}");
+}
+
+#[test]
+fn curves_say_what_each_moment_took_and_what_is_left_out() {
+    let json = bench("error-time", &["--only", "fence/survey"]);
+    let curves = json["cases"][0]["curves"].as_array().unwrap();
+    let methods: Vec<&str> = curves
+        .iter()
+        .map(|c| c["method"].as_str().unwrap())
+        .collect();
+    let expected = [
+        "support from M views",
+        "hit-ratio carving",
+        "online",
+        "online finished",
+    ];
+    assert_eq!(methods, expected);
+    for curve in curves {
+        let samples = curve["samples"].as_array().unwrap();
+        assert!(
+            samples.len()
+                >= if curve["method"] == "online finished" {
+                    1
+                } else {
+                    6
+                }
+        );
+        let work = |sample: &serde_json::Value| sample["voxel_looks"].as_u64().unwrap();
+        assert!(samples.is_sorted_by_key(work), "{curve}");
+    }
+    let omissions = json["omissions"].as_array().unwrap();
+    let is_listed = |what: &str| omissions.iter().any(|o| o["what"] == what);
+    assert!(is_listed("fence, pan, nominal, 30 s"), "{omissions:?}");
+}
+
+#[test]
+fn parts_are_compared_and_those_that_are_not_settings_are_listed() {
+    let parts = [
+        "--only",
+        "fence",
+        "--part",
+        "mapper.finish_passes=32,4,16",
+        "--part",
+        "mapper.no_such_part=1,2,3",
+    ];
+    let json = bench("ablation", &parts);
+    let rows = json["rows"].as_array().unwrap();
+    let variants: Vec<&str> = rows
+        .iter()
+        .map(|r| r["variant"].as_str().unwrap())
+        .collect();
+    assert_eq!(
+        variants,
+        ["everything auto", "everything on", "everything off"]
+    );
+    let work = |row: &serde_json::Value| row["pairs"]["median"].as_f64().unwrap();
+    assert!(work(&rows[1]) > work(&rows[0]) && work(&rows[0]) > work(&rows[2]));
+    assert_eq!(json["omissions"][0]["what"], "mapper.no_such_part");
 }

@@ -13,10 +13,21 @@ pub struct Sample {
     pub compute_s: f64,
     /// Work so far, counted: Gaussian–bin pairs, which no machine's noise touches.
     pub pair_count: u64,
+    /// Voxel looks so far; arc samples of methods that have no voxels.
+    #[serde(default)]
+    pub voxel_looks: u64,
     /// Pings mapped so far.
     pub ping_count: u64,
     /// What the map was worth.
     pub metrics: Metrics,
+}
+
+impl Sample {
+    /// Counted work: pairs and voxel looks, each at its count.
+    #[must_use]
+    pub fn work(&self) -> u64 {
+        self.pair_count + self.voxel_looks
+    }
 }
 
 /// One run of one method.
@@ -66,6 +77,15 @@ pub struct Spread {
 }
 
 impl Spread {
+    /// Raised to `least` where it is below.
+    pub(crate) fn at_least(self, least: f64) -> Self {
+        Self {
+            min: self.min.max(least),
+            median: self.median.max(least),
+            max: self.max.max(least),
+        }
+    }
+
     /// Infinite if there are no values.
     #[must_use]
     pub fn of(values: impl IntoIterator<Item = f64>) -> Self {
@@ -88,12 +108,15 @@ pub struct BandPoint {
     pub dive_s: f64,
     /// CPU seconds, median.
     pub compute_s: f64,
-    /// Gaussian–bin pairs, median.
-    pub pair_count: f64,
+    /// Gaussian–bin pairs and voxel looks, median.
+    pub work: f64,
     /// Chamfer distance, metres.
     pub cd_m: Spread,
     /// Hausdorff distance, metres.
     pub hd_m: Spread,
+    /// Share of what is asserted that is further than 0.25 m from all truth, 0 to 1; infinite for
+    /// empty maps, which assert nothing.
+    pub false_share: Spread,
 }
 
 /// One method over all seeds.
@@ -153,9 +176,13 @@ fn band_point(curves: &[&Curve], index: usize) -> BandPoint {
     BandPoint {
         dive_s: spread(|sample| sample.dive_s).median,
         compute_s: spread(|sample| sample.compute_s).median,
-        pair_count: spread(|sample| sample.pair_count as f64).median,
+        work: spread(|sample| sample.work() as f64).median,
         cd_m: spread(|sample| sample.metrics.cd_m),
         hd_m: spread(|sample| sample.metrics.hd_m),
+        false_share: spread(|sample| match sample.metrics.confident_count {
+            0 => f64::INFINITY,
+            _ => sample.metrics.confident_false_share,
+        }),
     }
 }
 
@@ -176,6 +203,7 @@ pub(crate) mod tests {
                 dive_s,
                 compute_s: 0.01 * dive_s * scale,
                 pair_count: 1000 * index as u64,
+                voxel_looks: 10_000 * index as u64,
                 ping_count: 580 * index as u64,
                 metrics: evaluate_raw(&map, &truth),
             }

@@ -5,14 +5,19 @@
 //! shows as `null` and reports say in words. The same input gives the same bits.
 //!
 //! [`stability`] is another question: what the program's numerics make of stiff and extreme cases.
-//! [`targets`] says what maps of which dives must reach.
+//! [`runs`] names single runs and what came out of them; [`targets`] says what maps of which dives
+//! must reach.
 //!
 //! Deliberately absent: a clock (times come in as numbers), running the mapper on dives (only the
 //! degenerate pings of [`stability`] go through it), and files other than a truth's.
 
+pub mod ablation;
 mod alignment;
+pub mod baselines;
 mod between;
 pub mod curve;
+pub mod error_time;
+pub mod front;
 pub mod held_back;
 mod map_points;
 mod metrics;
@@ -21,6 +26,7 @@ mod nullable;
 mod point_file;
 mod rendering;
 pub mod report;
+pub mod runs;
 pub mod stability;
 mod statistics;
 pub mod table;

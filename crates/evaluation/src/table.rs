@@ -127,6 +127,31 @@ pub fn facts(metrics: &Metrics) -> Vec<(String, String)> {
     owned.collect()
 }
 
+/// Lines of cells as wide as their column, a line of names above; the first `left` columns begin
+/// at the left. Rows are as long as the header.
+#[must_use]
+pub fn aligned<T: AsRef<str>>(header: &[T], rows: &[Vec<String>], left: usize) -> String {
+    let header: Vec<&str> = header.iter().map(AsRef::as_ref).collect();
+    let rows = rows
+        .iter()
+        .map(|row| row.iter().map(String::as_str).collect());
+    let lines: Vec<Vec<&str>> = std::iter::once(header).chain(rows).collect();
+    let width = |column: usize| lines.iter().map(|line| line[column].chars().count()).max();
+    let widths: Vec<usize> = (0..lines[0].len())
+        .map(|column| width(column).unwrap_or(0))
+        .collect();
+    let mut text = String::new();
+    for line in &lines {
+        let cells = line.iter().zip(&widths).enumerate();
+        let cells = cells.map(|(column, (cell, &width))| match column < left {
+            true => format!("{cell:<width$}"),
+            false => format!("{cell:>width$}"),
+        });
+        let _ = writeln!(text, "  {}", cells.collect::<Vec<_>>().join("  "));
+    }
+    text
+}
+
 /// Three decimals below 10 m, `∞` for an empty map.
 #[must_use]
 pub fn metres(value: f64) -> String {
@@ -179,5 +204,14 @@ mod tests {
         let text = metrics(&run.last().unwrap().metrics);
         assert!(text.contains("chamfer distance (half-sum)"));
         assert!(text.contains("0.150 m"));
+    }
+
+    #[test]
+    fn columns_are_as_wide_as_their_widest_cell() {
+        let rows = vec![vec!["fence".to_owned(), "1".to_owned()]];
+        assert_eq!(
+            aligned(&["a", "runs"], &rows, 1),
+            "  a      runs\n  fence     1\n"
+        );
     }
 }

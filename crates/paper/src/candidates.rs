@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 
-use glam::Vec3;
+use glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::Choices;
@@ -52,13 +52,18 @@ pub(crate) fn beam_width_m(images: &Images, choices: &Choices) -> f32 {
         let range_m = move |(_, bin): (usize, usize)| g.range_min_m + bin as f32 * g.range_step_m;
         active_pixels(image, choices).map(range_m).collect()
     };
-    let mut ranges_m: Vec<f32> = images.images.par_iter().flat_map_iter(ranges).collect();
-    ranges_m.sort_unstable_by(f32::total_cmp);
-    let middle_m = ranges_m.get(ranges_m.len() / 2).copied().unwrap_or(1.0);
+    let ranges_m: Vec<f32> = images.images.par_iter().flat_map_iter(ranges).collect();
     let step_rad = images
         .images
         .first()
         .map_or(0.01, |image| image.geometry.azimuth_step_rad());
+    width_at_middle_m(ranges_m, step_rad)
+}
+
+/// The spacing of beams at the middle of these ranges, at least a millimetre.
+pub(crate) fn width_at_middle_m(mut ranges_m: Vec<f32>, step_rad: f32) -> f32 {
+    ranges_m.sort_unstable_by(f32::total_cmp);
+    let middle_m = ranges_m.get(ranges_m.len() / 2).copied().unwrap_or(1.0);
     (middle_m * step_rad).max(1e-3)
 }
 
@@ -82,21 +87,47 @@ fn arc(
     choices: &Choices,
 ) -> impl Iterator<Item = Vec3> + use<> {
     let g = image.geometry;
+    let ray = Ray {
+        position_m: g.position_m,
+        axes: g.axes,
+        azimuth_rad: beam as f32 * g.azimuth_step_rad() - 0.5 * g.fov_rad,
+    };
     let range_m = g.range_min_m + bin as f32 * g.range_step_m;
-    let azimuth = beam as f32 * g.azimuth_step_rad() - 0.5 * g.fov_rad;
-    let half = choices.elevation_half_width_rad;
-    let step_rad = choices.elevation_step_beams * g.azimuth_step_rad();
-    let steps = (2.0 * half / step_rad).ceil().clamp(1.0, 4096.0) as usize;
-    (0..=steps).map(move |step| {
-        let elevation = half * (2.0 * step as f32 / steps as f32 - 1.0);
-        let level = elevation.cos();
-        let ray = Vec3::new(
-            level * azimuth.cos(),
-            level * azimuth.sin(),
-            elevation.sin(),
-        );
-        g.position_m + g.axes * (ray * range_m)
-    })
+    ray.arc(range_m, g.azimuth_step_rad(), choices)
+}
+
+/// One beam: where it starts and goes, relative to the images' origin.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Ray {
+    pub(crate) position_m: Vec3,
+    /// World from sensor.
+    pub(crate) axes: Mat3,
+    pub(crate) azimuth_rad: f32,
+}
+
+impl Ray {
+    /// (11), with beams `spacing_rad` apart.
+    pub(crate) fn arc(
+        self,
+        range_m: f32,
+        spacing_rad: f32,
+        choices: &Choices,
+    ) -> impl Iterator<Item = Vec3> + use<> {
+        let half = choices.elevation_half_width_rad;
+        let step_rad = choices.elevation_step_beams * spacing_rad;
+        let azimuth = self.azimuth_rad;
+        let steps = (2.0 * half / step_rad).ceil().clamp(1.0, 4096.0) as usize;
+        (0..=steps).map(move |step| {
+            let elevation = half * (2.0 * step as f32 / steps as f32 - 1.0);
+            let level = elevation.cos();
+            let ray = Vec3::new(
+                level * azimuth.cos(),
+                level * azimuth.sin(),
+                elevation.sin(),
+            );
+            self.position_m + self.axes * (ray * range_m)
+        })
+    }
 }
 
 /// (11), (12).
@@ -109,19 +140,11 @@ pub(crate) fn find(
     for (view, image) in images.images.iter().enumerate() {
         merged.add_image(view, image, choices);
     }
-    let share = (images.images.len() as f32 * choices.support_share).ceil() as u32;
-    merged.counts.views_needed = share.max(choices.support_views);
-    let candidates = supported(&merged, choices.support_beams * beam_width_m);
-    let counts = CandidateCounts {
-        candidates: merged.sums.len(),
-        kept: candidates.position_m.len(),
-        ..merged.counts
-    };
-    (candidates, counts)
+    merged.supported(images.images.len(), beam_width_m, choices)
 }
 
 /// The samples of all arcs, those of one cell as one: their mean, weighted by their pixels' values.
-struct Merged {
+pub(crate) struct Merged {
     cell_m: f32,
     cells: HashMap<u64, u32, BuildHasherDefault<CellHasher>>,
     sums: Vec<Sum>,
@@ -149,7 +172,7 @@ impl Sum {
 }
 
 impl Merged {
-    fn new(cell_m: f32, view_count: usize) -> Self {
+    pub(crate) fn new(cell_m: f32, view_count: usize) -> Self {
         Self {
             cell_m,
             cells: HashMap::default(),
@@ -159,13 +182,37 @@ impl Merged {
         }
     }
 
+    /// (12).
+    pub(crate) fn supported(
+        mut self,
+        view_count: usize,
+        beam_width_m: f32,
+        choices: &Choices,
+    ) -> (Candidates, CandidateCounts) {
+        let share = (view_count as f32 * choices.support_share).ceil() as u32;
+        self.counts.views_needed = share.max(choices.support_views);
+        let candidates = supported(&self, choices.support_beams * beam_width_m);
+        let counts = CandidateCounts {
+            candidates: self.sums.len(),
+            kept: candidates.position_m.len(),
+            ..self.counts
+        };
+        (candidates, counts)
+    }
+
     fn add_image(&mut self, view: usize, image: &Image, choices: &Choices) {
         for (beam, bin) in active_pixels(image, choices) {
-            self.counts.active_pixels += 1;
-            for point in arc(image, beam, bin, choices) {
-                self.counts.arc_samples += 1;
-                self.add(view, point, image.at(beam, bin));
-            }
+            let points = arc(image, beam, bin, choices);
+            self.add_arc(view, points, image.at(beam, bin));
+        }
+    }
+
+    /// The arc of one active pixel.
+    pub(crate) fn add_arc(&mut self, view: usize, points: impl Iterator<Item = Vec3>, value: f32) {
+        self.counts.active_pixels += 1;
+        for point in points {
+            self.counts.arc_samples += 1;
+            self.add(view, point, value);
         }
     }
 

@@ -40,6 +40,7 @@ mod regularisers;
 #[cfg(test)]
 mod sample;
 mod start;
+mod support;
 mod tags;
 
 pub use candidates::CandidateCounts;
@@ -47,3 +48,4 @@ pub use choices::{ASSERTED_IN_FENCE_FIGURE, ASSERTED_IN_TRUSS_FIGURE, Choice, Ch
 pub use images::{Image, ImageError, Images};
 pub use method::{EpochReport, PaperMethod};
 pub use pruning::Pruned;
+pub use support::{Support, support};

@@ -394,6 +394,16 @@ pub(crate) enum Bench {
     Paper(PaperBenchArguments),
     /// Every target of accuracy and robustness over several seeds, and which are met
     Targets(TargetsBenchArguments),
+    /// Error against compute time, counted work and dive time, of several methods; and what each
+    /// setting trades
+    ErrorTime(ErrorTimeBenchArguments),
+    /// Each optional part of the mapper on, off and as it chooses by itself
+    Ablation(AblationBenchArguments),
+    /// Error-time, ablation, stability and targets in turn, each within its share of the time
+    All(AllBenchArguments),
+    /// Makes one run and prints its outcome
+    #[command(hide = true)]
+    Run(RunBenchArguments),
 }
 
 /// What all benches share.
@@ -425,18 +435,65 @@ pub(crate) struct PaperBenchArguments {
     pub(crate) epochs: Option<u32>,
 }
 
-#[derive(Debug, Args)]
+#[derive(Debug, Clone, Args)]
 pub(crate) struct TargetsBenchArguments {
     #[command(flatten)]
     pub(crate) options: BenchOptions,
-    /// Seeds of each case, counted from --seed; one with --quick
-    #[arg(long, value_name = "N", default_value_t = 5,
-        value_parser = clap::value_parser!(u64).range(1..=1000))]
-    pub(crate) seeds: u64,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
     /// Only this section (accuracy, shift, more, length, threads, frames, own) or this scene;
     /// repeatable, and SECTION/SCENE takes what is both
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ErrorTimeBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
+    /// Only the dives of this scene, or the settings (settings); repeatable, and SCENE/DIVE and
+    /// SCENE/DIVE/NOISE take less
+    #[arg(long, value_name = "NAME")]
+    pub(crate) only: Vec<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct AblationBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
+    /// Only this scene; repeatable
+    #[arg(long, value_name = "SCENE")]
+    pub(crate) only: Vec<String>,
+    /// Other settings in place of the mapper's parts, as KEY=ON,OFF,AUTO; repeatable
+    #[arg(long, hide = true, value_name = "KEY=ON,OFF,AUTO", value_parser = part)]
+    pub(crate) part: Vec<(String, [String; 3])>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct AllBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
+    /// Fail where work or error differ from this table by more than a factor of 1.5
+    #[arg(long, value_name = "TABLE.json", requires = "quick")]
+    pub(crate) against: Option<PathBuf>,
+    /// Write the table of work and error there
+    #[arg(long, value_name = "TABLE.json", requires = "quick")]
+    pub(crate) write_table: Option<PathBuf>,
+}
+
+/// What is run of a bench that runs dives, and how long.
+#[derive(Debug, Clone, Args)]
+pub(crate) struct QueueOptions {
+    /// Seeds of each case, counted from --seed; one with --quick
+    #[arg(long, value_name = "N", default_value_t = 5,
+        value_parser = clap::value_parser!(u64).range(1..=1000))]
+    pub(crate) seeds: u64,
     /// Stop after so many minutes; what is left out is listed
     #[arg(long, value_name = "MINUTES", value_parser = positive)]
     pub(crate) budget: Option<f64>,
@@ -444,11 +501,24 @@ pub(crate) struct TargetsBenchArguments {
     #[arg(long, value_name = "N", default_value_t = 2,
         value_parser = clap::value_parser!(u64).range(1..=64))]
     pub(crate) jobs: u64,
-    /// Does one run and prints its outcome
-    #[arg(long, hide = true, value_name = "JSON")]
-    pub(crate) run: Option<String>,
-    /// Where that run's map goes
-    #[arg(long, hide = true, value_name = "OUT.ply", requires = "run")]
+}
+
+impl QueueOptions {
+    /// Counted from the first; one of them where it shall be quick.
+    pub(crate) fn seeds_of(&self, options: &BenchOptions) -> Vec<u64> {
+        let count = if options.quick { 1 } else { self.seeds };
+        (options.seed..options.seed.saturating_add(count)).collect()
+    }
+}
+
+/// One run, as benches start it.
+#[derive(Debug, Args)]
+pub(crate) struct RunBenchArguments {
+    /// What to run
+    #[arg(value_name = "SPEC.json")]
+    pub(crate) spec: String,
+    /// Where its map goes
+    #[arg(long, value_name = "OUT.ply")]
     pub(crate) keep_map: Option<PathBuf>,
 }
 
@@ -510,6 +580,13 @@ fn sweep(text: &str) -> Result<f64, String> {
     }
 }
 
+fn part(text: &str) -> Result<(String, [String; 3]), String> {
+    let wrong = || "it must read KEY=ON,OFF,AUTO, as in mapper.finish_passes=32,4,16".to_owned();
+    let (key, values) = text.split_once('=').ok_or_else(wrong)?;
+    let values: Vec<String> = values.split(',').map(str::to_owned).collect();
+    Ok((key.to_owned(), values.try_into().map_err(|_| wrong())?))
+}
+
 fn key_and_value(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
@@ -536,6 +613,27 @@ mod tests {
         }
         let parsed = Arguments::try_parse_from(["echosplat", "run", "--time-offset-s", "-1.5"]);
         assert!(parsed.is_ok());
+    }
+
+    #[test]
+    fn seeds_count_from_the_first() {
+        let seeds = |more: &[&str]| {
+            let words = ["echosplat", "bench", "targets"].iter().chain(more);
+            let Ok(Arguments {
+                command: Command::Bench(bench),
+                ..
+            }) = Arguments::try_parse_from(words)
+            else {
+                panic!("bench takes them");
+            };
+            match bench.bench {
+                Bench::Targets(arguments) => arguments.queue.seeds_of(&arguments.options),
+                _ => panic!("it is another bench"),
+            }
+        };
+        assert_eq!(seeds(&["--seed", "3", "--seeds", "2"]), [3, 4]);
+        assert_eq!(seeds(&["--quick"]), [1]);
+        assert_eq!(seeds(&[]).len(), 5);
     }
 
     #[test]

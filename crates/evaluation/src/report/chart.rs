@@ -2,6 +2,7 @@
 
 use std::fmt::Write;
 
+use super::Mark;
 use crate::curve::{BandPoint, Spread};
 
 /// Colours in the style sheet; further lines start over.
@@ -22,16 +23,21 @@ pub(super) enum Axis {
     Work,
     Chamfer,
     Hausdorff,
+    False,
 }
+
+/// A share of 0 is drawn here: it has no logarithm.
+const LEAST_SHARE: f64 = 1e-4;
 
 impl Axis {
     pub(super) fn label(self) -> &'static str {
         match self {
             Self::Compute => "compute time, CPU s",
             Self::Dive => "dive time, s",
-            Self::Work => "work, Gaussian–bin pairs",
+            Self::Work => "work, pairs + voxel looks",
             Self::Chamfer => "CD, m",
             Self::Hausdorff => "HD, m",
+            Self::False => "confident but false, share",
         }
     }
 
@@ -39,16 +45,18 @@ impl Axis {
         match self {
             Self::Compute => point.compute_s,
             Self::Dive => point.dive_s,
-            Self::Work => point.pair_count,
+            Self::Work => point.work,
             Self::Chamfer => point.cd_m.median,
             Self::Hausdorff => point.hd_m.median,
+            Self::False => point.false_share.median,
         }
     }
 
-    /// Of the two errors.
+    /// Of the three errors.
     pub(super) fn spread_of(self, point: &BandPoint) -> Spread {
         match self {
             Self::Hausdorff => point.hd_m,
+            Self::False => point.false_share.at_least(LEAST_SHARE),
             _ => point.cd_m,
         }
     }
@@ -65,6 +73,7 @@ pub(super) struct Chart<'a> {
     pub(super) x_label: &'a str,
     pub(super) y_label: &'a str,
     pub(super) lines: Vec<Line>,
+    pub(super) marks: &'a [Mark],
 }
 
 impl Chart<'_> {
@@ -94,6 +103,9 @@ impl Chart<'_> {
         svg += &grid(&x, &y);
         for (index, points) in drawn.iter().enumerate() {
             svg += &line_svg(index % COLOR_COUNT, &self.lines[index].name, points, &x, &y);
+        }
+        for mark in self.marks {
+            svg += &mark_svg(mark, &x, &y);
         }
         svg + "</svg>"
     }
@@ -207,6 +219,29 @@ fn line_svg(color: usize, name: &str, points: &[(f64, Spread)], x: &Scale, y: &S
     svg + "</g>"
 }
 
+/// Words beside a place, to its left in the right part of the chart.
+fn mark_svg(mark: &Mark, x: &Scale, y: &Scale) -> String {
+    let is_shown = |value: f64| value > 0.0 && value.is_finite();
+    if !is_shown(mark.at.0) || !is_shown(mark.at.1) {
+        return String::new();
+    }
+    let (along, up) = (x.at(mark.at.0), y.at(mark.at.1));
+    let (shift, anchor) = match along > 0.75 * WIDTH {
+        true => (-7.0, "end"),
+        false => (7.0, "start"),
+    };
+    let ring = match mark.is_ringed {
+        true => format!("<circle class=\"ring\" cx=\"{along:.1}\" cy=\"{up:.1}\" r=\"6\"/>"),
+        false => String::new(),
+    };
+    format!(
+        "{ring}<text class=\"mark\" x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"{anchor}\">{}</text>",
+        along + shift,
+        up - 4.0,
+        super::escape(&mark.text)
+    )
+}
+
 /// A tick: plain where short, a power of ten where not.
 fn number(value: f64) -> String {
     if (0.000_999..1e4).contains(&value) {
@@ -276,10 +311,33 @@ mod tests {
                 name: "a<b".into(),
                 points,
             }],
+            marks: &[],
         };
         let svg = chart(points).to_svg();
         assert_eq!(svg.matches("h0").count(), 2);
         assert!(svg.contains("a&lt;b") && !svg.contains("NaN") && !svg.contains("inf"));
         assert!(chart(vec![]).to_svg().contains("nothing to draw"));
+    }
+
+    #[test]
+    fn marks_are_words_beside_places_that_can_be_drawn() {
+        let mark = |at, is_ringed| Mark {
+            at,
+            text: "8 < 9".into(),
+            is_ringed,
+        };
+        let marks = [mark((1.0, 1.0), true), mark((2.0, f64::INFINITY), true)];
+        let chart = Chart {
+            x_label: "a",
+            y_label: "b",
+            lines: vec![Line {
+                name: "c".into(),
+                points: vec![(1.0, Spread::of([1.0])), (2.0, Spread::of([2.0]))],
+            }],
+            marks: &marks,
+        };
+        let svg = chart.to_svg();
+        assert_eq!(svg.matches("class=\"ring\"").count(), 1);
+        assert_eq!(svg.matches("8 &lt; 9").count(), 1);
     }
 }

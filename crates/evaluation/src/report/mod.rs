@@ -46,6 +46,19 @@ pub struct Plot {
     pub y_label: String,
     /// Name and points of each line.
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
+    /// Places with words beside them.
+    pub marks: Vec<Mark>,
+}
+
+/// A place in a plot that is named.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Mark {
+    /// Along and up.
+    pub at: (f64, f64),
+    /// Beside it.
+    pub text: String,
+    /// Whether a ring is drawn around it.
+    pub is_ringed: bool,
 }
 
 /// One scene, or one question.
@@ -116,7 +129,9 @@ impl Report {
             "An empty map has infinite error, which no logarithmic axis can show: it is said below \
              the curve, not drawn.",
             "Compute time is CPU time of the mapper on the machine below and compares within this \
-             report only; counted work (Gaussian–bin pairs) compares across machines.",
+             report only; counted work (Gaussian–bin pairs and voxel looks) compares across machines.",
+            "Confident but false is the share of what is asserted that is further than 0.25 m from \
+             all truth; none at all is drawn at 0.01 %.",
         ];
         let judges_maps = |section: &Section| {
             section.metrics.is_some() || !section.curves.is_empty() || section.picture.is_some()
@@ -234,6 +249,7 @@ fn plots_html(plots: &[Plot]) -> String {
             x_label: &plot.x_label,
             y_label: &plot.y_label,
             lines: names.iter().map(|name| plot.line(name)).collect(),
+            marks: &plot.marks,
         };
         let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
     }
@@ -252,24 +268,22 @@ impl Plot {
     }
 }
 
-/// The two errors over dive time, compute time and, where it was counted, work.
+/// The three errors over dive time, compute time and, where it was counted, work.
 fn curves_html(bands: &[Band]) -> String {
     if bands.is_empty() {
         return String::new();
     }
-    let counted = bands
-        .iter()
-        .flat_map(|b| &b.points)
-        .any(|p| p.pair_count > 0.0);
+    let counted = bands.iter().flat_map(|b| &b.points).any(|p| p.work > 0.0);
     let x_axes = [Axis::Compute, Axis::Dive, Axis::Work];
     let x_axes = &x_axes[..if counted { 3 } else { 2 }];
     let mut html = legend(bands) + "<div class=\"charts\">\n";
-    for y in [Axis::Chamfer, Axis::Hausdorff] {
+    for y in [Axis::Chamfer, Axis::Hausdorff, Axis::False] {
         for &x in x_axes {
             let chart = Chart {
                 x_label: x.label(),
                 y_label: y.label(),
                 lines: lines(bands, x, y),
+                marks: &[],
             };
             let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
         }

@@ -32,6 +32,7 @@ fn report() -> Report {
                 "L1 <loss>".into(),
                 vec![(0.0, 1.0), (1.0, 0.5), (2.0, f64::NAN)],
             )],
+            ..Plot::default()
         }],
         tables: vec![Table {
             title: "Ablation".into(),

@@ -3,7 +3,7 @@
 use echosplat_simulator::{DiveKind, NoiseLevel};
 
 use super::limit::{Limit, Target, Unit};
-use super::run::Outcome;
+use crate::runs::Outcome;
 
 /// A dive and what its map must reach.
 pub(super) struct Judged {

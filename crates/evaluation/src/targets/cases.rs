@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::accuracy::{self, Judged};
 use super::limit::{Limit, Row, Target, Unit};
-use super::run::{Outcome, Placement, Results, Spec};
 use super::sections::Section;
+use crate::runs::{Outcome, Placement, Results, Spec};
 
 /// Runs of one seed that are judged together.
 #[derive(Debug, Clone)]

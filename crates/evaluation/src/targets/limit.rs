@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Outcome, Results, Spec};
+use crate::runs::{Outcome, Results, Spec};
 use crate::{nullable, table};
 
 /// The worst seed may miss by this factor.

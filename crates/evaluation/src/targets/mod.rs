@@ -1,18 +1,16 @@
 //! The targets: what maps of which dives must reach, and whether they do.
 //!
-//! A [`Case`] names the [`Spec`]s of its runs and makes [`Row`]s of their [`Outcome`]s. A row
-//! passes if its median over the seeds meets what it must, and its worst stays within 1.5 times
-//! that. Deliberately absent: making the runs.
+//! A [`Case`] names the [`Spec`](crate::runs::Spec)s of its runs and makes [`Row`]s of their
+//! [`Outcome`](crate::runs::Outcome)s. A row passes if its median over the seeds meets what it must,
+//! and its worst stays within 1.5 times that. Deliberately absent: making the runs.
 
 mod accuracy;
 mod cases;
 mod limit;
 mod report;
-mod run;
 mod sections;
 
 pub use cases::{Case, cases};
 pub use limit::{Limit, Row, Target, Unit, Verdict};
-pub use report::{run_line, sections, text};
-pub use run::{Outcome, Placement, Results, Spec, Work};
+pub use report::{sections, text};
 pub use sections::Section;

@@ -1,10 +1,10 @@
 //! Rows and runs as sections of a report, and as text.
 
 use super::limit::{Row, Verdict};
-use super::run::{Outcome, Results};
 use super::sections::Section;
 use crate::report::{FAILED, Section as Chapter, Table};
-use crate::table::{metres, percent};
+use crate::runs::{Outcome, Results};
+use crate::table::{self, metres, percent};
 
 const ROW_COLUMNS: [&str; 9] = [
     "case",
@@ -130,58 +130,25 @@ fn run_cells(name: &str, outcome: &Outcome) -> [String; 13] {
     ]
 }
 
-/// What is worth saying when a run is done.
-#[must_use]
-pub fn run_line(outcome: &Outcome) -> String {
-    let metrics = &outcome.metrics;
-    format!(
-        "CD {} m, HD {} m, {} false, {} + {} Gaussians, {:.0} s of computing, {:.0} s in all",
-        metres(metrics.cd_m),
-        metres(metrics.hd_m),
-        percent(metrics.confident_false_share),
-        metrics.confident_count,
-        metrics.ambiguous_count,
-        outcome.total.compute_s,
-        outcome.wall_s,
-    )
-}
-
 /// The rows as lines of text, in columns.
 #[must_use]
 pub fn text(rows: &[Row]) -> String {
     let mut text = String::new();
     for section in Section::ALL {
-        let own: Vec<[String; 9]> = of(section, rows).map(row_cells).collect();
+        let own = of(section, rows).map(|row| without_seeds(row_cells(row).into()));
+        let own: Vec<Vec<String>> = own.collect();
         if own.is_empty() {
             continue;
         }
-        text += &format!("{}\n", section.title());
-        let lines = std::iter::once(ROW_COLUMNS.map(str::to_owned)).chain(own);
-        text += &aligned(&lines.collect::<Vec<_>>());
+        let header = without_seeds(ROW_COLUMNS.map(str::to_owned).into());
+        text += &format!("{}\n{}", section.title(), table::aligned(&header, &own, 2));
     }
     text
 }
 
 /// Without the column of all seeds, which is as wide as the rest.
-fn aligned(rows: &[[String; 9]]) -> String {
+fn without_seeds(mut cells: Vec<String>) -> Vec<String> {
     const EACH_SEED: usize = 7;
-    let columns = (0..ROW_COLUMNS.len()).filter(|column| *column != EACH_SEED);
-    let columns: Vec<(usize, usize)> = columns
-        .map(|column| {
-            let width = rows.iter().map(|row| row[column].chars().count()).max();
-            (column, width.unwrap_or(0))
-        })
-        .collect();
-    let mut text = String::new();
-    for row in rows {
-        let cells = columns.iter().map(|&(column, width)| {
-            let cell = &row[column];
-            match column < 2 {
-                true => format!("{cell:<width$}"),
-                false => format!("{cell:>width$}"),
-            }
-        });
-        text += &format!("  {}\n", cells.collect::<Vec<_>>().join("  "));
-    }
-    text
+    cells.remove(EACH_SEED);
+    cells
 }

@@ -1,5 +1,8 @@
 //! The command line over the configuration file.
 
+use std::collections::BTreeMap;
+use std::path::Path;
+
 use echosplat_pose::PoseUrl;
 
 use crate::arguments::{BusArguments, ServiceArguments};
@@ -53,6 +56,23 @@ impl Config {
         config.checked()
     }
 
+    /// Defaults with some keys set, each by its dotted name to a TOML value.
+    ///
+    /// # Errors
+    /// If there is no such key, or a value is none of its kind or out of range.
+    pub(crate) fn of_settings(settings: &BTreeMap<String, String>) -> anyhow::Result<Self> {
+        let mut text = String::new();
+        for (key, value) in settings {
+            let line = format!("{key} = {value}\n");
+            toml::from_str::<Self>(&line).map_err(|error| {
+                let said = error.message();
+                Usage::error(format!("setting {key} = {value}: {said}"))
+            })?;
+            text += &line;
+        }
+        Self::parse(Path::new("settings"), &text)
+    }
+
     /// Defaults with the command line's ways to other programs on top.
     ///
     /// # Errors
@@ -92,6 +112,42 @@ impl Config {
                 "command line: {}: {}",
                 bad.key, bad.message
             ))),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(settings: &[(&str, &str)]) -> anyhow::Result<Config> {
+        let owned = settings.iter().copied().map(owned);
+        Config::of_settings(&owned.collect())
+    }
+
+    #[test]
+    fn settings_are_set_by_their_dotted_names() {
+        let config = of(&[
+            ("mapper.finish_passes", "48"),
+            ("mapper.spawn_evidence", "6.5"),
+            ("pose.url", "\"none\""),
+        ])
+        .unwrap();
+        assert_eq!(config.mapper.finish_passes, 48);
+        assert!((config.mapper.spawn_evidence - 6.5).abs() < 1e-6);
+        assert_eq!(config.pipeline, Config::default().pipeline);
+        assert_eq!(of(&[]).unwrap(), Config::default());
+    }
+
+    #[test]
+    fn settings_that_cannot_be_are_named() {
+        for (key, value) in [
+            ("mapper.finish_pases", "48"),
+            ("mapper.finish_passes", "many"),
+            ("mapper.spawn_evidence", "-1"),
+        ] {
+            let said = of(&[(key, value)]).unwrap_err().to_string();
+            assert!(said.contains(key) && said.contains(value), "{said}");
         }
     }
 }

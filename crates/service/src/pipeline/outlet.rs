@@ -16,6 +16,8 @@ pub(crate) struct Moment {
     pub(crate) compute_s: f64,
     /// Gaussian–bin pairs so far.
     pub(crate) pairs: u64,
+    /// Voxel looks so far.
+    pub(crate) voxel_looks: u64,
     /// Pings so far.
     pub(crate) pings: u64,
 }
@@ -27,10 +29,38 @@ pub(crate) struct Observed {
     pub(crate) moment: Moment,
 }
 
+/// When maps are wanted, in seconds on the pings' clock since the first ping.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Schedule {
+    /// At the first ping, and so long after each map.
+    Every(f64),
+    /// At these times, in order.
+    At(Vec<f64>),
+}
+
+impl Schedule {
+    /// The first time after `dive_s`; infinite if there is none.
+    fn after(&self, dive_s: f64) -> f64 {
+        match self {
+            Self::Every(interval_s) => dive_s + interval_s,
+            Self::At(times_s) => {
+                let later = times_s.iter().copied().find(|time_s| *time_s > dive_s);
+                later.unwrap_or(f64::INFINITY)
+            }
+        }
+    }
+
+    fn first(&self) -> f64 {
+        match self {
+            Self::Every(_) => 0.0,
+            Self::At(times_s) => times_s.first().copied().unwrap_or(f64::INFINITY),
+        }
+    }
+}
+
 /// Takes maps at some moments of the dive; on the mapper's thread, so it must be quick.
 pub(crate) struct Observer {
-    /// Time between two maps, on the pings' clock.
-    pub(crate) interval_s: f64,
+    pub(crate) schedule: Schedule,
     pub(crate) take: Box<dyn FnMut(Observed) + Send>,
 }
 
@@ -53,9 +83,9 @@ impl Outlet {
         Self {
             bus,
             publisher,
+            next_observation_s: observer.as_ref().map_or(0.0, |o| o.schedule.first()),
             observer,
             epoch: 0,
-            next_observation_s: 0.0,
         }
     }
 
@@ -85,12 +115,28 @@ impl Outlet {
         }
         let is_due = self.is_observation_due(moment.dive_s);
         if let Some(observer) = self.observer.as_mut().filter(|_| is_due) {
-            self.next_observation_s = moment.dive_s + observer.interval_s;
+            self.next_observation_s = observer.schedule.after(moment.dive_s);
             (observer.take)(Observed {
                 snapshot: Arc::clone(&snapshot),
                 moment,
             });
         }
         snapshot
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_schedule_skips_what_has_passed_and_ends() {
+        let at = Schedule::At(vec![1.0, 2.0, 4.0]);
+        let times = [at.first(), at.after(1.0), at.after(3.0), at.after(4.0)];
+        let expected = [1.0, 2.0, 4.0, f64::INFINITY];
+        assert_eq!(times.map(f64::to_bits), expected.map(f64::to_bits));
+        let every = Schedule::Every(2.0);
+        let times = [every.first(), every.after(3.0)];
+        assert_eq!(times.map(f64::to_bits), [0.0, 5.0].map(f64::to_bits));
     }
 }

@@ -202,6 +202,7 @@ impl Worker {
             dive_s,
             compute_s: work.compute_s,
             pairs: work.pairs,
+            voxel_looks: work.voxel_looks,
             pings: self.mapper.status().pings,
         };
         let snapshot = self.outlet.map(snapshot, moment);

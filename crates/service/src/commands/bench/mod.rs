@@ -4,9 +4,13 @@
 //! A bench is a file beside this one that returns [`Results`], a line in [`run`] and a variant of
 //! [`Bench`].
 
+mod ablation;
+mod all;
+mod error_time;
 mod kernels;
 mod machine;
 mod paper;
+mod runs;
 mod stability;
 mod targets;
 
@@ -42,15 +46,32 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Kernels(options) => publish(kernels::run(options)?, options),
         Bench::Stability(options) => publish(stability::run(options)?, options),
         Bench::Paper(arguments) => publish(paper::run(arguments)?, &arguments.options),
-        Bench::Targets(arguments) => match &arguments.run {
-            Some(spec) => targets::run_one(spec, arguments.keep_map.as_deref()),
-            None => publish(targets::run(arguments)?, &arguments.options),
-        },
+        Bench::Targets(arguments) => publish(targets::run(arguments)?, &arguments.options),
+        Bench::ErrorTime(arguments) => publish(error_time::run(arguments)?, &arguments.options),
+        Bench::Ablation(arguments) => publish(ablation::run(arguments)?, &arguments.options),
+        Bench::All(arguments) => all::run(arguments),
+        Bench::Run(arguments) => runs::run_one(arguments),
     }
 }
 
 /// Writes the two files, prints, and fails if anything failed.
 fn publish(results: Results, options: &BenchOptions) -> anyhow::Result<Finish> {
+    let failures = results.failures.clone();
+    let says = if options.json { Says::Json } else { Says::Text };
+    save(results, options, says)?;
+    verdict(&failures)
+}
+
+/// What is printed on standard output.
+#[derive(Debug, Clone, Copy)]
+enum Says {
+    Nothing,
+    Json,
+    Text,
+}
+
+/// Writes the two files and prints.
+fn save(results: Results, options: &BenchOptions, says: Says) -> anyhow::Result<()> {
     let machine = Machine::this();
     let json = object(&results, options, &machine);
     let mut report = results.report;
@@ -67,15 +88,16 @@ fn publish(results: Results, options: &BenchOptions) -> anyhow::Result<Finish> {
         &(serde_json::to_string_pretty(&json)? + "\n"),
     )?;
     write(&path("html"), &report.to_html())?;
-    match options.json {
-        true => logging::print(&serde_json::to_string(&json)?),
-        false => {
+    match says {
+        Says::Nothing => {}
+        Says::Json => logging::print(&serde_json::to_string(&json)?),
+        Says::Text => {
             logging::print(results.text.trim_end());
             let (json, html) = (path("json"), path("html"));
             logging::print(&format!("Written: {}, {}", json.display(), html.display()));
         }
     }
-    verdict(&results.failures)
+    Ok(())
 }
 
 fn object(results: &Results, options: &BenchOptions, machine: &Machine) -> Value {

@@ -83,6 +83,7 @@ impl Judge {
             dive_s: outcome.status.report.dive_s,
             compute_s: outcome.status.report.work.compute_s,
             pair_count: outcome.status.report.work.pairs,
+            voxel_looks: outcome.status.report.work.voxel_looks,
             ping_count: outcome.status.report.pings_mapped,
             metrics,
         });
@@ -110,6 +111,7 @@ fn judge_all(
                 dive_s: observed.moment.dive_s,
                 compute_s: observed.moment.compute_s,
                 pair_count: observed.moment.pairs,
+                voxel_looks: observed.moment.voxel_looks,
                 ping_count: observed.moment.pings,
                 metrics: evaluate_raw(&MapPoints::from(&*observed.snapshot), &truth),
             };

@@ -23,7 +23,8 @@ use crate::arguments::{DemoArguments, PoseClock};
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::pipeline::{
-    self, Gate, Hooks, Observer, OnFinal, OnStatus, Outcome, Patience, Phase, Poses, Setup,
+    self, Gate, Hooks, Observer, OnFinal, OnStatus, Outcome, Patience, Phase, Poses, Schedule,
+    Setup,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
@@ -97,7 +98,7 @@ fn set_up(
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             observer: Some(Observer {
-                interval_s: JUDGED_EVERY_S,
+                schedule: Schedule::Every(JUDGED_EVERY_S),
                 take: judge.intake(),
             }),
             on_status: Some(progress(length_s, judge.newest())),

@@ -3,7 +3,6 @@
 mod report;
 
 use std::sync::Arc;
-use std::time::Instant;
 
 use anyhow::Context;
 use echosplat_evaluation::report::{Picture, Report};
@@ -19,6 +18,7 @@ use serde::Serialize;
 use serde_json::{Map, Value};
 
 use super::Results;
+use super::runs::Clock;
 use crate::arguments::{PaperBenchArguments, PaperCase};
 use crate::{logging, processor, truth};
 use report::choices_section;
@@ -214,32 +214,6 @@ fn epochs(
     }
     bar.finish_and_clear();
     epochs
-}
-
-/// Counts the method's own time, not that of judging it.
-struct Clock {
-    wall_s: f64,
-    compute_s: f64,
-    began: (Instant, f64),
-}
-
-impl Clock {
-    fn start() -> Self {
-        Self {
-            wall_s: 0.0,
-            compute_s: 0.0,
-            began: (Instant::now(), processor::process_seconds()),
-        }
-    }
-
-    fn go_on(&mut self) {
-        self.began = (Instant::now(), processor::process_seconds());
-    }
-
-    fn pause(&mut self) {
-        self.wall_s += self.began.0.elapsed().as_secs_f64();
-        self.compute_s += processor::process_seconds() - self.began.1;
-    }
 }
 
 fn results(outcomes: &[Outcome], choices: &Choices) -> anyhow::Result<Results> {

@@ -142,6 +142,7 @@ impl Outcome {
             x_label: x.to_owned(),
             y_label: y.to_owned(),
             lines,
+            ..Plot::default()
         };
         vec![
             plot(

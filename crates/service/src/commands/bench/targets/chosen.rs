@@ -21,16 +21,6 @@ pub(super) fn cases(arguments: &TargetsBenchArguments) -> anyhow::Result<Vec<Cas
     Ok(all.into_iter().filter(is_chosen).collect())
 }
 
-pub(super) fn seeds(arguments: &TargetsBenchArguments) -> Vec<u64> {
-    let count = if arguments.options.quick {
-        1
-    } else {
-        arguments.seeds
-    };
-    let first = arguments.options.seed;
-    (first..first.saturating_add(count)).collect()
-}
-
 fn is_named(case: &Case, name: &str) -> bool {
     let section = case.section.as_str();
     match name.split_once('/') {
@@ -77,12 +67,5 @@ mod tests {
         assert_eq!(count(&["--only", "more/wall"]), 1);
         let error = cases(&arguments(&["--only", "fense"])).unwrap_err();
         assert!(error.to_string().contains("accuracy"), "{error}");
-    }
-
-    #[test]
-    fn seeds_count_from_the_first() {
-        assert_eq!(seeds(&arguments(&["--seed", "3", "--seeds", "2"])), [3, 4]);
-        assert_eq!(seeds(&arguments(&["--quick"])), [1]);
-        assert_eq!(seeds(&arguments(&[])).len(), 5);
     }
 }

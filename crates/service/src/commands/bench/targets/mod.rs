@@ -1,64 +1,37 @@
 //! `echosplat bench targets`: every target of accuracy and robustness, and which are met.
-//!
-//! Each run is a process of its own, so that its memory and processor time are its own and one
-//! that dies is a row that failed. What is done is kept in a file of JSON lines beside the report:
-//! the same program asked again goes on from there.
 
 mod chosen;
-mod held_out;
-mod one;
-mod queue;
-mod store;
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use std::time::{Duration, Instant};
 
 use echosplat_evaluation::report::Report;
-use echosplat_evaluation::targets::{self, Case, Results as Outcomes, Row, Spec, Verdict};
+use echosplat_evaluation::runs::{Results as Outcomes, Spec};
+use echosplat_evaluation::targets::{self, Case, Row, Verdict};
 use echosplat_evaluation::{MapPoints, distance_between};
-use serde_json::{Map, Value, json};
+use serde_json::{Map, json};
 
 use super::Results;
+use super::runs::{self, Job, Store};
 use crate::arguments::TargetsBenchArguments;
 use crate::maps;
-use crate::signals::Stop;
-pub(super) use one::run_one;
-use queue::{Job, Queue};
-use store::Store;
 
 /// # Errors
 /// If nothing is chosen, or the runs cannot be kept or started.
 pub(super) fn run(arguments: &TargetsBenchArguments) -> anyhow::Result<Results> {
     let cases = chosen::cases(arguments)?;
-    let seeds = chosen::seeds(arguments);
+    let seeds = arguments.queue.seeds_of(&arguments.options);
     let mut store = Store::open(&arguments.options.out)?;
     let jobs = jobs(&cases, &seeds, &store);
-    let all = jobs.len();
-    let left = jobs.into_iter().filter(|job| !store.has(job)).collect();
-    let budget_s = arguments.budget.map(|minutes| 60.0 * minutes);
-    let queue = Queue {
-        jobs: left,
-        all,
-        at_once: arguments.jobs as usize,
-        deadline: budget_s.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds)),
-        stop: Stop::on_signals()?,
-    };
-    let failures = queue.run(&mut store)?;
-    let mut outcomes = store.outcomes(&wanted(&cases, &seeds));
-    let failed = failures.into_iter().map(|(name, why)| (name, Err(why)));
-    outcomes.0.extend(failed);
+    let mut outcomes = runs::make(&jobs, &mut store, &arguments.queue)?;
     compare_maps(&cases, &seeds, &store, &mut outcomes);
     results(&cases, &seeds, &outcomes)
 }
 
 /// Each run once, the first seed of all cases before the next seed of any.
 fn wanted(cases: &[Case], seeds: &[u64]) -> Vec<Spec> {
-    let runs = |seed: &u64| cases.iter().flat_map(|case| case.runs(*seed)).collect();
-    let mut specs: Vec<Spec> = seeds.iter().flat_map::<Vec<Spec>, _>(runs).collect();
-    let mut seen = std::collections::BTreeSet::new();
-    specs.retain(|spec| seen.insert(spec.name()));
-    specs
+    let of_seed = |seed: &u64| cases.iter().flat_map(|case| case.runs(*seed)).collect();
+    runs::once(seeds.iter().flat_map::<Vec<Spec>, _>(of_seed).collect())
 }
 
 fn jobs(cases: &[Case], seeds: &[u64], store: &Store) -> Vec<Job> {
@@ -101,11 +74,7 @@ fn results(cases: &[Case], seeds: &[u64], outcomes: &Outcomes) -> anyhow::Result
         .iter()
         .flat_map(|case| case.rows(seeds, outcomes))
         .collect();
-    let left_out: Vec<String> = wanted(cases, seeds)
-        .iter()
-        .filter(|spec| outcomes.of(spec).is_none())
-        .map(Spec::name)
-        .collect();
+    let left_out = runs::left_out(&wanted(cases, seeds), outcomes);
     let count = |verdict| rows.iter().filter(|row| row.verdict == verdict).count();
     let [passed, failed, incomplete] =
         [Verdict::Passed, Verdict::Failed, Verdict::Incomplete].map(count);
@@ -116,7 +85,7 @@ fn results(cases: &[Case], seeds: &[u64], outcomes: &Outcomes) -> anyhow::Result
     let mut fields = Map::new();
     fields.insert("seeds".to_owned(), json!(seeds));
     fields.insert("rows".to_owned(), serde_json::to_value(&rows)?);
-    fields.insert("runs".to_owned(), runs_json(outcomes)?);
+    fields.insert("runs".to_owned(), runs::to_json(outcomes)?);
     fields.insert("left_out".to_owned(), json!(left_out));
     let highlights = [
         ("rows passed", passed),
@@ -141,16 +110,6 @@ fn results(cases: &[Case], seeds: &[u64], outcomes: &Outcomes) -> anyhow::Result
         text: targets::text(&rows) + &left_out_text(&left_out) + &summary,
         failures: rows.iter().filter_map(failure).collect(),
     })
-}
-
-fn runs_json(outcomes: &Outcomes) -> anyhow::Result<Value> {
-    let run = |(name, result): (&String, &Result<targets::Outcome, String>)| {
-        Ok(match result {
-            Ok(outcome) => json!({"run": name, "outcome": serde_json::to_value(outcome)?}),
-            Err(why) => json!({"run": name, "failed": why}),
-        })
-    };
-    outcomes.0.iter().map(run).collect()
 }
 
 fn left_out_text(left_out: &[String]) -> String {

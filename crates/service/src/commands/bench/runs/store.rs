@@ -6,14 +6,14 @@ use std::io::{Read, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use echosplat_evaluation::targets::{Outcome, Results, Spec};
+use echosplat_evaluation::runs::{Outcome, Results, Spec};
 use serde::{Deserialize, Serialize};
 
 use super::queue::Job;
 use crate::fingerprint::Fingerprint;
 
-const RUNS_FILE: &str = "targets-runs.jsonl";
-const MAPS_FOLDER: &str = "targets-maps";
+const RUNS_FILE: &str = "runs.jsonl";
+const MAPS_FOLDER: &str = "runs-maps";
 
 /// One line. Figures of another program are no figures of this one.
 #[derive(Debug, Serialize, Deserialize)]
@@ -24,7 +24,7 @@ struct Line {
 }
 
 /// What this very program has done so far.
-pub(super) struct Store {
+pub(in crate::commands::bench) struct Store {
     folder: PathBuf,
     file: File,
     program: String,
@@ -34,7 +34,7 @@ pub(super) struct Store {
 impl Store {
     /// # Errors
     /// If the folder cannot be written to.
-    pub(super) fn open(folder: &Path) -> anyhow::Result<Self> {
+    pub(in crate::commands::bench) fn open(folder: &Path) -> anyhow::Result<Self> {
         Self::of_program(folder, program()?)
     }
 
@@ -92,7 +92,7 @@ impl Store {
     }
 
     /// Where the map of a run is kept if it is: of this program, so that no other's is taken for it.
-    pub(super) fn map_of(&self, spec: &Spec) -> PathBuf {
+    pub(in crate::commands::bench) fn map_of(&self, spec: &Spec) -> PathBuf {
         let mut name = Fingerprint::default();
         name.write(self.program.as_bytes());
         name.write(spec.name().as_bytes());
@@ -118,7 +118,7 @@ fn program() -> anyhow::Result<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_evaluation::targets::Work;
+    use echosplat_evaluation::runs::Work;
     use echosplat_evaluation::{MapPoints, Truth, evaluate_raw};
     use echosplat_simulator::{DiveKind, NoiseLevel};
 
@@ -127,12 +127,16 @@ mod tests {
             metrics: evaluate_raw(&MapPoints::default(), &Truth::from_points(&[])),
             mid_dive_cd_m: f64::INFINITY,
             pings,
+            dive_s: 0.0,
             streamed: Work::default(),
             total: Work::default(),
             held_back: None,
             peak_memory_bytes: 0,
             wall_s: 0.0,
             fingerprint: String::new(),
+            samples: Vec::new(),
+            met_budget: false,
+            left_out: Vec::new(),
             from_unmoved_m: None,
         }
     }

@@ -8,11 +8,12 @@ use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, anyhow};
-use echosplat_evaluation::targets::{Outcome, Spec, run_line};
+use echosplat_evaluation::runs::{Outcome, Spec, run_line};
+use indicatif::ProgressBar;
 
 use super::store::Store;
-use crate::processor;
 use crate::signals::Stop;
+use crate::{logging, processor};
 
 /// How often a process is looked at.
 const TICK: Duration = Duration::from_millis(50);
@@ -21,10 +22,10 @@ const MOST_BYTES: u64 = 1 << 20;
 
 /// A run to be made.
 #[derive(Debug, Clone)]
-pub(super) struct Job {
-    pub(super) spec: Spec,
+pub(in crate::commands::bench) struct Job {
+    pub(in crate::commands::bench) spec: Spec,
     /// Where its map is to be kept.
-    pub(super) map: Option<PathBuf>,
+    pub(in crate::commands::bench) map: Option<PathBuf>,
 }
 
 /// What is to be done, and how long.
@@ -71,19 +72,23 @@ impl Queue {
             done: before,
             failures: BTreeMap::new(),
         });
+        let bar =
+            logging::progress_bar(self.all as u64, "{bar:40} {pos} of {len} runs · {elapsed}");
+        bar.set_position(before as u64);
         std::thread::scope(|scope| {
-            let worker = || scope.spawn(|| self.work(&board));
+            let worker = || scope.spawn(|| self.work(&board, &bar));
             let workers: Vec<_> = (0..self.at_once).map(|_| worker()).collect();
             workers.into_iter().try_for_each(|worker| {
                 let ended = worker.join();
                 ended.map_err(|_| anyhow!("a thread that waits for runs panicked"))?
             })
         })?;
+        bar.finish_and_clear();
         let board = board.into_inner().unwrap_or_else(PoisonError::into_inner);
         Ok(board.failures)
     }
 
-    fn work(&self, board: &Mutex<Board<'_>>) -> anyhow::Result<()> {
+    fn work(&self, board: &Mutex<Board<'_>>, bar: &ProgressBar) -> anyhow::Result<()> {
         while !self.is_over() {
             let Some(job) = lock(board).jobs.pop_front() else {
                 break;
@@ -91,6 +96,7 @@ impl Queue {
             let ended = self.run_job(&job)?;
             let mut board = lock(board);
             board.done += 1;
+            bar.inc(1);
             let at = format!("[{}/{}] {}", board.done, self.all, job.spec.name());
             match ended {
                 Ended::Well(outcome) => {
@@ -143,7 +149,7 @@ impl Queue {
         let threads = (processor::core_count() / self.at_once).max(1);
         let mut command = Command::new(&program);
         command
-            .args(["bench", "targets", "--run"])
+            .args(["bench", "run"])
             .arg(serde_json::to_string(&job.spec)?)
             .env("RUST_LOG", "error")
             .env("RAYON_NUM_THREADS", threads.to_string())

@@ -1,4 +1,4 @@
-//! One run: which dive it is of, and what came out.
+//! One run: which dive it is of, and what makes a map of it.
 
 use std::collections::BTreeMap;
 
@@ -7,10 +7,35 @@ use echosplat_simulator::{DiveKind, NoiseLevel};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use crate::held_back::HeldBack;
-use crate::{Metrics, nullable};
+/// What makes a map of a dive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Method {
+    /// The service's mapper: live while the dive goes on, then finished.
+    #[default]
+    Online,
+    /// Places on the arcs that enough views agree on: the paper's first Gaussians.
+    Support,
+    /// Voxels on the arcs that most looks at them find lit.
+    Carving,
+    /// The paper's method whole; needs a dive that comes in images.
+    Paper,
+}
 
-/// A simulated dive, and how it goes through the mapper.
+impl Method {
+    /// As on the command line and in reports.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::Online => "online",
+            Self::Support => "support",
+            Self::Carving => "carving",
+            Self::Paper => "paper",
+        }
+    }
+}
+
+/// A simulated dive, and how it becomes a map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Spec {
     /// A built-in scene.
@@ -33,7 +58,23 @@ pub struct Spec {
     pub threads: usize,
     /// Where all of it takes place.
     pub placement: Placement,
+    /// What makes the map.
+    #[serde(default)]
+    pub method: Method,
+    /// Keys of the configuration and their TOML values, as in `mapper.finish_passes` and `48`; the
+    /// defaults without.
+    #[serde(default)]
+    pub settings: BTreeMap<String, String>,
+    /// Moments of the dive at which its map is judged, spaced logarithmically; 0 for none.
+    #[serde(default)]
+    pub moments: usize,
+    /// Whether the map is scored on pings that it has not seen; plain dives always are.
+    #[serde(default)]
+    pub held_back: bool,
 }
+
+/// Moments of a dive are this far apart: two double its length.
+const MOMENT_RATIO: f64 = std::f64::consts::SQRT_2;
 
 /// A turn about the world's vertical, then a shift.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
@@ -66,7 +107,25 @@ impl Spec {
             time_offset_s: 0.0,
             threads: 1,
             placement: Placement::default(),
+            method: Method::default(),
+            settings: BTreeMap::new(),
+            moments: 0,
+            held_back: false,
         }
+    }
+
+    /// The same with one more setting; `value` is TOML.
+    #[must_use]
+    pub fn with(mut self, key: &str, value: &str) -> Self {
+        self.settings.insert(key.to_owned(), value.to_owned());
+        self
+    }
+
+    /// When the map is judged, as shares of what is mapped of the dive, in order, the last 1.
+    #[must_use]
+    pub fn moment_shares(&self) -> Vec<f64> {
+        let before_end = (0..self.moments as i32).rev();
+        before_end.map(|steps| MOMENT_RATIO.powi(-steps)).collect()
     }
 
     /// Says all of it: no two different runs have the same name.
@@ -93,6 +152,18 @@ impl Spec {
         if shift_m.length() > 0.0 {
             add(format!("moved by {shift_m} m"));
         }
+        if self.method != Method::Online {
+            add(self.method.as_str().to_owned());
+        }
+        for (key, value) in &self.settings {
+            add(format!("{key} = {value}"));
+        }
+        if self.moments > 0 {
+            add(format!("{} moments", self.moments));
+        }
+        if self.held_back {
+            add("held-back pings scored".to_owned());
+        }
         add(format!("seed {}", self.seed));
         name
     }
@@ -103,57 +174,11 @@ impl Spec {
         let plain = Self::new(&self.scene, self.dive, self.noise, self.seed);
         *self == plain
     }
-}
 
-/// What a mapper had done at some moment.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Work {
-    /// Processor seconds of its threads.
-    pub compute_s: f64,
-    /// Gaussian–bin pairs.
-    pub pairs: u64,
-    /// Voxel looks.
-    pub voxel_looks: u64,
-}
-
-/// What came out of a run.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Outcome {
-    /// Of the finished map, turned and moved back to the scene.
-    pub metrics: Metrics,
-    /// Of the live map in the middle of the dive; infinite where there was none.
-    #[serde(with = "nullable")]
-    pub mid_dive_cd_m: f64,
-    /// Pings in the map.
-    pub pings: u64,
-    /// Before the finish; maps made to be looked at do not count.
-    pub streamed: Work,
-    /// With the finish.
-    pub total: Work,
-    /// Pings of the same dive that the map has not seen; `None` where it was not asked for, or
-    /// nothing was heard.
-    pub held_back: Option<HeldBack>,
-    /// Of the whole process until the map was there, the simulator included.
-    pub peak_memory_bytes: u64,
-    /// By the clock, simulation and judging included.
-    pub wall_s: f64,
-    /// Names the bits of the finished map.
-    pub fingerprint: String,
-    /// From the same dive where it really was, for a dive that took place elsewhere: the mean of
-    /// the two directed mean distances between confident points. Filled in once both are there.
-    #[serde(skip)]
-    pub from_unmoved_m: Option<f64>,
-}
-
-/// Outcomes by [`Spec::name`]: what a run came to, or why it failed. What is not there was not run.
-#[derive(Debug, Clone, Default)]
-pub struct Results(pub BTreeMap<String, Result<Outcome, String>>);
-
-impl Results {
-    /// Of one run.
+    /// Whether the map is scored on pings that it has not seen.
     #[must_use]
-    pub fn of(&self, spec: &Spec) -> Option<&Result<Outcome, String>> {
-        self.0.get(&spec.name())
+    pub fn scores_held_back(&self) -> bool {
+        self.held_back || self.is_plain()
     }
 }
 
@@ -223,6 +248,20 @@ mod tests {
                 },
                 ..plain.clone()
             },
+            Spec {
+                method: Method::Carving,
+                ..plain.clone()
+            },
+            Spec {
+                moments: 12,
+                ..plain.clone()
+            },
+            Spec {
+                held_back: true,
+                ..plain.clone()
+            },
+            plain.clone().with("mapper.finish_passes", "48"),
+            plain.clone().with("mapper.finish_passes", "8"),
         ];
         let mut names: Vec<String> = bent.iter().map(Spec::name).collect();
         names.push(plain.name());
@@ -246,5 +285,21 @@ mod tests {
         let json = serde_json::to_string(&spec).unwrap();
         assert_eq!(serde_json::from_str::<Spec>(&json).unwrap(), spec);
         assert!(serde_json::from_str::<Spec>(&json.replace("harsh", "rough")).is_err());
+    }
+
+    #[test]
+    fn moments_double_every_second_step_up_to_the_end() {
+        let spec = Spec {
+            moments: 5,
+            ..Spec::new("fence", DiveKind::Survey, NoiseLevel::Nominal, 1)
+        };
+        let shares = spec.moment_shares();
+        let root = std::f64::consts::FRAC_1_SQRT_2;
+        let expected = [0.25, 0.5 * root, 0.5, root, 1.0];
+        assert_eq!(shares.len(), 5);
+        for (share, expected) in shares.iter().zip(expected) {
+            assert!((share - expected).abs() < 1e-5, "{shares:?}");
+        }
+        assert_eq!(Spec { moments: 0, ..spec }.moment_shares().len(), 0);
     }
 }

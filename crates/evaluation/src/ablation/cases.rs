@@ -1,0 +1,236 @@
+//! Which parts, which of their states together, and on which dives.
+
+use echosplat_simulator::{DiveKind, NoiseLevel};
+use serde::Serialize;
+
+use crate::runs::Spec;
+
+/// Names of the optional parts: keys of `mapper.parts`, each "on", "off" or "auto".
+pub const PARTS: [&str; 10] = [
+    "occlusion",
+    "elevation",
+    "anisotropy",
+    "speckle",
+    "specular",
+    "poses",
+    "splitting",
+    "reservoir",
+    "converged",
+    "empty",
+];
+
+const QUICK_DIVE_S: f64 = 30.0;
+
+/// Whether a part takes part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum State {
+    /// Always.
+    On,
+    /// Never.
+    Off,
+    /// As the mapper finds it worth its work.
+    Auto,
+}
+
+impl State {
+    /// In the order of tables.
+    pub const ALL: [Self; 3] = [Self::On, Self::Off, Self::Auto];
+
+    /// As in the configuration.
+    #[must_use]
+    pub fn as_str(self) -> &'static str {
+        match self {
+            Self::On => "on",
+            Self::Off => "off",
+            Self::Auto => "auto",
+        }
+    }
+}
+
+/// An optional part and how the configuration says what becomes of it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Part {
+    /// As in reports.
+    pub name: String,
+    /// Key of the configuration.
+    pub key: String,
+    /// TOML values, in the order of [`State::ALL`].
+    pub values: [String; 3],
+}
+
+impl Part {
+    /// One of the mapper's own.
+    #[must_use]
+    pub fn named(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            key: format!("mapper.parts.{name}"),
+            values: State::ALL.map(|state| format!("\"{}\"", state.as_str())),
+        }
+    }
+
+    /// The TOML value for a state.
+    #[must_use]
+    pub fn value(&self, state: State) -> &str {
+        let [on, off, auto] = &self.values;
+        match state {
+            State::On => on,
+            State::Off => off,
+            State::Auto => auto,
+        }
+    }
+}
+
+/// A state for every part.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Variant {
+    /// As in reports.
+    pub name: String,
+    /// One for each part, in their order.
+    pub states: Vec<State>,
+}
+
+impl Variant {
+    /// Whether the mapper chooses everything by itself.
+    #[must_use]
+    pub fn is_auto(&self) -> bool {
+        self.states.iter().all(|state| *state == State::Auto)
+    }
+
+    fn all(state: State, count: usize) -> Self {
+        Self {
+            name: format!("everything {}", state.as_str()),
+            states: vec![state; count],
+        }
+    }
+}
+
+/// Everything in each state, and each part alone fixed on and off with the others left to the mapper.
+/// Without parts, what the mapper does by itself.
+#[must_use]
+pub fn variants(parts: &[Part], quick: bool) -> Vec<Variant> {
+    let auto = Variant::all(State::Auto, parts.len());
+    if parts.is_empty() {
+        return vec![auto];
+    }
+    let fixed = [State::On, State::Off].map(|state| Variant::all(state, parts.len()));
+    let mut variants = vec![auto];
+    variants.extend(fixed);
+    if quick {
+        return variants;
+    }
+    for (index, part) in parts.iter().enumerate() {
+        for state in [State::On, State::Off] {
+            let mut states = vec![State::Auto; parts.len()];
+            states[index] = state;
+            let name = format!("{} {}", part.name, state.as_str());
+            variants.push(Variant { name, states });
+        }
+    }
+    variants
+}
+
+/// A dive that every variant maps.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Case {
+    /// A built-in scene.
+    pub scene: &'static str,
+    /// How the sonar moves.
+    pub dive: DiveKind,
+    /// What is wrong with pings and poses.
+    pub noise: NoiseLevel,
+    duration_s: Option<f64>,
+}
+
+impl Case {
+    /// Unique.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let Self {
+            scene, dive, noise, ..
+        } = self;
+        let length = self
+            .duration_s
+            .map_or(String::new(), |s| format!(", {s} s"));
+        format!("{scene}, {dive}, {noise}{length}")
+    }
+
+    /// The run of one variant: every part is set, also to what is its default.
+    #[must_use]
+    pub fn spec(&self, parts: &[Part], variant: &Variant, seed: u64) -> Spec {
+        let spec = Spec {
+            duration_s: self.duration_s,
+            held_back: true,
+            ..Spec::new(self.scene, self.dive, self.noise, seed)
+        };
+        let set = parts.iter().zip(&variant.states);
+        set.fold(spec, |spec, (part, state)| {
+            spec.with(&part.key, part.value(*state))
+        })
+    }
+}
+
+/// All dives, in the order of the report.
+#[must_use]
+pub fn cases(quick: bool) -> Vec<Case> {
+    use DiveKind::{Survey, Viewpoints};
+    use NoiseLevel::{Nominal, None as Clean};
+    let case = |(scene, dive, noise)| Case {
+        scene,
+        dive,
+        noise,
+        duration_s: quick.then_some(QUICK_DIVE_S),
+    };
+    let all = [
+        ("fence", Survey, Nominal),
+        ("empty", Survey, Nominal),
+        ("pier", Survey, Nominal),
+        ("wall", Survey, Nominal),
+        ("pipeline", Survey, Nominal),
+        ("truss", Viewpoints, Clean),
+    ];
+    let count = if quick { 3 } else { all.len() };
+    all.into_iter().take(count).map(case).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Parts that the configuration has had all along.
+    pub(crate) fn stand_ins() -> Vec<Part> {
+        let part = |name: &str, values: [&str; 3]| Part {
+            name: name.to_owned(),
+            key: format!("mapper.{name}"),
+            values: values.map(str::to_owned),
+        };
+        vec![
+            part("finish_passes", ["32", "4", "16"]),
+            part("slice_pings", ["4", "16", "8"]),
+        ]
+    }
+
+    #[test]
+    fn every_variant_is_a_run_of_its_own_and_sets_every_part() {
+        let parts = stand_ins();
+        let variants = variants(&parts, false);
+        assert_eq!(variants.len(), 3 + 2 * parts.len());
+        assert_eq!(variants.iter().filter(|v| v.is_auto()).count(), 1);
+        let case = &cases(false)[0];
+        let specs = variants.iter().map(|variant| case.spec(&parts, variant, 1));
+        let mut names: Vec<String> = specs.map(|spec| spec.name()).collect();
+        assert!(names.iter().all(|name| name.contains("slice_pings = ")));
+        names.sort();
+        names.dedup();
+        assert_eq!(names.len(), variants.len());
+    }
+
+    #[test]
+    fn parts_of_the_mapper_are_words_in_its_configuration() {
+        let part = Part::named(PARTS[0]);
+        assert_eq!(part.key, "mapper.parts.occlusion");
+        assert_eq!(part.value(State::Auto), "\"auto\"");
+        assert_eq!(variants(&[], false).len(), 1);
+    }
+}

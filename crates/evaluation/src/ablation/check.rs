@@ -1,0 +1,197 @@
+//! Whether what the mapper chooses by itself is worth it.
+
+use serde::Serialize;
+
+use super::cases::{Case, Part, Variant};
+use crate::curve::Spread;
+use crate::nullable;
+use crate::runs::{Outcome, Results};
+
+/// What is less by this share is less.
+const LESS_ERROR: f64 = 0.05;
+const LESS_WORK: f64 = 0.15;
+/// Against everything switched on: most work, most error, and scenes where both hold.
+const WORK_SHARE: f64 = 2.0 / 3.0;
+const MORE_ERROR: f64 = 0.02;
+const LEAST_SCENES: usize = 3;
+
+/// Error and work of a variant, medians over the seeds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Standard {
+    /// Chamfer distance, metres; where no truth was seen, the number of asserted Gaussians.
+    #[serde(with = "nullable")]
+    pub error: f64,
+    /// Gaussian–bin pairs and voxel looks.
+    pub work: f64,
+}
+
+impl Standard {
+    /// `None` unless every seed was run and mapped.
+    #[must_use]
+    pub fn of(
+        case: &Case,
+        parts: &[Part],
+        variant: &Variant,
+        seeds: &[u64],
+        results: &Results,
+    ) -> Option<Self> {
+        let outcome = |seed: &u64| {
+            let result = results.of(&case.spec(parts, variant, *seed))?;
+            result.as_ref().ok()
+        };
+        let outcomes: Vec<&Outcome> = seeds.iter().map(outcome).collect::<Option<_>>()?;
+        let median = |of: fn(&Outcome) -> f64| Spread::of(outcomes.iter().map(|o| of(o))).median;
+        (!outcomes.is_empty()).then(|| Self {
+            error: median(error),
+            work: median(|outcome| outcome.total.counted() as f64),
+        })
+    }
+
+    /// Whether it has both clearly less error and clearly less work.
+    fn beats(&self, other: &Self) -> bool {
+        let less_error = self.error < (1.0 - LESS_ERROR) * other.error;
+        less_error && self.work < (1.0 - LESS_WORK) * other.work
+    }
+
+    fn saves_against(&self, everything: &Self) -> bool {
+        let as_good = self.error <= (1.0 + MORE_ERROR) * everything.error;
+        as_good && self.work <= WORK_SHARE * everything.work
+    }
+}
+
+/// An empty map of something has infinite error.
+fn error(outcome: &Outcome) -> f64 {
+    match outcome.metrics.truth_sample_count {
+        0 => outcome.metrics.confident_count as f64,
+        _ => outcome.metrics.cd_m,
+    }
+}
+
+/// What holds and what does not.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Check {
+    /// Case and fixed setting that has both less error and less work than what the mapper chooses.
+    pub beaten_by: Vec<(String, String)>,
+    /// Cases where the mapper's choice does at most two thirds of the work of everything switched on,
+    /// at an error no more than 2 % higher.
+    pub saves_on: Vec<String>,
+    /// Cases where some variant has no figures, so that nothing is claimed of it.
+    pub incomplete: Vec<String>,
+    /// Whether there is anything to choose.
+    pub has_parts: bool,
+}
+
+impl Check {
+    /// One line for each thing that does not hold.
+    #[must_use]
+    pub fn failures(&self) -> Vec<String> {
+        let mut failures: Vec<String> = self
+            .beaten_by
+            .iter()
+            .map(|(case, fixed)| {
+                format!("{case}: {fixed} has less error and less work than everything auto")
+            })
+            .collect();
+        let could_save = self.saves_on.len() + self.incomplete.len();
+        if self.has_parts && could_save < LEAST_SCENES {
+            failures.push(format!(
+                "everything auto does at most two thirds of the work of everything on, as well, \
+                 on {} scenes; it must on {LEAST_SCENES}",
+                self.saves_on.len()
+            ));
+        }
+        failures
+    }
+}
+
+/// Holds what the mapper chooses against everything fixed.
+#[must_use]
+pub fn check(
+    cases: &[Case],
+    parts: &[Part],
+    variants: &[Variant],
+    seeds: &[u64],
+    results: &Results,
+) -> Check {
+    let mut check = Check {
+        has_parts: !parts.is_empty(),
+        ..Check::default()
+    };
+    for case in cases {
+        let standard = |variant| Standard::of(case, parts, variant, seeds, results);
+        let standards: Vec<Option<Standard>> = variants.iter().map(standard).collect();
+        if standards.iter().any(Option::is_none) {
+            check.incomplete.push(case.name());
+        }
+        let both = || variants.iter().zip(&standards);
+        let Some(auto) = both().find(|(variant, _)| variant.is_auto()) else {
+            continue;
+        };
+        let Some(auto) = auto.1 else { continue };
+        for (variant, standard) in both().filter(|(variant, _)| !variant.is_auto()) {
+            let Some(standard) = standard else { continue };
+            if standard.beats(auto) {
+                check.beaten_by.push((case.name(), variant.name.clone()));
+            }
+            let is_everything_on = variant.name == "everything on";
+            if is_everything_on && auto.saves_against(standard) {
+                check.saves_on.push(case.name());
+            }
+        }
+    }
+    check
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::cases::{cases, variants};
+    use super::*;
+    use crate::runs::sample_outcome;
+
+    /// Everything on, everything off and what the mapper chooses, on the first cases.
+    fn checked(figures: &[[(f64, u64); 3]]) -> Check {
+        let parts = [Part::named("occlusion")];
+        let variants = variants(&parts, true);
+        let cases = &cases(false)[..figures.len()];
+        let mut results = Results::default();
+        for (case, figures) in cases.iter().zip(figures) {
+            // In the order of the variants: auto, on, off.
+            for (variant, (cd_m, work)) in variants.iter().zip(figures) {
+                let spec = case.spec(&parts, variant, 1);
+                results
+                    .0
+                    .insert(spec.name(), Ok(sample_outcome(*cd_m, *work)));
+            }
+        }
+        check(cases, &parts, &variants, &[1], &results)
+    }
+
+    #[test]
+    fn a_fixed_setting_must_have_less_of_both_to_beat_the_choice() {
+        let as_it_should = [(0.03, 600), (0.03, 1000), (0.05, 300)];
+        let check = checked(&[as_it_should; 3]);
+        assert_eq!(check.failures(), Vec::<String>::new());
+        assert_eq!(check.saves_on.len(), 3);
+        let beaten = [(0.03, 600), (0.0301, 1000), (0.028, 500)];
+        let check = checked(&[as_it_should, as_it_should, as_it_should, beaten]);
+        assert_eq!(check.failures().len(), 1);
+        assert_eq!(check.beaten_by[0].1, "everything off");
+    }
+
+    #[test]
+    fn savings_are_wanted_on_three_scenes_and_no_error_counts_as_saved() {
+        let costly = [(0.03, 900), (0.03, 1000), (0.05, 300)];
+        let worse = [(0.04, 500), (0.03, 1000), (0.05, 300)];
+        let check = checked(&[costly, worse, costly]);
+        assert!(check.saves_on.is_empty() && check.failures().len() == 1);
+    }
+
+    #[test]
+    fn what_was_not_run_claims_nothing() {
+        let parts = [Part::named("occlusion")];
+        let variants = variants(&parts, true);
+        let check = check(&cases(false), &parts, &variants, &[1], &Results::default());
+        assert_eq!(check.incomplete.len(), 6);
+        assert!(check.failures().is_empty());
+    }
+}

@@ -1,0 +1,12 @@
+//! Single runs: which dive, by what method, with which settings, and what came out.
+//!
+//! A [`Spec`] says all that its run depends on beside the program itself; its name is unique.
+//! Deliberately absent: making the runs.
+
+mod outcome;
+mod spec;
+
+#[cfg(test)]
+pub(crate) use outcome::tests::outcome as sample_outcome;
+pub use outcome::{Ending, LeftOut, Outcome, Results, Work, run_line};
+pub use spec::{Method, Placement, Spec};
