@@ -27,4 +27,4 @@ mod visibility;
 pub use config::{ConfigError, MapperConfig};
 pub use history::look_of;
 pub use mapper::{Budget, InsertReport, Mapper, MapperStatus, OptimizeReport};
-pub use parts::{LeftOut, Parts, Switch};
+pub use parts::{LeftOut, Parts};

@@ -3,20 +3,8 @@
 //! Cost: a few sums per ping. A decision may change as the dive goes on, and every part that is
 //! left out says why.
 
+use echosplat_model::Switch;
 use serde::{Deserialize, Serialize};
-
-/// Whether a part is at work.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum Switch {
-    /// Always.
-    On,
-    /// Never.
-    Off,
-    /// As the running dive asks for.
-    #[default]
-    Auto,
-}
 
 /// The optional parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]

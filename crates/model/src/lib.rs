@@ -11,6 +11,7 @@ mod ping;
 mod pose;
 mod smoothing;
 mod snapshot;
+mod switch;
 mod time;
 mod trajectory;
 
@@ -18,6 +19,7 @@ pub use gaussian::{Gaussian, GaussianId, Standing};
 pub use ping::{MAX_BIN_COUNT, Ping, PingError, PingSettings, PosedPing};
 pub use pose::{Pose, Twist, enu_from_ned, flu_from_frd};
 pub use snapshot::{Delta, Snapshot, TileKey};
+pub use switch::Switch;
 pub use time::Timestamp;
 pub use trajectory::{
     LOOKAHEAD_S, PoseError, PoseLookupError, PoseUncertainty, StampedPose, Trajectory,

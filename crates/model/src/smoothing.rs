@@ -33,11 +33,13 @@ struct Fitted {
 }
 
 /// The pose and motion at `time` from the `poses` around it, in order of time and of one piece,
-/// if they jitter: position and attitude each on its own. `interpolated` is what holds otherwise.
+/// if they jitter or `always`: position and attitude each on its own. `interpolated` is what holds
+/// otherwise.
 pub(crate) fn smoothed(
     poses: &[StampedPose],
     time: Timestamp,
     interpolated: (Pose, Twist),
+    always: bool,
 ) -> (Pose, Twist) {
     let (pose, twist) = interpolated;
     let at = |index: usize| poses[index].time.seconds_since(time);
@@ -54,12 +56,12 @@ pub(crate) fn smoothed(
             (at(i), turned.to_scaled_axis())
         })
         .collect();
-    let turn = longest_fit(&turns);
+    let turn = longest_fit(&turns, always);
     let rotation = turn.map_or(pose.rotation, |turn| {
         (pose.rotation * DQuat::from_scaled_axis(turn.value)).normalize()
     });
     let angular_radps = turn.map_or(twist.angular_radps, |turn| turn.rate);
-    let (translation_m, linear_mps) = match longest_fit(&positions) {
+    let (translation_m, linear_mps) = match longest_fit(&positions, always) {
         Some(fitted) => (
             pose.translation_m + fitted.value,
             rotation.conjugate() * fitted.rate,
@@ -77,20 +79,20 @@ pub(crate) fn smoothed(
     (smooth, motion)
 }
 
-fn longest_fit(samples: &[(f64, DVec3)]) -> Option<Fitted> {
+fn longest_fit(samples: &[(f64, DVec3)], always: bool) -> Option<Fitted> {
     REACHES_S.into_iter().find_map(|reach_s| {
         let first = samples.partition_point(|&(at_s, _)| at_s < -reach_s);
-        fit(&samples[first..])
+        fit(&samples[first..], always)
     })
 }
 
-/// Least squares of a parabola, if it leaves over no more than jitter.
-fn fit(samples: &[(f64, DVec3)]) -> Option<Fitted> {
+/// Least squares of a parabola, if it leaves over no more than jitter or is wanted `always`.
+fn fit(samples: &[(f64, DVec3)], always: bool) -> Option<Fitted> {
     if samples.len() < LEAST_POSES {
         return None;
     }
     let jitter2 = jitter2(samples);
-    if !(jitter2 > LEAST_JITTER * LEAST_JITTER) {
+    if !(always || jitter2 > LEAST_JITTER * LEAST_JITTER) {
         return None;
     }
     // Times in units of the longest, so that the normal equations are of one size.
@@ -124,7 +126,7 @@ fn fit(samples: &[(f64, DVec3)]) -> Option<Fitted> {
         })
         .sum();
     let variance = left_over / (3 * (samples.len() - 3)) as f64;
-    (variance <= MOST_LEFT_OVER * jitter2).then(|| Fitted {
+    (always || variance <= MOST_LEFT_OVER * jitter2).then(|| Fitted {
         value: DVec3::new(x.x, y.x, z.x),
         rate: DVec3::new(x.y, y.y, z.y) / unit_s,
     })
@@ -209,7 +211,7 @@ mod tests {
     fn jitter_goes_and_motion_stays() {
         let noisy = poses(motion, 0.1, 0.02);
         let raw = (noisy[22].world_from_vehicle, Twist::default());
-        let (pose, twist) = smoothed(&noisy, now(), raw);
+        let (pose, twist) = smoothed(&noisy, now(), raw, false);
         assert!(pose.translation_m.length() < 0.06, "{}", pose.translation_m);
         assert!(pose.rotation.angle_between(motion(0.0).rotation) < 0.012);
         assert!((twist.angular_radps.z - 0.3).abs() < 0.15);
@@ -219,7 +221,7 @@ mod tests {
     fn poses_without_jitter_are_left_as_they_are() {
         let clean = poses(motion, 0.0, 0.0);
         let raw = (clean[22].world_from_vehicle, Twist::default());
-        let (pose, twist) = smoothed(&clean, now(), raw);
+        let (pose, twist) = smoothed(&clean, now(), raw, false);
         assert_eq!(pose, raw.0);
         assert_eq!(twist, raw.1);
     }
@@ -232,7 +234,7 @@ mod tests {
         };
         let scan = poses(steps, 0.0, 0.0);
         let raw = (scan[22].world_from_vehicle, Twist::default());
-        let (pose, twist) = smoothed(&scan, now(), raw);
+        let (pose, twist) = smoothed(&scan, now(), raw, false);
         assert_eq!((pose, twist), raw);
     }
 
@@ -244,7 +246,7 @@ mod tests {
         };
         let noisy = poses(jump, 0.01, 0.0);
         let raw = (noisy[22].world_from_vehicle, Twist::default());
-        let (pose, _) = smoothed(&noisy, now(), raw);
+        let (pose, _) = smoothed(&noisy, now(), raw, false);
         assert!((pose.translation_m.x - 5.0).abs() < 0.05);
     }
 }

@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::smoothing::{LONGEST_REACH_S, smoothed};
-use crate::{Pose, Timestamp, Twist};
+use crate::{Pose, Switch, Timestamp, Twist};
 
 /// One sigma of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -156,7 +156,8 @@ impl Trajectory {
     }
 
     /// The pose and motion at `time`, freed from what jitter the poses up to `lookahead_s` after it
-    /// show; with a `lookahead_s` of 0 as [`Trajectory::at`] and [`Trajectory::twist_at`] have them.
+    /// show; with a `lookahead_s` of 0, or without `smoothing`, as [`Trajectory::at`] and
+    /// [`Trajectory::twist_at`] have them. Smoothing that is on cuts turns too.
     ///
     /// # Errors
     /// As [`Trajectory::at`].
@@ -164,13 +165,19 @@ impl Trajectory {
         &self,
         time: Timestamp,
         lookahead_s: f64,
+        smoothing: Switch,
     ) -> Result<(StampedPose, Twist), PoseLookupError> {
         let (mut pose, twist) = (self.at(time)?, self.twist_at(time)?);
-        if !(lookahead_s > 0.0) {
+        if !(lookahead_s > 0.0) || smoothing == Switch::Off {
             return Ok((pose, twist));
         }
         let piece = self.piece_around(time, lookahead_s);
-        let (smooth, motion) = smoothed(&piece, time, (pose.world_from_vehicle, twist));
+        let (smooth, motion) = smoothed(
+            &piece,
+            time,
+            (pose.world_from_vehicle, twist),
+            smoothing == Switch::On,
+        );
         pose.world_from_vehicle = smooth;
         Ok((pose, motion))
     }

@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use echosplat_model::{
-    LOOKAHEAD_S, Ping, Pose, PoseError, PoseLookupError, PosedPing, StampedPose, Timestamp,
+    LOOKAHEAD_S, Ping, Pose, PoseError, PoseLookupError, PosedPing, StampedPose, Switch, Timestamp,
     Trajectory, TrajectoryLimits, Twist,
 };
 use serde::{Deserialize, Serialize};
@@ -23,6 +23,8 @@ pub struct PoseJoinConfig {
     /// A ping waits for the poses up to this much after its echo, seconds, so that their jitter can
     /// be told from motion and taken out; 0 only interpolates.
     pub lookahead_s: f64,
+    /// Whether jitter of poses is taken out.
+    pub smoothing: Switch,
     /// How the sensor is mounted: its pose in the vehicle's frame.
     pub vehicle_from_sensor: Pose,
     /// Added to a ping's time before its pose is looked up, seconds.
@@ -42,6 +44,7 @@ impl Default for PoseJoinConfig {
             trajectory_capacity: 20_000,
             max_pose_gap_s: 0.5,
             lookahead_s: LOOKAHEAD_S,
+            smoothing: Switch::Auto,
             vehicle_from_sensor: Pose::IDENTITY,
             time_offset_s: 0.0,
             waiting_capacity: 4096,
@@ -224,7 +227,9 @@ impl PoseJoin {
     fn posed(&self, ping: &Arc<Ping>) -> Result<PosedPing, PoseLookupError> {
         let (reference_range_m, time) = self.reference(ping);
         let lookahead_s = self.config.lookahead_s;
-        let (vehicle, motion) = self.trajectory.smoothed_at(time, lookahead_s)?;
+        let (vehicle, motion) =
+            self.trajectory
+                .smoothed_at(time, lookahead_s, self.config.smoothing)?;
         let mount = &self.config.vehicle_from_sensor;
         Ok(PosedPing {
             ping: Arc::clone(ping),

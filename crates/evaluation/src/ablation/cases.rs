@@ -5,14 +5,16 @@ use serde::Serialize;
 
 use crate::runs::Spec;
 
-/// Names of the optional parts: keys of `mapper.parts`, each "on", "off" or "auto".
+/// Poses are freed from jitter before the mapper has them.
+const POSES: &str = "poses";
+/// Names of the optional parts: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or "auto".
 pub const PARTS: [&str; 10] = [
     "occlusion",
     "elevation",
     "anisotropy",
     "speckle",
     "specular",
-    "poses",
+    POSES,
     "splitting",
     "reservoir",
     "converged",
@@ -60,12 +62,15 @@ pub struct Part {
 }
 
 impl Part {
-    /// One of the mapper's own.
+    /// One of the mapper's own, or the poses'.
     #[must_use]
     pub fn named(name: &str) -> Self {
         Self {
             name: name.to_owned(),
-            key: format!("mapper.parts.{name}"),
+            key: match name {
+                POSES => "pose.smoothing".to_owned(),
+                name => format!("mapper.parts.{name}"),
+            },
             values: State::ALL.map(|state| format!("\"{}\"", state.as_str())),
         }
     }

@@ -9,8 +9,8 @@ use std::path::{Path, PathBuf};
 use echosplat_bus::{BusConfig, BusError};
 use echosplat_driver::SonarUrl;
 use echosplat_mapper::{ConfigError as MapperError, MapperConfig};
-use echosplat_model::Pose;
 use echosplat_model::glam::DVec3;
+use echosplat_model::{Pose, Switch};
 use echosplat_pose::PoseUrl;
 use echosplat_session::SessionConfig;
 use serde::{Deserialize, Serialize};
@@ -81,6 +81,8 @@ pub(crate) struct PoseConfig {
     pub(crate) max_pose_gap_s: f64,
     /// How long a ping waits for later poses, to tell their jitter from motion; 0 interpolates.
     pub(crate) lookahead_s: f64,
+    /// Whether jitter of poses is taken out.
+    pub(crate) smoothing: Switch,
     /// Most poses held.
     pub(crate) capacity: usize,
     /// Most pings that wait for a pose.
@@ -98,6 +100,7 @@ impl Default for PoseConfig {
             time_offset_s: 0.0,
             max_pose_gap_s: 0.5,
             lookahead_s: 0.1,
+            smoothing: Switch::Auto,
             capacity: 65_536,
             waiting_pings: 256,
             max_wait_s: 2.0,

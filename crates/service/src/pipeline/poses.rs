@@ -58,6 +58,7 @@ impl Poses {
             trajectory_capacity: config.capacity.max(source.known_len()),
             max_pose_gap_s: config.max_pose_gap_s,
             lookahead_s: config.lookahead_s,
+            smoothing: config.smoothing,
             vehicle_from_sensor: config.vehicle_from_sensor.pose(),
             time_offset_s: config.time_offset_s,
             waiting_capacity: config.waiting_pings,

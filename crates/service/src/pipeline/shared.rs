@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use echosplat_driver::DriverEvent;
-use echosplat_mapper::MapperStatus;
+use echosplat_mapper::{LeftOut, MapperStatus};
 use serde::Serialize;
 
 use super::latency::LatencyReport;
@@ -50,6 +50,8 @@ pub(crate) struct MapperReport {
     pub(crate) poses: PoseReport,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
+    /// Parts that the dive so far does not need, and why.
+    pub(crate) left_out: Vec<LeftOut>,
 }
 
 /// What the mapper had done at some moment; maps made only to be judged do not count.

@@ -224,6 +224,7 @@ impl Worker {
 
     fn hand_over_report(&mut self) {
         self.state.report.mapper = self.mapper.status();
+        self.state.report.left_out = self.mapper.left_out().to_vec();
         self.state.report.latency_s = self.state.latency.report();
         self.state.report.work = self.work();
         self.state.report.poses = self.poses.report();

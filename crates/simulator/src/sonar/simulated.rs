@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use echosplat_model::{LOOKAHEAD_S, PingSettings, Pose, PosedPing, Trajectory};
+use echosplat_model::{LOOKAHEAD_S, PingSettings, Pose, PosedPing, Switch, Trajectory};
 use rayon::prelude::*;
 
 use super::device_side::DeviceSide;
@@ -90,7 +90,9 @@ impl SimulatedSonar {
         let settings = ping.settings();
         let reference_range_m = settings.range_start_m + 0.5 * settings.range_length_m;
         let time = ping.echo_time(reference_range_m);
-        let (pose, twist) = trajectory.smoothed_at(time, LOOKAHEAD_S).ok()?;
+        let (pose, twist) = trajectory
+            .smoothed_at(time, LOOKAHEAD_S, Switch::Auto)
+            .ok()?;
         Some(PosedPing {
             world_from_sensor: pose.world_from_vehicle,
             twist,

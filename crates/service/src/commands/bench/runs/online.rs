@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use anyhow::Context;
 use echosplat_evaluation::curve::Sample;
-use echosplat_evaluation::runs::{Outcome, Spec, Work};
+use echosplat_evaluation::runs::{LeftOut, Outcome, Spec, Work};
 use echosplat_evaluation::{MapPoints, Metrics, evaluate_raw};
 use echosplat_model::{Ping, Pose, Snapshot, StampedPose};
 use echosplat_pose::PoseSource;
@@ -71,8 +71,7 @@ pub(super) fn outcome(
         fingerprint: Fingerprint::of_map(&map).to_string(),
         samples: times.wanted(&judged),
         met_budget: met_budget(&streamed, &total, &config),
-        // The mapper does not say yet which of its parts it leaves out.
-        left_out: Vec::new(),
+        left_out: report.left_out.iter().map(left_out).collect(),
         from_unmoved_m: None,
     })
 }
@@ -80,6 +79,13 @@ pub(super) fn outcome(
 fn met_budget(streamed: &Work, total: &Work, config: &Config) -> bool {
     let finish_pairs = total.pairs.saturating_sub(streamed.pairs);
     finish_pairs as f64 >= BUDGET_SHARE * config.mapper.finish_pairs as f64
+}
+
+fn left_out(said: &echosplat_mapper::LeftOut) -> LeftOut {
+    LeftOut {
+        part: said.part.to_owned(),
+        why: said.why.clone(),
+    }
 }
 
 fn work(spent: &Spent) -> Work {
