@@ -220,3 +220,72 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
     };
     (at_work, left_out)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A dive of pings with so many runs of echoes, looking towards so many quarters.
+    fn dive(runs: usize, quarters: usize) -> Cues {
+        let mut cues = Cues::default();
+        for ping in 0..200 {
+            cues.add(Cue {
+                runs,
+                weight: 0.5,
+                quarter: ping % quarters,
+                blur_m: 0.03,
+            });
+        }
+        cues
+    }
+
+    const RETURNING: MapCues = MapCues {
+        voxel_m: 0.05,
+        return_share: 0.5,
+    };
+
+    fn names(left_out: &[LeftOut]) -> Vec<&'static str> {
+        left_out.iter().map(|out| out.part).collect()
+    }
+
+    #[test]
+    fn auto_leaves_out_what_a_dive_does_not_need_and_says_why() {
+        let (_, of_rich) = decide(&Parts::default(), &dive(3, 4), RETURNING);
+        assert_eq!(of_rich, []);
+        let (at_work, of_plain) = decide(&Parts::default(), &dive(1, 1), RETURNING);
+        assert_eq!(names(&of_plain), ["occlusion", "specular"]);
+        assert!(!at_work.occlusion && at_work.splitting);
+        assert!(of_plain[0].why.contains("1.00 runs"), "{}", of_plain[0].why);
+        let ahead = MapCues {
+            return_share: 0.0,
+            ..RETURNING
+        };
+        let (_, of_transit) = decide(&Parts::default(), &dive(3, 4), ahead);
+        assert_eq!(names(&of_transit), ["reservoir"]);
+    }
+
+    #[test]
+    fn nothing_is_left_out_before_enough_is_known() {
+        let mut cues = Cues::default();
+        cues.add(Cue {
+            runs: 1,
+            weight: 1.0,
+            quarter: 0,
+            blur_m: 1.0,
+        });
+        assert_eq!(decide(&Parts::default(), &cues, RETURNING).1, []);
+    }
+
+    #[test]
+    fn what_is_switched_stays_as_it_is() {
+        let parts = Parts {
+            occlusion: Switch::On,
+            splitting: Switch::Off,
+            ..Parts::default()
+        };
+        let (at_work, left_out) = decide(&parts, &dive(1, 4), RETURNING);
+        assert!(at_work.occlusion && !at_work.splitting);
+        assert_eq!(names(&left_out), ["splitting"]);
+        assert_eq!(left_out[0].why, "switched off");
+    }
+}

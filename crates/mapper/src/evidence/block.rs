@@ -7,6 +7,7 @@ use fearless_simd::{Level, dispatch, f32x8};
 
 use super::{BLOCK_EDGE, VOXELS};
 use crate::history::Past;
+use crate::parts::Extent;
 
 /// Sides of a block that looks come from: east, west, north, south.
 const SIDES: usize = 4;
@@ -30,8 +31,11 @@ const FAN_SHARE: f32 = 0.92;
 const POSE_DOUBT: f32 = 6.0;
 /// Darkness from one side weighs at most this much against what other sides saw.
 const MOST_AGAINST: f32 = -2.0;
-/// A block whose best voxel is this deep in darkness needs no more looks.
-const SETTLED_EVIDENCE: f32 = -30.0;
+/// A block whose best voxel is this deep in darkness from a side needs no more looks from there: it
+/// would take a dozen clear ones to bring it back to where it could count.
+const SETTLED_EVIDENCE: f32 = -8.0;
+/// The same if every ping is looked at about once at most.
+const SOON_SETTLED_EVIDENCE: f32 = -3.0;
 
 /// Sums per voxel, x fastest.
 type Sums = [f32; VOXELS];
@@ -90,9 +94,9 @@ impl Side {
     }
 
     /// Lets go of the sums when no place is left that could be anything.
-    fn settle(&mut self) {
+    fn settle(&mut self, below: f32) {
         if let Self::Seen(sums) = self
-            && best_of(sums) < SETTLED_EVIDENCE
+            && best_of(sums) < below
         {
             *self = Self::Settled;
         }
@@ -150,8 +154,9 @@ impl Block {
         (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
     }
 
-    /// Adds the evidence of `pings` in their order. Returns voxel looks done.
-    pub(super) fn integrate(&mut self, pings: &[Past], voxel_m: f32) -> u64 {
+    /// Adds the evidence of `pings` in their order, and lets go of sides settled to the `extent` of
+    /// looking on. Returns voxel looks done.
+    pub(super) fn integrate(&mut self, pings: &[Past], voxel_m: f32, extent: Extent) -> u64 {
         let center_m = self.center_m(voxel_m);
         let radius_m = 0.5 * 3f32.sqrt() * voxel_m * BLOCK_EDGE as f32;
         let mut work = 0;
@@ -165,7 +170,12 @@ impl Block {
             }
         }
         if work > 0 {
-            self.sides.iter_mut().for_each(Side::settle);
+            let below = match extent {
+                Extent::All => f32::MIN,
+                Extent::Useful => SETTLED_EVIDENCE,
+                Extent::None => SOON_SETTLED_EVIDENCE,
+            };
+            self.sides.iter_mut().for_each(|side| side.settle(below));
             self.best = best_of(&self.evidence());
         }
         work
@@ -280,7 +290,10 @@ mod tests {
         block.sides[0] = seen_as(20.0);
         block.sides[1] = seen_as(-50.0);
         assert!((first(&block) - 18.0).abs() < 1e-6);
-        block.sides.iter_mut().for_each(Side::settle);
+        block
+            .sides
+            .iter_mut()
+            .for_each(|side| side.settle(SETTLED_EVIDENCE));
         let is_settled = |side: &Side| matches!(side, Side::Settled);
         assert!(is_settled(&block.sides[1]) && !is_settled(&block.sides[0]));
         assert!((first(&block) - 18.0).abs() < 1e-6);

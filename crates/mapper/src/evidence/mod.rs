@@ -16,6 +16,7 @@ use echosplat_model::glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::history::Past;
+use crate::parts::Extent;
 pub(crate) use block::Block;
 
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
@@ -95,7 +96,12 @@ impl Evidence {
     /// Takes in a slice of looks, the newest of `history`: new blocks along their lit arcs, which
     /// are told of every remembered ping, and evidence in the blocks there were. Returns voxel
     /// looks done, the work.
-    pub(crate) fn integrate(&mut self, history: &[Past], slice_start: usize) -> u64 {
+    pub(crate) fn integrate(
+        &mut self,
+        history: &[Past],
+        slice_start: usize,
+        extent: Extent,
+    ) -> u64 {
         let known = self.blocks.len();
         for key in self.wanted(&history[slice_start..]) {
             self.create(key);
@@ -115,7 +121,7 @@ impl Evidence {
                     (false, true) => slice,
                     (false, false) => return 0,
                 };
-                let work = block.integrate(pings, voxel_m);
+                let work = block.integrate(pings, voxel_m, extent);
                 *touched |= work > 0;
                 work
             })
@@ -123,7 +129,7 @@ impl Evidence {
     }
 
     /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
-    pub(crate) fn integrate_anew(&mut self, history: &[Past]) -> u64 {
+    pub(crate) fn integrate_anew(&mut self, history: &[Past], extent: Extent) -> u64 {
         for key in self.wanted(history) {
             self.create(key);
         }
@@ -133,7 +139,7 @@ impl Evidence {
         blocks
             .map(|block| {
                 block.forget();
-                block.integrate(history, voxel_m)
+                block.integrate(history, voxel_m, extent)
             })
             .sum()
     }

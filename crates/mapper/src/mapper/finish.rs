@@ -79,8 +79,9 @@ impl Mapper {
             past.profile.judge(&intensity, &ground);
         }
         let pings = self.history.pings();
+        let extent = self.at_work.converged;
         let evidence = &mut world.evidence;
-        self.status.voxel_looks += self.pool.install(|| evidence.integrate_anew(pings));
+        self.status.voxel_looks += self.pool.install(|| evidence.integrate_anew(pings, extent));
     }
 
     /// Makes every place with enough evidence a candidate again.

@@ -263,8 +263,11 @@ impl Mapper {
             self.bars_lifted_at = pings.len();
             world.evidence.lift_bars(LIFTED_PART);
         }
+        let extent = self.at_work.converged;
         let evidence = &mut world.evidence;
-        self.status.voxel_looks += self.pool.install(|| evidence.integrate(pings, start));
+        self.status.voxel_looks += self
+            .pool
+            .install(|| evidence.integrate(pings, start, extent));
         let strength = NEWBORN_STRENGTH * self.unit_strength;
         let (added, pruned) = births::follow_evidence(
             evidence,
