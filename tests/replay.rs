@@ -109,7 +109,7 @@ fn errors_are_told_as_the_dive_goes_on_and_drawn_beside_the_map() {
         .map(|line| line.split_whitespace().collect())
         .skip_while(|cells: &Vec<&str>| cells.first() != Some(&"dive"))
         .skip(1)
-        .take_while(|cells: &Vec<&str>| cells.len() >= 7 && cells[0].parse::<f64>().is_ok())
+        .take_while(|cells: &Vec<&str>| cells.len() >= 7 && cells[1] != "pings")
         .collect();
     let dive_s: Vec<f64> = rows.iter().map(|row| row[0].parse().unwrap()).collect();
     assert!(rows.len() >= 3 && dive_s.is_sorted(), "{stdout}");
