@@ -94,3 +94,30 @@ fn what_simulate_leaves_is_a_truth_to_evaluate_by() {
     assert!(samples(&seen) > 0 && samples(&seen) < samples(&whole));
     assert_eq!(seen["accuracy_m"], whole["accuracy_m"]);
 }
+
+#[test]
+fn errors_are_told_as_the_dive_goes_on_and_drawn_beside_the_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("map.ply").display().to_string();
+    let truth = file("");
+    let arguments = replay(&["--no-publish", "--map", &map, "--truth", &truth]);
+    let mut program = Program::echosplat(&arguments);
+    program.wait_exit_code(0, LONG);
+    let stdout = program.stdout();
+    let rows: Vec<Vec<&str>> = stdout
+        .lines()
+        .map(|line| line.split_whitespace().collect())
+        .skip_while(|cells: &Vec<&str>| cells.first() != Some(&"dive"))
+        .skip(1)
+        .take_while(|cells: &Vec<&str>| cells.len() >= 7 && cells[1] != "pings")
+        .collect();
+    let dive_s: Vec<f64> = rows.iter().map(|row| row[0].parse().unwrap()).collect();
+    assert!(rows.len() >= 3 && dive_s.is_sorted(), "{stdout}");
+    // The first maps assert nothing.
+    assert_eq!(rows[0][2], "0", "{stdout}");
+    let last: f64 = rows[rows.len() - 1][4].parse().unwrap();
+    assert!(last < 1.5, "{stdout}");
+    let report = fs::read_to_string(folder.path().join("map.html")).unwrap();
+    assert!(report.contains("<svg") && report.contains("Error against time"));
+    assert!(!report.contains("http"), "self-contained");
+}

@@ -9,7 +9,7 @@
 //! must reach.
 //!
 //! Deliberately absent: a clock (times come in as numbers), running the mapper on dives (only the
-//! degenerate pings of [`stability`] go through it), and files other than a truth's.
+//! small ones of [`stability`] go through it), and files other than a truth's.
 
 pub mod ablation;
 mod alignment;

@@ -13,8 +13,8 @@ pub const CAPTION: &str =
 #[must_use]
 pub fn header() -> String {
     format!(
-        "{:>8}  {:>9}  {:>9}  {:>8}  {:>8}  {:>7}",
-        "dive s", "compute s", "gaussians", "CD m", "HD m", "false"
+        "{:>8}  {:>9}  {:>9}  {:>9}  {:>8}  {:>8}  {:>7}",
+        "dive s", "compute s", "confident", "ambiguous", "CD m", "HD m", "false"
     )
 }
 
@@ -23,10 +23,11 @@ pub fn header() -> String {
 pub fn row(sample: &Sample) -> String {
     let metrics = &sample.metrics;
     format!(
-        "{:>8.1}  {:>9.2}  {:>9}  {:>8}  {:>8}  {:>7}",
+        "{:>8.1}  {:>9.2}  {:>9}  {:>9}  {:>8}  {:>8}  {:>7}",
         sample.dive_s,
         sample.compute_s,
         metrics.confident_count,
+        metrics.ambiguous_count,
         metres(metrics.cd_m),
         metres(metrics.hd_m),
         percent(metrics.confident_false_share),

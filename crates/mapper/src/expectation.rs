@@ -6,7 +6,7 @@
 //! Cost of a pass: pings × Gaussians in a slice (about 100) × bins of a splat (about 12).
 
 use echosplat_acoustics::SymmetricMat3;
-use echosplat_model::glam::{Mat3, Vec3};
+use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 
 use crate::evidence::Evidence;
@@ -14,6 +14,7 @@ use crate::field::Field;
 use crate::gaussians::{Gaussians, Lobes};
 use crate::history::Past;
 use crate::parts::AtWork;
+use crate::step::damped_step;
 use crate::tally::Tally;
 use crate::visibility::{Against, Moments, Row, Sight};
 
@@ -210,16 +211,12 @@ pub(crate) fn pulls(scene: Scene<'_>, pings: &[&Past]) -> (Vec<Pull>, u64) {
 /// Moves every mean by one damped step towards where its echoes are, at most `limit_m`, and never
 /// further than `leash_m` from its home. `prior_m` is how far a step is believed.
 pub(crate) fn localise(gaussians: &mut Gaussians, pulls: &[Pull], prior_m: f32, leash_m: f32) {
-    let prior = Mat3::from_diagonal(Vec3::splat(1.0 / (prior_m * prior_m)));
     let slots: Vec<usize> = gaussians.slots().collect();
     for slot in slots {
         let pull = &pulls[slot];
-        let hessian = pull.information.to_mat3() + prior;
-        let step = hessian.inverse() * pull.gradient;
-        if !step.is_finite() {
+        let Some(step) = damped_step(pull.gradient, &pull.information, prior_m) else {
             continue;
-        }
-        let step = step.clamp_length_max(0.5 * prior_m);
+        };
         let home = gaussians.home_m[slot];
         let away = (gaussians.mean_m[slot] + step - home).clamp_length_max(leash_m);
         gaussians.mean_m[slot] = home + away;

@@ -21,6 +21,7 @@ mod seabed;
 mod shade;
 mod shape;
 mod splats;
+mod step;
 mod tally;
 mod visibility;
 
@@ -28,3 +29,4 @@ pub use config::{ConfigError, MapperConfig};
 pub use history::look_of;
 pub use mapper::{Budget, InsertReport, Mapper, MapperStatus, OptimizeReport};
 pub use parts::{LeftOut, Parts};
+pub use step::damped_step;

@@ -27,13 +27,16 @@ pub struct Parts {
     pub reservoir: Switch,
     /// What has been seen often enough is looked at further; with auto only where it helps.
     pub converged: Switch,
+    /// Pings that say nearly nothing that the one before did not are taken in too; off leaves out
+    /// all that are not independent.
+    pub redundant: Switch,
     /// Pings without an echo are looked at for strengths too; off leaves out every dark bin.
     pub empty: Switch,
 }
 
 impl Parts {
     /// Names of all.
-    pub const NAMES: [&'static str; 9] = [
+    pub const NAMES: [&'static str; 10] = [
         "occlusion",
         "elevation",
         "anisotropy",
@@ -42,6 +45,7 @@ impl Parts {
         "splitting",
         "reservoir",
         "converged",
+        "redundant",
         "empty",
     ];
 }
@@ -66,6 +70,7 @@ pub(crate) struct AtWork {
     pub(crate) splitting: bool,
     pub(crate) reservoir: bool,
     pub(crate) converged: Extent,
+    pub(crate) redundant: Extent,
     pub(crate) empty: Extent,
 }
 
@@ -95,6 +100,8 @@ const LEAST_PINGS: f32 = 64.0;
 const ONE_SIDED: f32 = 0.98;
 /// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
 const BLURRED_VOXELS: f32 = 0.8;
+/// Share of pings left out that is worth saying.
+const WORTH_SAYING: f32 = 0.05;
 /// Share of older pings that see what the newest see, below which they are of no use to a step.
 const LEAST_RETURN: f32 = 0.02;
 
@@ -157,6 +164,8 @@ pub(crate) struct MapCues {
     pub(crate) voxel_m: f32,
     /// Share of older pings that see what the newest see.
     pub(crate) return_share: f32,
+    /// Pings left out as redundant.
+    pub(crate) redundant: u64,
 }
 
 /// Settings and statistics to what is at work, and what is left out.
@@ -216,8 +225,24 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
             ),
         ),
         converged: parts.converged.into(),
+        redundant: parts.redundant.into(),
         empty: parts.empty.into(),
     };
+    let mut tell_share = |part, switch, share: f32, what| {
+        if switch == Switch::Auto && known && share > WORTH_SAYING {
+            let why = format!("{:.0} % of pings {what}", 100.0 * share);
+            left_out.push(LeftOut { part, why });
+        }
+    };
+    let said_before = map.redundant as f32 / cues.pings.max(1.0);
+    tell_share(
+        "redundant",
+        parts.redundant,
+        said_before,
+        "say what the one before did",
+    );
+    let silent = 1.0 - cues.echoing / cues.pings.max(1.0);
+    tell_share("empty", parts.empty, silent, "have no echo");
     (at_work, left_out)
 }
 
@@ -242,6 +267,7 @@ mod tests {
     const RETURNING: MapCues = MapCues {
         voxel_m: 0.05,
         return_share: 0.5,
+        redundant: 0,
     };
 
     fn names(left_out: &[LeftOut]) -> Vec<&'static str> {

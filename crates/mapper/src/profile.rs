@@ -115,7 +115,13 @@ const SHADOW_LENGTH_M: f64 = 0.6;
 pub(crate) struct Levels {
     noise: Option<f32>,
     strongest: f32,
+    /// Pings in a row that were too loud to be believed.
+    wild: u32,
 }
+
+/// No echo is so many times the strongest before it; unless so many pings in a row say so.
+const WILD: f32 = 1e6;
+const BELIEVED_AFTER: u32 = 8;
 
 impl Levels {
     /// The strongest power of late.
@@ -148,12 +154,12 @@ impl Levels {
             ground: Powers::of(&[]),
         };
         let open = &ping.intensity()[blank..];
-        if is_clipped(open) {
+        let peak = open.iter().copied().fold(0.0, f32::max);
+        if is_clipped(open) || open.is_empty() || self.is_wild(peak) {
             // No evidence of anything, and nothing is learnt from it.
             return profile;
         }
         profile.noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
-        let peak = open.iter().copied().fold(0.0, f32::max);
         if peak > config.detection_factor * profile.noise {
             // Rises at once and falls slowly, so that one glint does not hide what follows.
             self.strongest = peak.max(self.strongest * 0.9995);
@@ -163,6 +169,13 @@ impl Levels {
         profile.threshold = (config.detection_factor * profile.noise).max(floor);
         profile.judge(ping.intensity(), ground);
         profile
+    }
+
+    /// Whether a ping is louder than can be: a glitch, not a glint.
+    fn is_wild(&mut self, peak: f32) -> bool {
+        let is_loud = self.strongest > 0.0 && peak / WILD > self.strongest;
+        self.wild = if is_loud { self.wild + 1 } else { 0 };
+        (1..BELIEVED_AFTER).contains(&self.wild)
     }
 
     /// Mean noise power of exponentially distributed noise from the lower quartile of the bins:

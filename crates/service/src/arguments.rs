@@ -171,6 +171,9 @@ pub(crate) struct ReplayArguments {
     /// Publish nothing
     #[arg(long)]
     pub(crate) no_publish: bool,
+    /// Where the report goes, error against time as HTML; beside --map without
+    #[arg(long, value_name = "OUT.html")]
+    pub(crate) report: Option<PathBuf>,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,

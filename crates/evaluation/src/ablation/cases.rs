@@ -8,7 +8,7 @@ use crate::runs::Spec;
 /// Poses are freed from jitter before the mapper has them.
 const POSES: &str = "poses";
 /// Names of the optional parts: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or "auto".
-pub const PARTS: [&str; 10] = [
+pub const PARTS: [&str; 11] = [
     "occlusion",
     "elevation",
     "anisotropy",
@@ -18,6 +18,7 @@ pub const PARTS: [&str; 10] = [
     "splitting",
     "reservoir",
     "converged",
+    "redundant",
     "empty",
 ];
 

@@ -10,6 +10,7 @@ use super::draw::Draw;
 use super::naive;
 use super::row::{Comparison, Label};
 use super::scene::{Scene, plain, usual};
+use super::whole::differing_bits;
 
 const FAR: Label = Label {
     case: "far origins",
@@ -102,28 +103,6 @@ fn far_row(seed: u64, distance_m: f64) -> Row {
     }
     let worst = worst.unwrap_or(Comparison::of(f64::NAN, f64::NAN, 1.0));
     worst.row(FAR, format!("{distance_m:e} m, worst of 50"), 1e-4)
-}
-
-fn differing_bits(
-    here: Option<&echosplat_model::Snapshot>,
-    there: Option<&echosplat_model::Snapshot>,
-) -> f64 {
-    let numbers = |map: &echosplat_model::Snapshot| -> Vec<u32> {
-        let each = |g: &echosplat_model::Gaussian| {
-            let all = g.mean_m.to_array().into_iter().chain(g.rotation.to_array());
-            let all = all.chain(g.scale_m.to_array());
-            all.chain([g.opacity, g.reflectivity, g.sigma_m])
-                .map(f32::to_bits)
-                .collect::<Vec<_>>()
-        };
-        map.gaussians.iter().flat_map(each).collect()
-    };
-    match (here.map(numbers), there.map(numbers)) {
-        (Some(a), Some(b)) if a.len() == b.len() && !a.is_empty() => {
-            a.iter().zip(&b).filter(|(a, b)| a != b).count() as f64
-        }
-        _ => f64::NAN,
-    }
 }
 
 fn turned(yaw_rad: f64) -> Mat3 {

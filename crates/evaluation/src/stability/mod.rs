@@ -18,10 +18,13 @@ mod row;
 mod scene;
 mod shadows;
 mod shapes;
+mod stiffness;
 mod twins;
+mod whole;
 
 pub use report::{section, text};
 pub use row::{Figure, Row};
+pub use stiffness::plots;
 
 /// Some rows that belong together.
 #[derive(Debug, Clone, Copy)]
@@ -55,6 +58,8 @@ pub fn cases() -> Vec<Case> {
         case("crowds and mixed sizes", crowds::rows),
         case("poison in one Gaussian", poison::rows),
         case("degenerate pings", pings::rows),
+        case("stiffness", stiffness::rows),
+        case("through the whole mapper", whole::rows),
         case("the paper's renderer", images::rows),
         case("gradients against central differences", twins::differences),
         case("online kernels against twins", twins::online),
@@ -70,6 +75,6 @@ mod tests {
     fn every_case_passes() {
         let rows: Vec<Row> = cases().iter().flat_map(|case| case.rows(1, true)).collect();
         println!("{}", text(&rows));
-        assert!(rows.iter().all(|row| row.passed));
+        assert!(!rows.iter().any(Row::is_news));
     }
 }

@@ -43,6 +43,8 @@ const RETURN_SAMPLE: usize = 256;
 const RETURN_RADIUS_M: f32 = 2.0;
 /// Of the best evidence beside it, what a place must hold for another try while the dive goes on.
 const LIFTED_PART: f32 = 0.8;
+/// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
+const LEAST_NOVELTY: f32 = 0.5;
 /// Most pings a running assessment looks at.
 const ASSESSED_PINGS: usize = 768;
 /// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
@@ -52,6 +54,15 @@ const NEWBORN_STRENGTH: f32 = 0.02;
 const PART_STEP: f32 = 0.35;
 /// Candidates below this part of their strongest neighbour are not worth further work.
 const TAIL_PART: f32 = 0.05;
+
+/// No place on Earth is further from any origin in use, and nothing under water as fast: metres, and
+/// metres or radians a second.
+const FURTHEST_M: f64 = 1e9;
+const FASTEST: f64 = 1e3;
+/// A ping whose pose leaves open this part of its range says nothing of any place.
+const UNPLACED_PART: f64 = 0.25;
+/// Voxels from the first ping that can still be counted in 32 bits.
+const MOST_VOXELS: f64 = (1 << 30) as f64;
 
 /// Work allowed, counted in Gaussian–bin pairs.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,8 +99,13 @@ pub struct OptimizeReport {
 pub struct MapperStatus {
     /// Pings taken in.
     pub pings: u64,
-    /// Pings left out as not finite.
+    /// Pings left out as not finite, or as beyond all reach.
     pub pings_rejected: u64,
+    /// Pings that are evidence of nothing: a receiver at its stop, nothing beyond the
+    /// blanking, a pose that leaves everything open.
+    pub pings_deaf: u64,
+    /// Pings left out since the one before said nearly all of it.
+    pub pings_redundant: u64,
     /// Pings let go from memory to make room.
     pub pings_thinned: u64,
     /// Gaussians that the map asserts as surface, as of the last snapshot.
@@ -180,16 +196,24 @@ impl Mapper {
     /// Takes in one ping: its noise and echoes, then, with a slice complete, evidence along the
     /// arcs and Gaussians where the evidence now says so.
     pub fn insert(&mut self, posed: &PosedPing) -> InsertReport {
-        if !is_usable(posed) {
+        if !is_usable(posed) || !self.is_within_reach(posed) {
             self.status.pings_rejected += 1;
             return InsertReport {
                 rejected: true,
                 ..InsertReport::default()
             };
         }
-        let past = self.listen(posed);
-        self.history.push(past);
         self.status.pings += 1;
+        let Some(past) = self.listen(posed) else {
+            self.status.pings_deaf += 1;
+            return InsertReport::default();
+        };
+        if past.weight < self.least_novelty() {
+            self.status.pings_redundant += 1;
+            return InsertReport::default();
+        }
+        self.last_look = Some(past.look);
+        self.history.push(past);
         self.pending += 1;
         if self.pending < self.config.slice_pings {
             return InsertReport::default();
@@ -197,8 +221,26 @@ impl Mapper {
         self.take_in_slice()
     }
 
-    /// What the ping measured, before anything of the map.
-    fn listen(&mut self, posed: &PosedPing) -> Past {
+    /// What a ping must say that the last one taken in did not.
+    fn least_novelty(&self) -> f32 {
+        match self.at_work.redundant {
+            Extent::All => 0.0,
+            Extent::Useful => LEAST_NOVELTY,
+            Extent::None => 1.0,
+        }
+    }
+
+    /// Whether voxels and single precision reach as far as the ping is from the first.
+    fn is_within_reach(&self, posed: &PosedPing) -> bool {
+        let Some(world) = &self.world else {
+            return true;
+        };
+        let away_m = posed.world_from_sensor.translation_m - world.origin_m;
+        away_m.abs().max_element() < MOST_VOXELS * f64::from(world.evidence.voxel_m())
+    }
+
+    /// What the ping measured, before anything of the map; `None` if it is evidence of nothing.
+    fn listen(&mut self, posed: &PosedPing) -> Option<Past> {
         let config = &self.config;
         let world = self.world.get_or_insert_with(|| World {
             origin_m: posed.world_from_sensor.translation_m,
@@ -208,19 +250,24 @@ impl Mapper {
         let blur = pose_blur(posed, config);
         let range_sigma_m = (look.range_variance_m2 + blur.range_variance_m2).sqrt();
         let tolerance_m = 0.45 * world.evidence.voxel_m() + 2.2 * range_sigma_m;
+        if f64::from(tolerance_m) > UNPLACED_PART * posed.ping.settings().range_length_m {
+            return None;
+        }
         let seabed = &mut self.seabed;
         let brightness = seabed.brightness();
         let ground = seabed.backdrop(&look, brightness);
         let profile = self
             .levels
             .profile(&posed.ping, tolerance_m.into(), &ground, config);
+        if profile.is_deaf() {
+            return None;
+        }
         seabed.listen(&look, posed.ping.intensity(), &profile);
         self.learn_unit_strength(&look, posed.ping.intensity(), &profile.echoes);
         let weight = match posed.ping.view() {
             Some(_) => 1.0,
             None => novelty(&look, self.last_look.as_ref()),
         };
-        self.last_look = Some(look);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
         self.cues.add(Cue {
             runs: profile.echoes.len(),
@@ -228,7 +275,7 @@ impl Mapper {
             quarter: quarter_of(look.pose.axes.x_axis),
             blur_m: range_sigma_m,
         });
-        past_of(look, blur, profile, weight, brightness, posed)
+        Some(past_of(look, blur, profile, weight, brightness, posed))
     }
 
     /// The strength at which a Gaussian of one voxel would make the ping's strongest echo.
@@ -348,6 +395,7 @@ impl Mapper {
         let map = MapCues {
             voxel_m,
             return_share: self.return_share(),
+            redundant: self.status.pings_redundant,
         };
         (self.at_work, self.left_out) = decide(&self.config.parts, &self.cues, map);
     }
@@ -462,9 +510,12 @@ impl Mapper {
 
 /// Whether nothing about a ping's pose could make the map not finite.
 fn is_usable(posed: &PosedPing) -> bool {
-    posed.world_from_sensor.is_finite()
-        && posed.twist.linear_mps.is_finite()
-        && posed.twist.angular_radps.is_finite()
+    // Lengths, since the largest element of some that are none may be one.
+    let pose = &posed.world_from_sensor;
+    pose.rotation.is_normalized()
+        && pose.translation_m.length() < FURTHEST_M
+        && posed.twist.linear_mps.length() < FASTEST
+        && posed.twist.angular_radps.length() < FASTEST
         && posed.reference_range_m.is_finite()
         && posed.uncertainty.is_none_or(|u| {
             u.position_m >= 0.0

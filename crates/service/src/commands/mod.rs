@@ -5,6 +5,7 @@ mod check;
 mod demo;
 mod emulate;
 mod evaluate;
+mod judging;
 mod render;
 mod replay;
 mod run;

@@ -1,7 +1,6 @@
 //! `echosplat demo`: no hardware, no configuration: a simulated sonar on loopback, the whole
 //! service as it runs at sea, a subscriber of its map, and then how right that map is.
 
-mod judging;
 mod report;
 
 use std::net::TcpListener;
@@ -20,20 +19,17 @@ use echosplat_simulator::SimulatedSonar;
 use indicatif::ProgressBar;
 
 use crate::arguments::{DemoArguments, PoseClock};
+use crate::commands::judging::Judge;
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::pipeline::{
-    self, Gate, Hooks, Observer, OnFinal, OnStatus, Outcome, Patience, Phase, Poses, Schedule,
-    Setup,
+    self, Gate, Hooks, OnFinal, OnStatus, Outcome, Patience, Phase, Poses, Setup,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
-use crate::{clock, dives, inputs, logging, maps};
-use judging::Judge;
+use crate::{clock, dives, inputs, logging, maps, truth};
 use report::Results;
 
-/// Time between two maps that are judged, on the dive's clock.
-const JUDGED_EVERY_S: f64 = 10.0;
 /// How long the subscriber may take to have the final map.
 const SUBSCRIBER_LIMIT: Duration = Duration::from_secs(20);
 
@@ -43,14 +39,22 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
     let config = configuration(arguments)?;
     let stop = Stop::on_signals()?;
     let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
-    let judge = Judge::start(sonar.scene(), sonar.dive())?;
+    let (scene, dive) = (Arc::clone(sonar.scene()), Arc::clone(sonar.dive()));
+    let judge = Judge::start(move || truth::of_simulated(&scene, &dive), true)?;
     let buses = Buses::open(&config.bus)?;
     let received = Arc::new(Mutex::new(None));
     let setup = set_up(&config, sonar, &buses, &judge, &received)?;
     let outcome = pipeline::run(&config, setup, &stop);
     buses.close();
     let outcome = outcome?;
-    let results = judge.finish(&outcome, arguments)?;
+    let dive = &arguments.dive;
+    let results = Results {
+        title: format!("{}, {}", dive.scene, dive.dive),
+        noise: dive.noise.to_string(),
+        seed: dive.seed,
+        verdict: judge.finish(&outcome, dive.seed)?,
+        summary: outcome.status.summary(),
+    };
     conclude(arguments, &outcome, &results, &received)
 }
 
@@ -97,10 +101,7 @@ fn set_up(
         recorder: None,
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
-            observer: Some(Observer {
-                schedule: Schedule::Every(JUDGED_EVERY_S),
-                take: judge.intake(),
-            }),
+            observer: Some(judge.observer()),
             on_status: Some(progress(length_s, judge.newest())),
             is_over: Some(rig.end_of_dive()),
             on_final: Some(receiving(subscriber, received)),
@@ -206,7 +207,6 @@ fn conclude(
     let report = arguments.out.join("report.html");
     std::fs::write(&report, results.html(same))
         .with_context(|| format!("cannot write {}", report.display()))?;
-    logging::print(&table::curve(&results.curve));
     logging::print(&outcome.status.account());
     logging::print(&format!(
         "The subscriber, in a session of its own, holds the same {same} Gaussians, bit for bit."
