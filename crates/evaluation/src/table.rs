@@ -192,7 +192,7 @@ mod tests {
         assert!(lines[2].contains("∞"));
         assert_eq!(
             lines[4],
-            "    20.0       0.60          1     0.150     0.150    0.0 %"
+            "    20.0       0.60          1          0     0.150     0.150    0.0 %"
         );
         let widths: Vec<usize> = lines[1..5].iter().map(|l| l.chars().count()).collect();
         assert!(widths.iter().all(|width| *width == widths[0]), "{widths:?}");
