@@ -16,7 +16,7 @@ const FINISH_LOOKS_PER_PING: f64 = 7.5;
 /// A step of a finished dive looks at every so many-th ping.
 const INTERLEAVE: f64 = 8.0;
 /// Pairs of each Gaussian in one pass over a dive, beyond which more pings say nothing new.
-const ENOUGH_PAIRS: f64 = 6000.0;
+const ENOUGH_PAIRS: f64 = 12_000.0;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = FINISH_LOOKS_PER_PING;
 /// Steps of offset from one step to the next.
