@@ -127,6 +127,8 @@ impl Bench {
         let mut made = Made::default();
         for share in shares(spec) {
             let count = (share * self.pings.len() as f64).round() as usize;
+            let view_at = |index: usize| self.pings.get(index).and_then(|p| p.ping.view());
+            let count = whole_views(view_at, count);
             let (pings, mut clock) = (&self.pings[..count], Clock::start());
             let map = map(pings)?;
             clock.pause();
@@ -190,6 +192,17 @@ impl Bench {
     }
 }
 
+/// At most so many pings, without the last image if it is cut; `view_at` says which image a ping
+/// belongs to.
+fn whole_views(view_at: impl Fn(usize) -> Option<u32>, count: usize) -> usize {
+    match view_at(count) {
+        Some(cut) => (0..count)
+            .rposition(|index| view_at(index) != Some(cut))
+            .map_or(count, |last| last + 1),
+        None => count,
+    }
+}
+
 /// All of it where no moments are asked for.
 fn shares(spec: &Spec) -> Vec<f64> {
     match spec.moments {
@@ -205,4 +218,19 @@ fn fingerprint(points: &MapPoints) -> String {
         bits.write(&number.to_bits().to_le_bytes());
     }
     bits.to_string()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_image_is_taken_whole_or_not_at_all() {
+        let views = [Some(1), Some(1), Some(2), Some(2), Some(2)];
+        let at = |index: usize| views.get(index).copied().flatten();
+        let counts = [1, 2, 3, 4, 5].map(|count| whole_views(at, count));
+        // Of the first image alone nothing would be left, so it stays cut.
+        assert_eq!(counts, [1, 2, 2, 2, 5]);
+        assert_eq!(whole_views(|_| None, 3), 3);
+    }
 }
