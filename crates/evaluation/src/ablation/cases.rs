@@ -3,7 +3,7 @@
 use echosplat_simulator::{DiveKind, NoiseLevel};
 use serde::Serialize;
 
-use crate::runs::Spec;
+use crate::runs::{Spec, dive_name};
 
 /// Poses are freed from jitter before the mapper has them.
 const POSES: &str = "poses";
@@ -153,13 +153,7 @@ impl Case {
     /// Unique.
     #[must_use]
     pub fn name(&self) -> String {
-        let Self {
-            scene, dive, noise, ..
-        } = self;
-        let length = self
-            .duration_s
-            .map_or(String::new(), |s| format!(", {s} s"));
-        format!("{scene}, {dive}, {noise}{length}")
+        dive_name(self.scene, self.dive, self.noise, self.duration_s)
     }
 
     /// The run of one variant: every part is set, also to what is its default.

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::report::Omission;
 use crate::curve::{Curve, Sample};
-use crate::runs::{Method, Outcome, Results, Spec};
+use crate::runs::{Method, Outcome, Results, Spec, dive_name};
 
 /// Moments of a dive at which its map is judged.
 const MOMENTS: usize = 12;
@@ -107,13 +107,7 @@ impl Case {
     /// Unique.
     #[must_use]
     pub fn name(&self) -> String {
-        let Self {
-            scene, dive, noise, ..
-        } = self;
-        let length = self
-            .duration_s
-            .map_or(String::new(), |s| format!(", {s} s"));
-        format!("{scene}, {dive}, {noise}{length}")
+        dive_name(self.scene, self.dive, self.noise, self.duration_s)
     }
 
     /// What is to be run with a seed; the paper's method only with the first of all.

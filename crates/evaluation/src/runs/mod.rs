@@ -9,4 +9,5 @@ mod spec;
 #[cfg(test)]
 pub(crate) use outcome::tests::outcome as sample_outcome;
 pub use outcome::{Ending, LeftOut, Outcome, Results, Work, run_line};
+pub(crate) use spec::dive_name;
 pub use spec::{Method, Placement, Spec};

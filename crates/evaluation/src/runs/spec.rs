@@ -93,6 +93,17 @@ impl Placement {
     }
 }
 
+/// As reports name a dive; its length only where it is not the default's.
+pub(crate) fn dive_name(
+    scene: &str,
+    dive: DiveKind,
+    noise: NoiseLevel,
+    duration_s: Option<f64>,
+) -> String {
+    let length = duration_s.map_or(String::new(), |s| format!(", {s} s"));
+    format!("{scene}, {dive}, {noise}{length}")
+}
+
 impl Spec {
     /// A whole dive as it comes, with one thread.
     #[must_use]

@@ -12,7 +12,7 @@ use echosplat_simulator::{DiveKind, NoiseLevel};
 use serde_json::{Map, Value, json};
 
 use super::Results;
-use super::runs::{self, Job, Store};
+use super::runs;
 use crate::arguments::ErrorTimeBenchArguments;
 use crate::exit::Usage;
 
@@ -34,17 +34,8 @@ struct Plan {
 pub(super) fn run(arguments: &ErrorTimeBenchArguments) -> anyhow::Result<Results> {
     let mut plan = Plan::of(arguments)?;
     let specs = plan.specs();
-    let job = |spec: &Spec| Job {
-        spec: spec.clone(),
-        map: None,
-    };
-    let jobs: Vec<Job> = specs.iter().map(job).collect();
-    let mut store = Store::open(&arguments.options.out)?;
-    let outcomes = runs::make(&jobs, &mut store, &arguments.queue)?;
-    let left_out = runs::left_out(&specs, &outcomes).into_iter();
-    let why = "the time was over";
-    plan.omissions
-        .extend(left_out.map(|name| Omission::new(name, why)));
+    let (outcomes, omissions) = runs::make_or_omit(&specs, &arguments.options, &arguments.queue)?;
+    plan.omissions.extend(omissions);
     results(&plan, &outcomes)
 }
 

@@ -12,10 +12,11 @@ mod store;
 
 use std::time::{Duration, Instant};
 
+use echosplat_evaluation::error_time::Omission;
 use echosplat_evaluation::runs::{Results, Spec};
 use serde_json::{Value, json};
 
-use crate::arguments::QueueOptions;
+use crate::arguments::{BenchOptions, QueueOptions};
 use crate::signals::Stop;
 pub(super) use clock::Clock;
 pub(super) use one::{run_one, sonar};
@@ -55,6 +56,26 @@ pub(super) fn once(mut specs: Vec<Spec>) -> Vec<Spec> {
     let mut seen = std::collections::BTreeSet::new();
     specs.retain(|spec| seen.insert(spec.name()));
     specs
+}
+
+/// Makes what `specs` describe, keeping no maps. What the time did not allow is an omission.
+///
+/// # Errors
+/// As [`make`], or if the runs cannot be kept.
+pub(super) fn make_or_omit(
+    specs: &[Spec],
+    options: &BenchOptions,
+    queue: &QueueOptions,
+) -> anyhow::Result<(Results, Vec<Omission>)> {
+    let job = |spec: &Spec| Job {
+        spec: spec.clone(),
+        map: None,
+    };
+    let jobs: Vec<Job> = specs.iter().map(job).collect();
+    let results = make(&jobs, &mut Store::open(&options.out)?, queue)?;
+    let left_out = left_out(specs, &results).into_iter();
+    let omissions = left_out.map(|name| Omission::new(name, "the time was over"));
+    Ok((results, omissions.collect()))
 }
 
 /// Names of those without a result.
