@@ -19,12 +19,14 @@ pub(crate) struct Workspace {
 }
 
 impl Workspace {
-    /// The checkout this program was built in.
+    /// The checkout that cargo runs this program for: with a target folder shared by several, it may
+    /// have been built in another.
     pub(crate) fn here() -> anyhow::Result<Self> {
-        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
-        let root = root.canonicalize();
+        let here = std::env::var_os("CARGO_MANIFEST_DIR");
+        let here = here.unwrap_or_else(|| env!("CARGO_MANIFEST_DIR").into());
+        let root = Path::new(&here).join("../..").canonicalize();
         Ok(Self {
-            root: root.context("the checkout xtask was built in is gone")?,
+            root: root.context("the checkout to be checked is gone")?,
         })
     }
 
