@@ -62,7 +62,7 @@ impl Default for BusConfig {
             max_message_bytes: 64_000,
             max_received_bytes: 1 << 20,
             bandwidth_bps: 4_000_000,
-            publish_interval_s: 0.25,
+            publish_interval_s: 0.05,
             tile_edge_m: 4.0,
             pose_queue_len: 65_536,
             ping_queue_len: 256,

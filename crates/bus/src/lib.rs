@@ -46,7 +46,7 @@ pub use config::BusConfig;
 pub use endpoints::Endpoints;
 pub use error::BusError;
 pub use keys::Keys;
-pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters};
+pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters, Sent};
 pub use streams::{
     PingCounters, PingSubscription, PoseCounters, PoseSubscription, ReceivedPing,
     StatusSubscription,

@@ -70,8 +70,18 @@ struct Shared {
     ordered: Condvar,
     flushed: Condvar,
     published: Mutex<Option<Arc<PublishedMap>>>,
+    sent: Mutex<Option<Sent>>,
     counters: Mutex<MapPublisherCounters>,
     queries_dropped: AtomicU64,
+}
+
+/// The newest snapshot of which something was sent, or that changed nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Sent {
+    /// Of the snapshot offered.
+    pub sequence: u64,
+    /// When zenoh was given the first message.
+    pub at: Instant,
 }
 
 /// What the publishing thread is to do next.
@@ -114,6 +124,7 @@ impl MapPublisher {
             link: Arc::clone(link),
             shared: Arc::clone(&shared),
             differ: SnapshotDiffer::new(link.config.tile_edge_m),
+            offered: 0,
         };
         let answers = AnswerThread {
             link: Arc::clone(link),
@@ -167,6 +178,12 @@ impl MapPublisher {
         }))
     }
 
+    /// The newest snapshot that is on its way to subscribers; `None` before the first.
+    #[must_use]
+    pub fn sent(&self) -> Option<Sent> {
+        *lock(&self.shared.sent)
+    }
+
     /// What was published so far.
     #[must_use]
     pub fn counters(&self) -> MapPublisherCounters {
@@ -193,6 +210,8 @@ struct DeltaThread {
     link: Arc<Link>,
     shared: Arc<Shared>,
     differ: SnapshotDiffer,
+    /// Sequence of the newest snapshot taken.
+    offered: u64,
 }
 
 /// What one look at the orders gave.
@@ -207,6 +226,7 @@ impl DeltaThread {
         loop {
             let work = self.next_work();
             if let Some(snapshot) = work.snapshot {
+                self.offered = snapshot.sequence;
                 self.differ.offer(snapshot);
             }
             if let Some(ticket) = work.flushes {
@@ -274,6 +294,9 @@ impl DeltaThread {
                 self.put(&message, is_last);
             }
         }
+        if deltas.is_empty() {
+            self.note_sent();
+        }
         let mut counters = lock(&self.shared.counters);
         counters.deltas += deltas.len() as u64;
         counters.gaussians_unsound = self.differ.unsound_count();
@@ -303,10 +326,22 @@ impl DeltaThread {
             counters.bytes += byte_count as u64;
             counters.messages_failed += u64::from(put.is_err());
         }
+        self.note_sent();
         if !is_last {
             // Bursts are what a slow link drops.
             let seconds = 8.0 * byte_count as f64 / self.link.config.bandwidth_bps as f64;
             self.pause_until(Instant::now() + Duration::from_secs_f64(seconds));
+        }
+    }
+
+    fn note_sent(&self) {
+        let sequence = self.offered;
+        let mut sent = lock(&self.shared.sent);
+        if sent.is_none_or(|before| before.sequence != sequence) {
+            *sent = Some(Sent {
+                sequence,
+                at: Instant::now(),
+            });
         }
     }
 

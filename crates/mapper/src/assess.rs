@@ -1,19 +1,19 @@
 //! What the map asserts: a Gaussian is surface only if its surroundings explain most of its
 //! echoes and the looks fix its position; else it is ambiguous, or explained away by others.
 
+use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::Standing;
 use echosplat_model::glam::Vec3;
 
 use crate::MapperConfig;
-use crate::evidence::Evidence;
-use crate::expectation::{Scene, Sum, over_pings, pulls};
+use crate::expectation::{Pull, Scene, Sum, over_pings};
 use crate::gaussians::{Gaussians, Verdict};
 use crate::history::Past;
-use crate::parts::AtWork;
 use crate::shade::Shade;
-use crate::shape::{Neighbours, eigen};
+use crate::neighbours::Neighbours;
+use crate::shape::least_eigenvalue;
 use crate::tally::Tally;
-use crate::visibility::{Row, Sight};
+use crate::visibility::{Moments, Row, Sight};
 
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
@@ -32,6 +32,8 @@ const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
 const LEAST_RIVALRY: f32 = 0.15;
 /// Below this part of the strongest strength around it, it is the tail of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
+/// How far around.
+const PEAK_VOXELS: f32 = 2.5;
 
 /// Least number of whole confident Gaussians within so many voxels, itself included. Wide rather
 /// than near: a glinting rod shows here and there along its whole length.
@@ -90,51 +92,75 @@ impl Sum for Account {
     }
 }
 
-/// Judges every Gaussian by `pings`, every `stride`-th of those remembered, and sets its verdict and
-/// sigma as if by all. Returns pairs done.
-pub(crate) fn assess(
-    evidence: &Evidence,
+/// What the looks of some pings say of one Gaussian.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Finding {
+    account: Account,
+    /// Fisher information of its mean, 1/m².
+    information: SymmetricMat3,
+}
+
+impl Finding {
+    /// Whether any look saw it.
+    pub(crate) fn is_any(&self) -> bool {
+        self.account.looks > 0.0
+    }
+
+    /// As if each look had been made so many times.
+    pub(crate) fn times(self, count: f32) -> Self {
+        Self {
+            account: self.account.times(count),
+            information: SymmetricMat3 {
+                diagonal: self.information.diagonal * count,
+                mixed: self.information.mixed * count,
+            },
+        }
+    }
+}
+
+impl Sum for Finding {
+    fn join(&mut self, part: &Self) {
+        self.account.join(&part.account);
+        self.information.join(&part.information);
+    }
+}
+
+/// What `pings` say of every Gaussian, per slot, and pairs done.
+pub(crate) fn findings(scene: Scene<'_>, pings: &[&Past], rule: Rule) -> (Vec<Finding>, u64) {
+    let verdicts = &scene.gaussians.verdict;
+    over_pings(scene, pings, |tally, desk: &mut Desk, past, sight| {
+        desk.enter(tally, past, sight, verdicts, rule);
+        sight.moments(&past.look, &mut desk.moments);
+        for (row, moments) in sight.rows().iter().zip(&desk.moments) {
+            let mut pull = Pull::default();
+            pull.add(row, moments, past.weight);
+            tally.of(row.slot).information.join(&pull.information);
+        }
+    })
+}
+
+/// Sets verdict and sigma of every Gaussian that there is a finding for: what all pings would say
+/// of it. The others keep theirs.
+pub(crate) fn judge(
     gaussians: &mut Gaussians,
-    pings: &[&Past],
-    stride: f64,
-    floor: f32,
-    at_work: AtWork,
+    finding_of: impl Fn(usize) -> Option<Finding> + Sync,
+    voxel_m: f32,
     config: &MapperConfig,
-) -> u64 {
-    let scene = Scene {
-        evidence,
-        gaussians,
-        floor,
-        // What is asserted has to stand however far the poses may be off.
-        is_blurred: true,
-        at_work,
-    };
-    let rule = Rule {
-        radius_m: SURROUNDINGS_VOXELS * evidence.voxel_m(),
-        clear_share: config.confident_share,
-        whole_strength: whole_strength(gaussians),
-        occlusion: at_work.occlusion,
-    };
-    let (accounts, account_pairs) = accounts(scene, pings, rule);
-    let (pulls, pull_pairs) = pulls(scene, pings);
-    let peaks = strongest_around(gaussians, 2.5 * evidence.voxel_m());
-    let slots: Vec<usize> = gaussians.slots().collect();
-    let stride = stride as f32;
-    for slot in slots {
-        let (_, information) = eigen(pulls[slot].information.to_mat3());
-        let alone = 1.0 / (stride * information.x.max(0.0)).sqrt();
+) {
+    let peaks = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true)
+        .peaks(|slot| finding_of(slot).is_some());
+    for (slot, peak) in peaks {
+        let Some(finding) = finding_of(slot) else {
+            continue;
+        };
+        let alone = 1.0 / least_eigenvalue(&finding.information).max(0.0).sqrt();
         // What the parts of a split Gaussian know adds up.
         gaussians.sigma_m[slot] = alone * gaussians.part[slot];
-        let relative = gaussians.strength[slot].strongest() / peaks[slot];
-        gaussians.verdict[slot] = verdict(
-            accounts[slot].times(stride),
-            relative,
-            gaussians.sigma_m[slot],
-            config,
-        );
+        let relative = gaussians.strongest(slot) / peak;
+        let sigma_m = gaussians.sigma_m[slot];
+        gaussians.verdict[slot] = verdict(finding.account, relative, sigma_m, config);
     }
-    doubt_strays(gaussians, evidence.voxel_m());
-    account_pairs + pull_pairs
+    doubt_strays(gaussians, voxel_m);
 }
 
 /// A confident Gaussian has company: a surface fills more than one place.
@@ -142,15 +168,16 @@ fn doubt_strays(gaussians: &mut Gaussians, voxel_m: f32) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
     let reach_m = COMPANY_VOXELS * voxel_m;
     let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
-    let is_stray = |&slot: &usize| {
+    let is_stray = neighbours.map(|around| {
         let mut company = 0.0;
-        neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
+        let has_company = around.slots().any(|other| {
             company += gaussians.part[other];
+            company >= LEAST_COMPANY
         });
-        company < LEAST_COMPANY
-    };
-    let confident = gaussians.slots().filter(|&slot| is_confident(slot));
-    let strays: Vec<usize> = confident.filter(is_stray).collect();
+        !has_company
+    });
+    let strays = is_stray.into_iter().filter(|(_, is_stray)| *is_stray);
+    let strays: Vec<usize> = strays.map(|(slot, _)| slot).collect();
     for slot in strays {
         gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
     }
@@ -173,20 +200,13 @@ fn verdict(account: Account, relative: f32, sigma_m: f32, config: &MapperConfig)
     })
 }
 
-fn accounts(scene: Scene<'_>, pings: &[&Past], rule: Rule) -> (Vec<Account>, u64) {
-    let verdicts = &scene.gaussians.verdict;
-    over_pings(scene, pings, |tally, desk: &mut Desk, past, sight| {
-        desk.enter(tally, past, sight, verdicts, rule);
-    })
-}
-
 /// Median strength of the confident; infinite if there are none.
 fn whole_strength(gaussians: &Gaussians) -> f32 {
     let confident = gaussians
         .slots()
         .filter(|&s| gaussians.verdict[s] == CONFIDENT);
     let mut strengths: Vec<f32> = confident
-        .map(|s| gaussians.strength[s].strongest())
+        .map(|slot| gaussians.strongest(slot))
         .collect();
     if strengths.is_empty() {
         return f32::INFINITY;
@@ -197,7 +217,7 @@ fn whole_strength(gaussians: &Gaussians) -> f32 {
 
 /// What is asked of every look.
 #[derive(Debug, Clone, Copy)]
-struct Rule {
+pub(crate) struct Rule {
     /// Surroundings of a Gaussian.
     radius_m: f32,
     /// Least share of an echo that makes a look clear.
@@ -208,11 +228,24 @@ struct Rule {
     occlusion: bool,
 }
 
+impl Rule {
+    /// By the verdicts so far.
+    pub(crate) fn of(scene: &Scene<'_>, config: &MapperConfig) -> Self {
+        Self {
+            radius_m: SURROUNDINGS_VOXELS * scene.evidence.voxel_m(),
+            clear_share: config.confident_share,
+            whole_strength: whole_strength(scene.gaussians),
+            occlusion: scene.at_work.occlusion,
+        }
+    }
+}
+
 /// Room to work in.
 #[derive(Debug, Default)]
 struct Desk {
     arcs: Arcs,
     shade: Shade,
+    moments: Vec<Moments>,
 }
 
 impl Desk {
@@ -221,13 +254,13 @@ impl Desk {
     /// these are the steps of the arc next to it.
     fn enter(
         &mut self,
-        tally: &mut Tally<Account>,
+        tally: &mut Tally<Finding>,
         past: &Past,
         sight: &Sight,
         verdicts: &[Verdict],
         rule: Rule,
     ) {
-        let Self { arcs, shade } = self;
+        let Self { arcs, shade, .. } = self;
         arcs.fill(sight, past, 0.5 * rule.radius_m);
         let solid = |row: &Row| match verdicts[row.slot as usize] {
             CONFIDENT => 1.0,
@@ -250,7 +283,7 @@ impl Desk {
             let below_m = 2.0 * splat.range_m * splat.elevation_rad.sin();
             let mirror_m = past.look.pose.axes.z_axis * -below_m;
             let if_so = |so: bool| if so { looks } else { 0.0 };
-            tally.of(row.slot).join(&Account {
+            tally.of(row.slot).account.join(&Account {
                 looks,
                 hidden_looks: if_so(rule.occlusion && shade.hides(row)),
                 clear_looks: if_so(near > rule.clear_share * sight.predicted[bin]),
@@ -317,19 +350,11 @@ impl Arcs {
 
 /// Slots that are nothing but the tail of a stronger neighbour: below `part` of it.
 pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize> {
-    let peaks = strongest_around(gaussians, 2.5 * voxel_m);
-    let weak = |&slot: &usize| !(gaussians.strength[slot].strongest() > part * peaks[slot]);
-    gaussians.slots().filter(weak).collect()
-}
-
-/// The strongest strength within `radius_m` of each slot.
-fn strongest_around(gaussians: &Gaussians, radius_m: f32) -> Vec<f32> {
-    let neighbours = Neighbours::new(gaussians, radius_m, |_| true);
-    let mut peaks = vec![f32::MIN_POSITIVE; gaussians.slot_count()];
-    for slot in gaussians.slots() {
-        neighbours.within_cell(gaussians, gaussians.mean_m[slot], |other| {
-            peaks[slot] = peaks[slot].max(gaussians.strength[other].strongest());
-        });
-    }
-    peaks
+    let peaks = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true).peaks(|_| true);
+    let is_tail = |&(slot, peak): &(usize, f32)| {
+        let strength = gaussians.strongest(slot);
+        !(strength > part * peak.max(f32::MIN_POSITIVE))
+    };
+    let tails = peaks.into_iter().filter(is_tail);
+    tails.map(|(slot, _)| slot).collect()
 }

@@ -61,7 +61,7 @@ impl Default for MapperConfig {
             spawn_evidence: 4.5,
             finish_passes: 16,
             finish_pairs: 1_500_000_000,
-            confident_share: 0.6,
+            confident_share: 0.7,
             confident_sigma_m: 0.25,
             threads: 0,
             parts: Parts::default(),

@@ -117,7 +117,8 @@ pub(crate) fn maximise(
         true => exponent,
         false => COUNTS_STEP * exponent,
     };
-    for (strength, StepSums { pull, weight }) in gaussians.strength.iter_mut().zip(&sums) {
+    let strengths = gaussians.strength.iter_mut().zip(&mut gaussians.known);
+    for ((strength, known), StepSums { pull, weight }) in strengths.zip(&sums) {
         if !at_work.specular {
             let even = step(Vec3::splat(pull.sum()), Vec3::splat(weight.sum()), exponent);
             strength.scale(even.x);
@@ -125,6 +126,8 @@ pub(crate) fn maximise(
         }
         strength.ahead *= step(pull.ahead, weight.ahead, exponent);
         strength.behind *= step(pull.behind, weight.behind, exponent);
+        known.ahead |= weight.ahead.cmpgt(Vec3::ZERO);
+        known.behind |= weight.behind.cmpgt(Vec3::ZERO);
     }
     pairs
 }
@@ -188,8 +191,14 @@ impl Pull {
 impl Sum for Pull {
     fn join(&mut self, part: &Self) {
         self.gradient += part.gradient;
-        self.information.diagonal += part.information.diagonal;
-        self.information.mixed += part.information.mixed;
+        self.information.join(&part.information);
+    }
+}
+
+impl Sum for SymmetricMat3 {
+    fn join(&mut self, part: &Self) {
+        self.diagonal += part.diagonal;
+        self.mixed += part.mixed;
     }
 }
 

@@ -1,7 +1,7 @@
 //! The Gaussians as arrays of each quantity, with stable ids.
 
 use echosplat_acoustics::SymmetricMat3;
-use echosplat_model::glam::{Mat3, Quat, Vec3};
+use echosplat_model::glam::{BVec3, Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
 use crate::evidence::BlockIndex;
@@ -42,9 +42,14 @@ impl Lobes {
         faces.dot(towards * towards)
     }
 
-    /// Strength of the strongest side.
-    pub(crate) fn strongest(&self) -> f32 {
-        self.ahead.max(self.behind).max_element()
+    /// Strength of the strongest of some sides; of all if they are none.
+    fn strongest(&self, sides: Sides) -> f32 {
+        if sides == Sides::default() {
+            return self.ahead.max(self.behind).max_element();
+        }
+        let ahead = Vec3::select(sides.ahead, self.ahead, Vec3::ZERO);
+        let behind = Vec3::select(sides.behind, self.behind, Vec3::ZERO);
+        ahead.max(behind).max_element()
     }
 
     /// Adds `amount` to the sides that face along `towards`, by what each counts.
@@ -73,6 +78,15 @@ impl Lobes {
     }
 }
 
+/// Sides of a Gaussian.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Sides {
+    /// +x, +y, +z.
+    pub(crate) ahead: BVec3,
+    /// −x, −y, −z.
+    pub(crate) behind: BVec3,
+}
+
 /// Arrays indexed by slot. A slot is used again after its Gaussian is gone, an id never.
 #[derive(Debug, Default)]
 pub(crate) struct Gaussians {
@@ -87,6 +101,8 @@ pub(crate) struct Gaussians {
     pub(crate) covariance_m2: Vec<SymmetricMat3>,
     /// αρ towards each side, in the unit of the pings' intensity.
     pub(crate) strength: Vec<Lobes>,
+    /// Sides that a ping has told the strength of; the others hold what they began with.
+    pub(crate) known: Vec<Sides>,
     /// What part of a whole Gaussian it is: 1, or ⅛ after a split.
     pub(crate) part: Vec<f32>,
     pub(crate) sigma_m: Vec<f32>,
@@ -124,6 +140,7 @@ impl Gaussians {
         self.mean_m[s] = home_m;
         self.set_shape(s, Quat::IDENTITY, Vec3::splat(scale_m));
         self.strength[s] = Lobes::even(strength);
+        self.known[s] = Sides::default();
         self.part[s] = 1.0;
         self.sigma_m[s] = f32::INFINITY;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
@@ -153,10 +170,16 @@ impl Gaussians {
         self.scale_m.push(Vec3::ONE);
         self.covariance_m2.push(SymmetricMat3::default());
         self.strength.push(Lobes::default());
+        self.known.push(Sides::default());
         self.part.push(1.0);
         self.sigma_m.push(f32::INFINITY);
         self.verdict.push(Verdict::ExplainedAway);
         (self.id.len() - 1) as u32
+    }
+
+    /// Strength of a slot's strongest side, of those that are known.
+    pub(crate) fn strongest(&self, slot: usize) -> f32 {
+        self.strength[slot].strongest(self.known[slot])
     }
 
     /// Slots in use, in order.

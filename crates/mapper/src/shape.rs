@@ -1,55 +1,10 @@
 //! Scale and orientation of each Gaussian from the surface its neighbours make.
 
-use std::collections::HashMap;
-
-use echosplat_model::glam::{IVec3, Mat3, Quat, Vec3};
+use echosplat_acoustics::SymmetricMat3;
+use echosplat_model::glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 
 use crate::gaussians::{Gaussians, Verdict};
-
-/// Published Gaussians by voxel of their mean, for questions about neighbours.
-pub(crate) struct Neighbours {
-    cell_m: f32,
-    cells: HashMap<IVec3, Vec<u32>>,
-}
-
-impl Neighbours {
-    /// Of the Gaussians that `keep` lets in; cells of `cell_m`.
-    pub(crate) fn new(gaussians: &Gaussians, cell_m: f32, keep: impl Fn(usize) -> bool) -> Self {
-        let mut cells: HashMap<IVec3, Vec<u32>> = HashMap::new();
-        for slot in gaussians.slots().filter(|&slot| keep(slot)) {
-            let cell = cell_of(gaussians.mean_m[slot], cell_m);
-            cells.entry(cell).or_default().push(slot as u32);
-        }
-        Self { cell_m, cells }
-    }
-
-    /// Slots within one cell's edge of `point_m`, in a fixed order.
-    pub(crate) fn within_cell(
-        &self,
-        gaussians: &Gaussians,
-        point_m: Vec3,
-        mut each: impl FnMut(usize),
-    ) {
-        let center = cell_of(point_m, self.cell_m);
-        for z in -1..=1 {
-            for y in -1..=1 {
-                for x in -1..=1 {
-                    let cell = center + IVec3::new(x, y, z);
-                    for &slot in self.cells.get(&cell).map_or(&[][..], Vec::as_slice) {
-                        let distance = gaussians.mean_m[slot as usize].distance(point_m);
-                        if distance <= self.cell_m {
-                            each(slot as usize);
-                        }
-                    }
-                }
-            }
-        }
-    }
-}
-
-fn cell_of(point_m: Vec3, cell_m: f32) -> IVec3 {
-    (point_m / cell_m).floor().as_ivec3()
-}
+use crate::neighbours::{Neighbours, Surroundings};
 
 /// Lays every published Gaussian along its neighbours: axes from the scatter of their means,
 /// weighted by strength, the shortest across the surface. `voxel_m` is the spacing they were born
@@ -57,18 +12,16 @@ fn cell_of(point_m: Vec3, cell_m: f32) -> IVec3 {
 pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     let published = |slot: usize| matches!(gaussians.verdict[slot], Verdict::Published(_));
     let neighbours = Neighbours::new(gaussians, 2.5 * voxel_m, published);
-    let mut shapes = Vec::new();
-    for slot in gaussians.slots().filter(|&slot| published(slot)) {
-        let scatter = scatter_around(gaussians, &neighbours, slot);
-        let (axes, variances_m2) = eigen(scatter);
+    let shapes = neighbours.map(|around| {
+        let (axes, variances_m2) = eigen(scatter_around(gaussians, around));
         let shortest = variances_m2.x.max(0.0).sqrt();
         let middle = variances_m2.y.max(0.0).sqrt();
         let thin = shortest.clamp(0.12 * voxel_m, 0.5 * voxel_m);
         let wide = middle.clamp(thin, 0.6 * voxel_m).max(0.3 * voxel_m);
         let scale = Vec3::new(thin, wide, 0.6 * voxel_m);
-        shapes.push((slot, Quat::from_mat3(&axes), scale));
-    }
-    for (slot, rotation, scale) in shapes {
+        (Quat::from_mat3(&axes), scale)
+    });
+    for (slot, (rotation, scale)) in shapes {
         let before = gaussians.scale_m[slot];
         let area = |s: Vec3| s.element_product() / s.min_element();
         gaussians.strength[slot].scale(area(before) / area(scale));
@@ -76,21 +29,41 @@ pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     }
 }
 
-fn scatter_around(gaussians: &Gaussians, neighbours: &Neighbours, slot: usize) -> Mat3 {
-    let center = gaussians.mean_m[slot];
+fn scatter_around(gaussians: &Gaussians, around: Surroundings<'_>) -> Mat3 {
+    let center = gaussians.mean_m[around.slot];
     let (mut weight, mut sum, mut scatter) = (0.0f32, Vec3::ZERO, Mat3::ZERO);
-    neighbours.within_cell(gaussians, center, |other| {
+    for other in around.slots() {
         let d = gaussians.mean_m[other] - center;
-        let w = gaussians.strength[other].strongest();
+        let w = gaussians.strongest(other);
         weight += w;
         sum += d * w;
         scatter += Mat3::from_cols(d * d.x, d * d.y, d * d.z) * w;
-    });
+    }
     if !(weight > 0.0) {
         return Mat3::ZERO;
     }
     let mean = sum / weight;
     scatter * weight.recip() - Mat3::from_cols(mean * mean.x, mean * mean.y, mean * mean.z)
+}
+
+/// Least eigenvalue of a symmetric matrix, by the cosine form of its cubic's roots.
+pub(crate) fn least_eigenvalue(matrix: &SymmetricMat3) -> f32 {
+    let (d, m) = (matrix.diagonal.as_dvec3(), matrix.mixed.as_dvec3());
+    let mean = d.element_sum() / 3.0;
+    let off = d - mean;
+    let spread = ((off.length_squared() + 2.0 * m.length_squared()) / 6.0).sqrt();
+    if !(spread > f64::EPSILON * mean.abs()) {
+        return mean as f32;
+    }
+    let columns = [
+        DVec3::new(off.x, m.z, m.y),
+        DVec3::new(m.z, off.y, m.x),
+        DVec3::new(m.y, m.x, off.z),
+    ];
+    let rest = DMat3::from_cols(columns[0], columns[1], columns[2]) * spread.recip();
+    let angle = (0.5 * rest.determinant()).clamp(-1.0, 1.0).acos() / 3.0;
+    let third = std::f64::consts::TAU / 3.0;
+    (mean + 2.0 * spread * (angle + third).cos()) as f32
 }
 
 /// Eigenvectors (right-handed, as columns) and eigenvalues in growing order, by Jacobi rotations.
@@ -150,6 +123,21 @@ mod tests {
         let rebuilt = axes * Mat3::from_diagonal(found) * axes.transpose();
         assert!(rebuilt.abs_diff_eq(matrix, 1e-5));
         assert!((axes.determinant() - 1.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn the_least_eigenvalue_is_that_of_the_rotations() {
+        for (x, y, z) in [(0.01, 0.2, 3.0), (1e-3, 1.0, 1.0), (2.0, 2.0, 2.0)] {
+            let turn = Mat3::from_quat(Quat::from_euler(glam::EulerRot::XYZ, 0.3, -1.1, 2.0));
+            let matrix = turn * Mat3::from_diagonal(Vec3::new(x, y, z)) * turn.transpose();
+            let packed = SymmetricMat3 {
+                diagonal: Vec3::new(matrix.x_axis.x, matrix.y_axis.y, matrix.z_axis.z),
+                mixed: Vec3::new(matrix.z_axis.y, matrix.z_axis.x, matrix.y_axis.x),
+            };
+            let least = least_eigenvalue(&packed);
+            assert!((least - x).abs() < 1e-6, "{least} is not {x}");
+        }
+        assert_eq!(least_eigenvalue(&SymmetricMat3::default()), 0.0);
     }
 
     #[test]

@@ -15,7 +15,8 @@ static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 pub(crate) fn start(arguments: &LoggingArguments) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
         EnvFilter::new(match arguments.verbose {
-            0 => "info,zenoh=error",
+            // A session that finds itself while it looks for others says so as an error.
+            0 => "info,zenoh=error,zenoh_transport::unicast::establishment=off",
             1 => "debug,zenoh=warn",
             _ => "trace,zenoh=info",
         })

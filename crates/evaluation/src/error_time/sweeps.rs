@@ -26,8 +26,8 @@ const KNOBS: [Knob; 5] = [
         values: &["150_000_000", "500_000_000", "6_000_000_000"],
     },
     Knob {
-        key: "pipeline.pairs_per_ping",
-        values: &["25_000", "50_000", "200_000", "400_000"],
+        key: "pipeline.looks_per_ping",
+        values: &["0.75", "1.5", "6.0", "12.0"],
     },
     Knob {
         key: "mapper.spawn_evidence",
@@ -35,7 +35,7 @@ const KNOBS: [Knob; 5] = [
     },
     Knob {
         key: "mapper.slice_pings",
-        values: &["2", "4", "16", "32"],
+        values: &["1", "2", "8"],
     },
 ];
 const RESOLUTION: &str = "mapper.resolution_m";

@@ -4,7 +4,7 @@ use echosplat_model::Snapshot;
 
 use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births};
 use crate::expectation::{localise, maximise, over_pings, pulls};
-use crate::gaussians::{Lobes, Verdict};
+use crate::gaussians::{Lobes, Sides, Verdict};
 use crate::history::{Past, every};
 use crate::parts::Extent;
 use crate::shape::align;
@@ -15,12 +15,14 @@ const EVEN_STRENGTH: f32 = 0.2;
 const FINISH_LOOKS_PER_PING: f64 = 7.5;
 /// A step of a finished dive looks at every so many-th ping.
 const INTERLEAVE: f64 = 8.0;
+/// Steps after which tails are let go.
+const ROUND_STEPS: usize = 4;
 /// Pairs of each Gaussian in one pass over a dive, beyond which more pings say nothing new.
 const ENOUGH_PAIRS: f64 = 12_000.0;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = FINISH_LOOKS_PER_PING;
 /// Steps of offset from one step to the next.
-const OFFSET_STRIDE: f64 = 5.0;
+pub(super) const OFFSET_STRIDE: f64 = 5.0;
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
 
@@ -37,15 +39,14 @@ impl Mapper {
         // Steps without end sharpen noise, so that a finished map starts even and stops early.
         let newborn = Lobes::even(EVEN_STRENGTH * self.unit_strength);
         self.gaussians.strength.fill(newborn);
+        self.gaussians.known.fill(Sides::default());
         // Nor may it depend on when the map was looked at.
         self.gaussians.verdict.fill(Verdict::ExplainedAway);
         let steps = self.config.finish_passes;
         // Few looks sort out most candidates; the rest is worth all of them.
         self.pairs_per_ping = self.count_pairs_per_ping();
-        self.interleaved_steps(steps, 4.0 * INTERLEAVE);
-        self.drop_tails(TAIL_PART);
-        self.interleaved_steps(steps, INTERLEAVE);
-        self.drop_tails(TAIL_PART);
+        self.sort_out(steps, 4.0 * INTERLEAVE);
+        self.sort_out(steps, INTERLEAVE);
         for _ in 0..2 {
             self.localise_every(2.0);
             self.interleaved_steps(steps / 3, INTERLEAVE);
@@ -53,16 +54,17 @@ impl Mapper {
         self.assess_every(2.0 * self.thinning());
         if self.at_work.splitting {
             self.split_confident();
-            self.interleaved_steps(steps / 3, INTERLEAVE);
+            self.interleaved_steps(steps / 5, INTERLEAVE);
             self.drop_tails(TAIL_PART);
             self.localise_every(2.0);
         }
         if self.at_work.anisotropy
             && let Some(world) = &self.world
         {
-            align(&mut self.gaussians, world.evidence.voxel_m());
+            let (gaussians, voxel_m) = (&mut self.gaussians, world.evidence.voxel_m());
+            self.pool.install(|| align(gaussians, voxel_m));
         }
-        self.interleaved_steps(steps / 3, INTERLEAVE);
+        self.interleaved_steps(steps / 8, INTERLEAVE);
         self.assess_every(2.0 * self.thinning());
         self.publish()
     }
@@ -124,6 +126,17 @@ impl Mapper {
         self.status.pairs += pairs;
         if looks > 0 {
             self.pairs_per_ping = pairs as f64 / looks as f64;
+        }
+    }
+
+    /// Steps in rounds, each of which lets go of what has become a tail.
+    fn sort_out(&mut self, steps: usize, interleave: f64) {
+        let mut left = steps;
+        while left > 0 {
+            let round = left.min(ROUND_STEPS);
+            self.interleaved_steps(round, interleave);
+            self.drop_tails(TAIL_PART);
+            left -= round;
         }
     }
 

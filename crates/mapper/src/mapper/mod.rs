@@ -3,6 +3,7 @@
 mod births;
 mod finish;
 mod published;
+mod running;
 mod splitting;
 
 use echosplat_acoustics::{Look, SymmetricMat3};
@@ -11,7 +12,7 @@ use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 
-use crate::assess::{assess, tails};
+use crate::assess::{Rule, findings, judge, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, maximise};
 use crate::gaussians::{Gaussians, Verdict};
@@ -20,6 +21,7 @@ use crate::parts::{AtWork, Cue, Cues, Extent, LeftOut, MapCues, decide};
 use crate::profile::Levels;
 use crate::seabed::Seabed;
 use crate::{ConfigError, MapperConfig};
+use running::Running;
 
 /// Half the beam's width at the far end is resolved; voxels stay within these bounds.
 const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
@@ -38,6 +40,8 @@ const LEAST_PAIRS_PER_LOOK: u64 = 1000;
 /// A running map lets go of tails after so many steps, and of that judgement when it has seen
 /// twice as many pings.
 const STEPS_BETWEEN_DROPS: usize = 8;
+/// On the pings' clock, a slice does not wait longer than this to be complete.
+const LONGEST_SLICE_S: f64 = 0.1;
 /// Pings asked whether they see the newest echo, within so far of its middle.
 const RETURN_SAMPLE: usize = 256;
 const RETURN_RADIUS_M: f32 = 2.0;
@@ -45,8 +49,6 @@ const RETURN_RADIUS_M: f32 = 2.0;
 const LIFTED_PART: f32 = 0.8;
 /// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
 const LEAST_NOVELTY: f32 = 0.5;
-/// Most pings a running assessment looks at.
-const ASSESSED_PINGS: usize = 768;
 /// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
 /// disturb what explains the echo already, and is raised by what it explains.
 const NEWBORN_STRENGTH: f32 = 0.02;
@@ -145,6 +147,7 @@ pub struct Mapper {
     bars_lifted_at: usize,
     sequence: u64,
     unit_strength: f32,
+    running: Running,
     /// As of the last work done.
     pairs_per_ping: f64,
     cues: Cues,
@@ -185,6 +188,7 @@ impl Mapper {
             bars_lifted_at: 0,
             sequence: 0,
             unit_strength: 0.0,
+            running: Running::default(),
             pairs_per_ping: 0.0,
             cues: Cues::default(),
             at_work,
@@ -208,17 +212,26 @@ impl Mapper {
             self.status.pings_deaf += 1;
             return InsertReport::default();
         };
+        let time = past.time;
         if past.weight < self.least_novelty() {
             self.status.pings_redundant += 1;
-            return InsertReport::default();
+        } else {
+            self.last_look = Some(past.look);
+            self.history.push(past);
+            self.pending += 1;
         }
-        self.last_look = Some(past.look);
-        self.history.push(past);
-        self.pending += 1;
-        if self.pending < self.config.slice_pings {
-            return InsertReport::default();
+        if self.pending == self.config.slice_pings || self.is_slice_overdue(time) {
+            return self.take_in_slice();
         }
-        self.take_in_slice()
+        InsertReport::default()
+    }
+
+    /// Whether the first ping that waits for a slice has waited long enough.
+    fn is_slice_overdue(&self, now: Timestamp) -> bool {
+        let pings = self.history.pings();
+        let first = pings.len() - self.pending.min(pings.len());
+        let waited_s = pings.get(first).map(|past| now.seconds_since(past.time));
+        waited_s.is_some_and(|waited_s| waited_s > LONGEST_SLICE_S)
     }
 
     /// What a ping must say that the last one taken in did not.
@@ -372,10 +385,15 @@ impl Mapper {
         pairs.max(looks * LEAST_PAIRS_PER_LOOK)
     }
 
+    /// What one look at a ping takes of a budget, as of the last work done.
+    #[must_use]
+    pub fn pairs_per_look(&self) -> f64 {
+        self.pairs_per_ping.max(LEAST_PAIRS_PER_LOOK as f64)
+    }
+
     /// The map as it stands. Looking at it leaves no trace in what [`Mapper::finish`] gives.
     pub fn snapshot(&mut self) -> Snapshot {
-        let pings = self.history.pings().len();
-        self.assess_every((pings as f64 / ASSESSED_PINGS as f64).max(1.0));
+        self.judge_running();
         self.publish()
     }
 
@@ -386,6 +404,14 @@ impl Mapper {
             floor: self.floor(),
             is_blurred: false,
             at_work: self.at_work,
+        }
+    }
+
+    /// What is asserted has to stand however far the poses may be off.
+    fn blurred_scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
+        Scene {
+            is_blurred: true,
+            ..self.scene(world)
         }
     }
 
@@ -440,22 +466,27 @@ impl Mapper {
     /// Lets go of candidates below `part` of their strongest neighbour.
     fn drop_tails(&mut self, part: f32) {
         let Some(world) = &mut self.world else { return };
-        for slot in tails(&self.gaussians, world.evidence.voxel_m(), part) {
+        let (gaussians, voxel_m) = (&self.gaussians, world.evidence.voxel_m());
+        for slot in self.pool.install(|| tails(gaussians, voxel_m, part)) {
             let (block, voxel) = self.gaussians.home[slot];
             world.evidence.block_mut(block).bar(voxel, slot as u32);
             self.gaussians.remove(slot as u32);
         }
     }
 
+    /// Verdicts by every `stride`-th ping remembered, as if by all.
     fn assess_every(&mut self, stride: f64) {
-        let (floor, at_work) = (self.floor(), self.at_work);
         let Some(world) = &self.world else { return };
         let pings = every(self.history.pings(), 0.0, stride);
-        let (evidence, gaussians) = (&world.evidence, &mut self.gaussians);
-        let config = &self.config;
-        self.status.pairs += self
-            .pool
-            .install(|| assess(evidence, gaussians, &pings, stride, floor, at_work, config));
+        let scene = self.blurred_scene(world);
+        let rule = Rule::of(&scene, &self.config);
+        let (findings, pairs) = self.pool.install(|| findings(scene, &pings, rule));
+        self.status.pairs += pairs;
+        let voxel_m = world.evidence.voxel_m();
+        let finding_of = |slot: usize| Some(findings[slot].times(stride as f32));
+        let (gaussians, config) = (&mut self.gaussians, &self.config);
+        self.pool
+            .install(|| judge(gaussians, finding_of, voxel_m, config));
         self.doubt_underground();
     }
 

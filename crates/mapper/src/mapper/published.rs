@@ -26,7 +26,7 @@ pub(super) fn published(gaussians: &Gaussians, unit: f32) -> Vec<Gaussian> {
             let Verdict::Published(standing) = gaussians.verdict[slot] else {
                 return None;
             };
-            let product = (gaussians.strength[slot].strongest() / unit).clamp(1e-12, 1.0);
+            let product = (gaussians.strongest(slot) / unit).clamp(1e-12, 1.0);
             let gaussian = Gaussian {
                 id: gaussians.id[slot],
                 mean_m: gaussians.mean_m[slot],

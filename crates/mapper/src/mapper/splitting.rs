@@ -31,6 +31,7 @@ impl Mapper {
         let quarter_m = 0.25 * world.evidence.voxel_m();
         let (home, mean_m) = (gaussians.home[slot], gaussians.mean_m[slot]);
         let mut strength = gaussians.strength[slot];
+        let known = gaussians.known[slot];
         strength.scale(PART_OF_STRENGTH);
         let block = world.evidence.block_mut(home.0);
         for corner in 0..8_u32 {
@@ -46,6 +47,7 @@ impl Mapper {
             gaussians.home_m[part] = at_m;
             gaussians.set_shape(part, Quat::IDENTITY, Vec3::splat(quarter_m));
             gaussians.strength[part] = strength;
+            gaussians.known[part] = known;
             gaussians.part[part] = PART_OF_INFORMATION;
             gaussians.verdict[part] = Verdict::Published(Standing::Confident);
         }

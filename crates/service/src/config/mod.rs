@@ -133,7 +133,9 @@ impl MountConfig {
 pub(crate) struct PipelineConfig {
     /// Pings between the sonar's thread and the mapper's.
     pub(crate) queue_pings: usize,
-    /// Gaussian–bin pairs of optimisation each ping allows.
+    /// Pings looked at again for each new one.
+    pub(crate) looks_per_ping: f64,
+    /// Gaussian–bin pairs of optimisation each ping allows at most.
     pub(crate) pairs_per_ping: u64,
     /// Time between two published states of the map, on the pings' clock.
     pub(crate) snapshot_interval_s: f64,
@@ -145,8 +147,9 @@ impl Default for PipelineConfig {
     fn default() -> Self {
         Self {
             queue_pings: 256,
-            pairs_per_ping: 25_000,
-            snapshot_interval_s: 0.2,
+            looks_per_ping: 3.0,
+            pairs_per_ping: 200_000,
+            snapshot_interval_s: 0.05,
             hold_back_every: 0,
         }
     }
@@ -306,6 +309,7 @@ impl PipelineConfig {
             1.0,
             65_536.0,
         )?;
+        within("pipeline.looks_per_ping", self.looks_per_ping, 0.0, 1e6)?;
         within(
             "pipeline.pairs_per_ping",
             self.pairs_per_ping as f64,

@@ -11,11 +11,14 @@ const KEPT: usize = 4096;
 /// Pings on their way, and how long those before them took.
 #[derive(Debug, Default)]
 pub(crate) struct Latency {
-    under_way: VecDeque<Instant>,
+    /// Arrivals of pings that no map holds yet.
+    unmapped: VecDeque<Instant>,
+    /// Arrivals of pings that a map holds which is not sent yet, with its sequence.
+    unsent: VecDeque<(u64, Instant)>,
     seconds: VecDeque<f32>,
 }
 
-/// Seconds from a ping's arrival to the map that holds it being handed to the publisher.
+/// Seconds from a ping's arrival to the first message of the map that holds it.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
 pub(crate) struct LatencyReport {
     pub(crate) p50: f32,
@@ -28,12 +31,19 @@ pub(crate) struct LatencyReport {
 impl Latency {
     /// A ping arrived and goes into the map. Beyond 4096 the oldest is no longer measured.
     pub(crate) fn arrived(&mut self, at: Instant) {
-        push_bounded(&mut self.under_way, at);
+        push_bounded(&mut self.unmapped, at);
     }
 
-    /// A map that holds all of them is handed on.
-    pub(crate) fn published(&mut self, now: Instant) {
-        for at in self.under_way.drain(..) {
+    /// A map that holds all of them is to be sent.
+    pub(crate) fn offered(&mut self, sequence: u64) {
+        for at in self.unmapped.drain(..) {
+            push_bounded(&mut self.unsent, (sequence, at));
+        }
+    }
+
+    /// Maps up to this one are on their way since `now`.
+    pub(crate) fn published(&mut self, through: u64, now: Instant) {
+        while let Some((_, at)) = self.unsent.pop_front_if(|(sequence, _)| *sequence <= through) {
             let took: Duration = now.saturating_duration_since(at);
             push_bounded(&mut self.seconds, took.as_secs_f32());
         }
@@ -75,8 +85,12 @@ mod tests {
         for i in 0..100 {
             latency.arrived(begin + Duration::from_millis(i));
         }
+        latency.published(7, begin + Duration::from_millis(100));
         assert_eq!(latency.report().measured, 0);
-        latency.published(begin + Duration::from_millis(100));
+        latency.offered(8);
+        latency.published(7, begin + Duration::from_millis(100));
+        assert_eq!(latency.report().measured, 0);
+        latency.published(8, begin + Duration::from_millis(100));
         let report = latency.report();
         assert_eq!(report.measured, 100);
         assert!((report.p50 - 0.051).abs() < 1e-4);
@@ -90,7 +104,8 @@ mod tests {
         for _ in 0..3 * KEPT {
             latency.arrived(now);
         }
-        latency.published(now);
+        latency.offered(1);
+        latency.published(1, now);
         assert_eq!(latency.report().measured, KEPT);
     }
 }

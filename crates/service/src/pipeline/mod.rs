@@ -147,6 +147,7 @@ fn start_worker(
         gate: feed.gate,
         outlet: feed.outlet,
         shared: Arc::clone(shared),
+        looks_per_ping: config.pipeline.looks_per_ping,
         pairs_per_ping: config.pipeline.pairs_per_ping,
         snapshot_interval_s: config.pipeline.snapshot_interval_s,
         hold_back_every: config.pipeline.hold_back_every,

@@ -1,8 +1,9 @@
 //! Where pings and maps go from the mapper's thread: nothing here waits for anyone.
 
 use std::sync::Arc;
+use std::time::Instant;
 
-use echosplat_bus::{Bus, MapPublisher};
+use echosplat_bus::{Bus, MapPublisher, Sent};
 use echosplat_model::Snapshot;
 
 use crate::clock;
@@ -72,6 +73,7 @@ pub(crate) struct Outlet {
     /// Names this run's map; put on every snapshot.
     epoch: u64,
     next_observation_s: f64,
+    made: Option<Sent>,
 }
 
 impl Outlet {
@@ -86,6 +88,7 @@ impl Outlet {
             next_observation_s: observer.as_ref().map_or(0.0, |o| o.schedule.first()),
             observer,
             epoch: 0,
+            made: None,
         }
     }
 
@@ -106,6 +109,14 @@ impl Outlet {
         self.observer.is_some() && dive_s >= self.next_observation_s
     }
 
+    /// The newest map on its way to subscribers; where there are none, the newest made.
+    pub(crate) fn sent(&self) -> Option<Sent> {
+        match &self.publisher {
+            Some(publisher) => publisher.sent(),
+            None => self.made,
+        }
+    }
+
     /// Publishes a map, and shows it to the observer when it is time.
     pub(crate) fn map(&mut self, mut snapshot: Snapshot, moment: Moment) -> Arc<Snapshot> {
         snapshot.epoch = self.epoch;
@@ -113,6 +124,10 @@ impl Outlet {
         if let Some(publisher) = &self.publisher {
             publisher.offer(Arc::clone(&snapshot));
         }
+        self.made = Some(Sent {
+            sequence: snapshot.sequence,
+            at: Instant::now(),
+        });
         let is_due = self.is_observation_due(moment.dive_s);
         if let Some(observer) = self.observer.as_mut().filter(|_| is_due) {
             self.next_observation_s = observer.schedule.after(moment.dive_s);

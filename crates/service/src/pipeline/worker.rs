@@ -45,6 +45,7 @@ pub(crate) struct Worker {
     pub(crate) gate: Gate,
     pub(crate) outlet: Outlet,
     pub(crate) shared: Arc<Shared>,
+    pub(crate) looks_per_ping: f64,
     pub(crate) pairs_per_ping: u64,
     pub(crate) snapshot_interval_s: f64,
     /// Every so many-th ping is kept from the map; 0 for none.
@@ -146,16 +147,23 @@ impl Worker {
         if inserted.rejected {
             return self.state.report.pings_rejected += 1;
         }
+        let looks = self.looks_per_ping * self.mapper.pairs_per_look();
+        let allowed = self.pairs_per_ping.min(looks as u64);
         let state = &mut self.state;
         state.report.pings_mapped += 1;
         state.latency.arrived(arrived);
-        state.credit_pairs = state
-            .credit_pairs
-            .saturating_add_unsigned(self.pairs_per_ping);
+        state.credit_pairs = state.credit_pairs.saturating_add_unsigned(allowed);
         if inserted.slice_taken_in {
             self.optimize();
         }
-        self.publish_if_due(posed.ping.transmit_time());
+        self.publish_if_due(posed.ping.transmit_time(), inserted.slice_taken_in);
+        self.note_published();
+    }
+
+    fn note_published(&mut self) {
+        if let Some(sent) = self.outlet.sent() {
+            self.state.latency.published(sent.sequence, sent.at);
+        }
     }
 
     /// One step if the pings so far allow it; what it takes beyond that is owed. Spread over the
@@ -172,13 +180,14 @@ impl Worker {
     }
 
     /// A map is made when the pings' clock and the wall's both say so: a dive that is replayed
-    /// fast does not make more maps than anybody can look at. What is made live leaves no trace
-    /// in the finished map.
-    fn publish_if_due(&mut self, time: Timestamp) {
+    /// fast does not make more maps than anybody can look at. Only a slice taken in can have changed
+    /// it. What is made live leaves no trace in the finished map.
+    fn publish_if_due(&mut self, time: Timestamp, has_changed: bool) {
         let state = &mut self.state;
         let first = *state.first_ping.get_or_insert(time);
         let dive_s = time.seconds_since(first);
-        let is_due = dive_s >= state.next_snapshot_s && Instant::now() >= state.next_snapshot_at;
+        let is_time = dive_s >= state.next_snapshot_s && Instant::now() >= state.next_snapshot_at;
+        let is_due = has_changed && is_time;
         if !is_due && !self.outlet.is_observation_due(dive_s) {
             return;
         }
@@ -206,7 +215,7 @@ impl Worker {
             pings: self.mapper.status().pings,
         };
         let snapshot = self.outlet.map(snapshot, moment);
-        self.state.latency.published(Instant::now());
+        self.state.latency.offered(snapshot.sequence);
         self.state.report.snapshots += 1;
         self.state.report.dive_s = dive_s;
         snapshot
