@@ -1,6 +1,8 @@
 //! What the map asserts: a Gaussian is surface only if its surroundings explain most of its
 //! echoes and the looks fix its position; else it is ambiguous, or explained away by others.
 
+use std::f32::consts::PI;
+
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::Standing;
 use echosplat_model::glam::Vec3;
@@ -9,8 +11,8 @@ use crate::MapperConfig;
 use crate::expectation::{Pull, Scene, Sum, over_pings};
 use crate::gaussians::{Gaussians, Verdict};
 use crate::history::Past;
-use crate::shade::Shade;
 use crate::neighbours::Neighbours;
+use crate::shade::Shade;
 use crate::shape::least_eigenvalue;
 use crate::tally::Tally;
 use crate::visibility::{Moments, Row, Sight};
@@ -34,6 +36,9 @@ const LEAST_RIVALRY: f32 = 0.15;
 const LEAST_STRENGTH: f32 = 0.12;
 /// How far around.
 const PEAK_VOXELS: f32 = 2.5;
+
+/// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
+const FAN_REACH: f32 = 1.3;
 
 /// Least number of whole confident Gaussians within so many voxels, itself included. Wide rather
 /// than near: a glinting rod shows here and there along its whole length.
@@ -205,9 +210,7 @@ fn whole_strength(gaussians: &Gaussians) -> f32 {
     let confident = gaussians
         .slots()
         .filter(|&s| gaussians.verdict[s] == CONFIDENT);
-    let mut strengths: Vec<f32> = confident
-        .map(|slot| gaussians.strongest(slot))
-        .collect();
+    let mut strengths: Vec<f32> = confident.map(|slot| gaussians.strongest(slot)).collect();
     if strengths.is_empty() {
         return f32::INFINITY;
     }
@@ -306,12 +309,13 @@ struct Arcs {
 }
 
 impl Arcs {
-    /// Steps of `step_m` over the whole half-circle of the farthest bin.
+    /// Steps of `step_m` over the arc of the farthest bin as far as the fan reaches.
     fn fill(&mut self, sight: &Sight, past: &Past, step_m: f32) {
         let look = &past.look;
         let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
         self.steps_per_m = step_m.recip();
-        self.steps = (3.2 * end_m * self.steps_per_m) as usize + 5;
+        let width_rad = 2.0 * FAN_REACH * look.beam.elevation_half_width_rad();
+        self.steps = (width_rad.min(PI) * end_m * self.steps_per_m) as usize + 5;
         self.energy.clear();
         self.energy
             .resize(self.steps * look.bin_count as usize, 0.0);

@@ -48,9 +48,8 @@ impl Surroundings<'_> {
     /// Slots within reach in a fixed order, its own among them.
     pub(crate) fn slots(&self) -> impl Iterator<Item = usize> + '_ {
         let reach_m2 = self.reach_m * self.reach_m;
-        let is_near = move |place: &&Place| {
-            place.mean_m.distance_squared(self.center_m) <= reach_m2
-        };
+        let is_near =
+            move |place: &&Place| place.mean_m.distance_squared(self.center_m) <= reach_m2;
         self.near.iter().filter(is_near).map(|place| place.slot)
     }
 }

@@ -15,6 +15,8 @@ const EVEN_STRENGTH: f32 = 0.2;
 const FINISH_LOOKS_PER_PING: f64 = 7.5;
 /// A step of a finished dive looks at every so many-th ping.
 const INTERLEAVE: f64 = 8.0;
+/// The last assessment looks at every so many-th ping.
+const LAST_STRIDE: f64 = 3.0;
 /// Steps after which tails are let go.
 const ROUND_STEPS: usize = 4;
 /// Pairs of each Gaussian in one pass over a dive, beyond which more pings say nothing new.
@@ -65,7 +67,7 @@ impl Mapper {
             self.pool.install(|| align(gaussians, voxel_m));
         }
         self.interleaved_steps(steps / 8, INTERLEAVE);
-        self.assess_every(2.0 * self.thinning());
+        self.assess_every(LAST_STRIDE * self.thinning());
         self.publish()
     }
 

@@ -25,7 +25,7 @@ use onset::Runs;
 /// Every so many-th ping is asked for the ground; those between show the same of it.
 const STRIDE: u32 = 4;
 /// The same after so many pings in a row that showed none.
-const IDLE_STRIDE: u32 = 32;
+const IDLE_STRIDE: u32 = 128;
 const IDLE_AFTER: u32 = 64;
 /// The ground is there once so many pings showed it, and this share of those that could.
 const LEAST_SHOWN: u32 = 24;
