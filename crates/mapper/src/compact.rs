@@ -1,41 +1,60 @@
 //! What is remembered of a ping's bins, small: a dive has tens of thousands of pings.
 
+use std::sync::LazyLock;
+
 use crate::profile::BinState;
 
-/// Powers as bfloat16, the upper halves of their f32, rounded to nearest even: within 0.4 %, far
-/// below speckle.
+/// Decibels from one code to the next: rounding to them errs by 2 %, far below speckle.
+const STEP_DB: f32 = 0.3;
+/// Code of the top.
+const TOP: u8 = u8::MAX;
+
+/// Powers as decibels below a top, a byte each; what is 76 dB below it or more is none.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct Powers(Box<[u16]>);
+pub(crate) struct Powers {
+    top: f32,
+    codes: Box<[u8]>,
+}
+
+/// Power of each code, for a top of 1.
+static POWERS: LazyLock<[f32; 256]> = LazyLock::new(|| {
+    std::array::from_fn(|code| match code {
+        0 => 0.0,
+        _ => 10f32.powf(0.1 * STEP_DB * (code as f32 - f32::from(TOP))),
+    })
+});
 
 impl Powers {
-    pub(crate) fn of(powers: &[f32]) -> Self {
-        Self(powers.iter().map(|&power| upper_half(power)).collect())
+    /// Of finite powers, not negative; those above `top` count as it.
+    pub(crate) fn of(powers: &[f32], top: f32) -> Self {
+        let steps_per_octave = 10.0 * std::f32::consts::LOG10_2 / STEP_DB;
+        let code = |&power: &f32| {
+            let below = (power / top).log2() * steps_per_octave;
+            // Nothing at all, or no top, is code 0: casts saturate, and nothing that is no number
+            // is more.
+            (f32::from(TOP) + below).round() as u8
+        };
+        Self {
+            top,
+            codes: powers.iter().map(code).collect(),
+        }
     }
 
     pub(crate) fn len(&self) -> usize {
-        self.0.len()
+        self.codes.len()
     }
 
     #[cfg(test)]
     pub(crate) fn at(&self, bin: usize) -> f32 {
-        whole(self.0[bin])
+        self.top * POWERS[usize::from(self.codes[bin])]
     }
 
     pub(crate) fn iter(&self) -> impl ExactSizeIterator<Item = f32> + '_ {
-        self.0.iter().map(|&half| whole(half))
+        let powers = &*POWERS;
+        self.codes
+            .iter()
+            .map(|&code| self.top * powers[usize::from(code)])
     }
-}
-
-/// Rounded to nearest even, and never up to infinity. Powers are finite and not negative.
-fn upper_half(power: f32) -> u16 {
-    const GREATEST: u32 = 0x7f7f;
-    let bits = power.to_bits();
-    let rounded = (bits + 0x7fff + (bits >> 16 & 1)) >> 16;
-    rounded.min(GREATEST) as u16
-}
-
-fn whole(half: u16) -> f32 {
-    f32::from_bits(u32::from(half) << 16)
 }
 
 /// What bins say, four to a byte.
@@ -74,16 +93,25 @@ mod tests {
     use super::*;
 
     #[test]
-    fn powers_are_rounded_to_nearest_even_and_stay_finite() {
-        let one_step = 1.0 / 128.0;
-        let given = [1.0 + 0.5 * one_step, 1.0 + 1.5 * one_step, 0.3, 1e-20];
-        let powers = Powers::of(&given);
-        let errors = [0, 1, 2, 3].map(|bin| powers.at(bin) / given[bin] - 1.0);
-        assert!(errors.iter().all(|error| error.abs() < 0.004), "{errors:?}");
-        let back: Vec<u32> = powers.iter().map(f32::to_bits).collect();
-        assert_eq!(back[..2], [1.0f32, 1.0 + 2.0 * one_step].map(f32::to_bits));
-        let ends = Powers::of(&[0.0, f32::MAX]);
-        assert!(ends.at(0).abs() < f32::MIN_POSITIVE && ends.at(1).is_finite());
+    fn powers_come_back_within_a_step_whatever_their_scale() {
+        for scale in [1e-30f32, 1.0, 1e30] {
+            let given = [1.0, 0.9, 0.3, 1e-3, 2e-7].map(|power| power * scale);
+            let powers = Powers::of(&given, scale);
+            for (bin, power) in given.iter().enumerate() {
+                let error = powers.at(bin) / power - 1.0;
+                assert!(error.abs() < 0.036, "{error} of {power}");
+            }
+            assert!(powers.iter().eq((0..5).map(|bin| powers.at(bin))));
+        }
+    }
+
+    #[test]
+    fn the_top_holds_what_is_above_and_nothing_stays_nothing() {
+        let powers = Powers::of(&[0.0, 1e-9, 7.0, f32::MAX], 1.0);
+        let back: Vec<f32> = powers.iter().collect();
+        assert_eq!(back, [0.0, 0.0, 1.0, 1.0]);
+        let silent = Powers::of(&[0.0, 0.0], 0.0);
+        assert!(silent.iter().all(|power| power == 0.0));
     }
 
     #[test]

@@ -5,9 +5,12 @@
 //!
 //! Cost of a pass: pings × Gaussians in a slice (about 100) × bins of a splat (about 12).
 
+use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
-use rayon::prelude::*;
 
 use crate::evidence::Evidence;
 use crate::field::Field;
@@ -46,6 +49,36 @@ impl Sum for () {
     fn join(&mut self, (): &Self) {}
 }
 
+/// Sums of chunks, added in their order as they come. All at once would take more room than the map.
+struct InOrder<T> {
+    sums: Vec<T>,
+    pairs: u64,
+    next: usize,
+    waiting: BTreeMap<usize, (Tally<T>, u64)>,
+}
+
+impl<T: Sum> InOrder<T> {
+    fn new(slot_count: usize) -> Self {
+        Self {
+            sums: vec![T::default(); slot_count],
+            pairs: 0,
+            next: 0,
+            waiting: BTreeMap::new(),
+        }
+    }
+
+    fn add(&mut self, chunk: usize, part: (Tally<T>, u64)) {
+        self.waiting.insert(chunk, part);
+        while let Some((tally, pairs)) = self.waiting.remove(&self.next) {
+            for (slot, sum) in tally.sums() {
+                self.sums[slot].join(sum);
+            }
+            self.pairs += pairs;
+            self.next += 1;
+        }
+    }
+}
+
 /// Runs `each` over every ping's sight, in chunks with a scratch space `W` each; gives the sums per
 /// slot, added in the chunks' order, and pairs done.
 pub(crate) fn over_pings<T: Sum, W: Default>(
@@ -56,27 +89,30 @@ pub(crate) fn over_pings<T: Sum, W: Default>(
     let slot_count = scene.gaussians.slot_count();
     let field = Field::of(scene.evidence, scene.gaussians);
     let chunk = pings.len().div_ceil(CHUNKS).max(32);
-    let parts: Vec<(Tally<T>, u64)> = pings
-        .par_chunks(chunk)
-        .map(|chunk| {
-            let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
-            let (mut sight, mut pairs) = (Sight::default(), 0);
-            for past in chunk {
-                sight.look(past, scene, &field);
-                each(&mut tally, &mut scratch, past, &sight);
-                pairs += sight.pair_count();
-            }
-            (tally, pairs)
-        })
-        .collect();
-    let (mut total, mut pairs) = (vec![T::default(); slot_count], 0);
-    for (part, part_pairs) in parts {
-        for (slot, sum) in part.sums() {
-            total[slot].join(sum);
+    let of_chunk = |chunk: &[&Past]| {
+        let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
+        let (mut sight, mut pairs) = (Sight::default(), 0);
+        for past in chunk {
+            sight.look(past, scene, &field);
+            each(&mut tally, &mut scratch, past, &sight);
+            pairs += sight.pair_count();
         }
-        pairs += part_pairs;
-    }
-    (total, pairs)
+        (tally, pairs)
+    };
+    let chunks: Vec<&[&Past]> = pings.chunks(chunk).collect();
+    let (next, total) = (AtomicUsize::new(0), Mutex::new(InOrder::new(slot_count)));
+    rayon::broadcast(|_| {
+        let take = || next.fetch_add(1, Ordering::Relaxed);
+        let mut index = take();
+        while let Some(chunk) = chunks.get(index) {
+            let part = of_chunk(chunk);
+            let mut total = total.lock().unwrap_or_else(PoisonError::into_inner);
+            total.add(index, part);
+            index = take();
+        }
+    });
+    let total = total.into_inner().unwrap_or_else(PoisonError::into_inner);
+    (total.sums, total.pairs)
 }
 
 /// Numerator and denominator of the multiplicative step, per side.

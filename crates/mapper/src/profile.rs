@@ -95,7 +95,7 @@ impl Profile {
         }
         self.echoes = echoes.into();
         self.state = States::of(&states);
-        self.ground = Powers::of(&ground.expected);
+        self.ground = Powers::of(&ground.expected, greatest(&ground.expected));
     }
 }
 
@@ -141,8 +141,10 @@ impl Levels {
         let settings = ping.settings();
         let bin_length_m = settings.bin_length_m();
         let blank = blank_bins(ping, config.blanking_m);
+        let open = &ping.intensity()[blank..];
+        let peak = greatest(open);
         let mut profile = Profile {
-            intensity: Powers::of(ping.intensity()),
+            intensity: Powers::of(ping.intensity(), peak),
             state: States::of(&vec![BinState::Blank; settings.bin_count]),
             echoes: Box::default(),
             noise: self.noise.unwrap_or(f32::MIN_POSITIVE),
@@ -151,10 +153,8 @@ impl Levels {
             blank,
             widen: (tolerance_m / bin_length_m).ceil() as usize,
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
-            ground: Powers::of(&[]),
+            ground: Powers::default(),
         };
-        let open = &ping.intensity()[blank..];
-        let peak = open.iter().copied().fold(0.0, f32::max);
         if is_clipped(open) || open.is_empty() || self.is_wild(peak) {
             // No evidence of anything, and nothing is learnt from it.
             return profile;
@@ -209,10 +209,15 @@ impl Levels {
     }
 }
 
+/// The greatest power; 0 of none.
+fn greatest(powers: &[f32]) -> f32 {
+    powers.iter().copied().fold(0.0, f32::max)
+}
+
 /// Whether a quarter of the bins or more hold the very same largest power: a receiver at its stop,
 /// or a scale without a span. Silence is not: there is nothing to be heard.
 fn is_clipped(open: &[f32]) -> bool {
-    let peak = open.iter().copied().fold(0.0, f32::max);
+    let peak = greatest(open);
     let at_peak = open.iter().filter(|&&power| power >= peak).count();
     peak > 0.0 && open.len() > 1 && 4 * at_peak >= open.len()
 }
