@@ -114,6 +114,10 @@ impl<T> Thinned<T> {
         self.kept.push(make());
     }
 
+    pub(crate) fn kept(&self) -> &[T] {
+        &self.kept
+    }
+
     pub(crate) fn into_kept(self) -> Vec<T> {
         self.kept
     }

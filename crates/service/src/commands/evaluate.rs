@@ -5,7 +5,6 @@ use std::path::Path;
 use echosplat_evaluation::held_back::{HeldBack, Pair, is_held_back, score};
 use echosplat_evaluation::report::{Column, Panel, SonarImage};
 use echosplat_evaluation::{MapPoints, MapRenderer, evaluate, table};
-use echosplat_mapper::look_of;
 use echosplat_model::PosedPing;
 use echosplat_recording::ply::MapFile;
 use serde_json::{Map, Value};
@@ -15,6 +14,7 @@ use crate::commands::render::write_picture;
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
 use crate::logs::{self, Thinned};
+use crate::pipeline::{blank_bins, is_fitted_on, pair_of};
 use crate::{logging, maps, truth};
 
 /// Most held-back pings scored, and most others the fit is made on.
@@ -88,7 +88,7 @@ fn rendered(
         let render = || render(&mut renderer, &posed, at_s, config);
         if is_held_back(sequence, every) {
             held.push(render);
-        } else if sequence % every == (every - 1) / 2 {
+        } else if is_fitted_on(sequence, every) {
             fit.push(render);
         }
     })?;
@@ -105,19 +105,12 @@ pub(super) fn render(
     config: &Config,
 ) -> Rendered {
     let settings = posed.ping.settings();
-    let look = look_of(posed, renderer.origin_m(), &config.mapper);
-    let blank_m = config.mapper.blanking_m - settings.range_start_m;
-    let blank = (blank_m / settings.bin_length_m()).ceil().max(0.0) as usize;
-    let blank = blank.min(settings.bin_count);
-    let range_start_m = settings.bin_edge_m(blank);
+    let range_start_m = settings.bin_edge_m(blank_bins(settings, &config.mapper));
     Rendered {
         at_s,
         range_start_m,
         range_length_m: settings.range_end_m() - range_start_m,
-        pair: Pair {
-            measured: posed.ping.intensity()[blank..].to_vec(),
-            rendered: renderer.ping(&look)[blank..].to_vec(),
-        },
+        pair: pair_of(renderer, posed, &config.mapper),
     }
 }
 

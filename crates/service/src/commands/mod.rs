@@ -48,7 +48,20 @@ pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
 /// A line of live figures on a terminal.
 fn show_figures() -> OnStatus {
     let figures = logging::figures_line();
+    let mut said_s = None;
     Box::new(move |status| {
+        let prediction = status.report.prediction;
+        // A line for each moment: on a terminal or not, error against time can be read.
+        if let Some(found) =
+            prediction.filter(|found| said_s.replace(found.dive_s) != Some(found.dive_s))
+        {
+            tracing::info!(
+                "{:.0} s: {:+.4} nats per bin above a constant on {} held-back pings",
+                found.dive_s,
+                found.gain_per_bin,
+                found.pings
+            );
+        }
         figures.set_message(format!(
             "{:.1} s · {} pings, {:.0}/s · {} + {} Gaussians",
             status.report.dive_s,

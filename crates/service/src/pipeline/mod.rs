@@ -7,6 +7,7 @@ mod latency;
 mod mapping;
 mod outlet;
 mod poses;
+mod prediction;
 mod shared;
 mod status;
 mod worker;
@@ -34,6 +35,8 @@ pub(crate) use mapping::Mapping;
 use outlet::Outlet;
 pub(crate) use outlet::{Observed, Observer, Schedule};
 pub(crate) use poses::{Patience, Poses};
+use prediction::Prediction;
+pub(crate) use prediction::{blank_bins, is_fitted_on, pair_of};
 use shared::Shared;
 pub(crate) use shared::{Phase, Work};
 use status::RateMeter;
@@ -184,7 +187,12 @@ impl Run {
             None => (None, None),
         };
         let mut hooks = setup.hooks;
+        let prediction = match config.pipeline.hold_back_every {
+            0 => None,
+            every => Some(Prediction::start(every, config.mapper.clone())?),
+        };
         let outlet = Outlet::new(setup.bus.clone(), publisher.clone(), hooks.observer.take());
+        let outlet = outlet.predicting(prediction);
         let (sender, events) = bounded(config.pipeline.queue_pings);
         let drivers = Drivers::start(setup.drivers, setup.recorder.as_ref(), sender)?;
         let feed = Feed {

@@ -4,8 +4,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use echosplat_bus::{Bus, MapPublisher, Sent};
-use echosplat_model::Snapshot;
+use echosplat_model::{PosedPing, Snapshot};
 
+use super::prediction::{Predicted, Prediction};
 use crate::clock;
 
 /// When in the dive a map was made, and what had been spent on it.
@@ -74,6 +75,7 @@ pub(crate) struct Outlet {
     epoch: u64,
     next_observation_s: f64,
     made: Option<Sent>,
+    prediction: Option<Prediction>,
 }
 
 impl Outlet {
@@ -89,12 +91,35 @@ impl Outlet {
             observer,
             epoch: 0,
             made: None,
+            prediction: None,
         }
     }
 
     /// The same, naming another run's map.
     pub(crate) fn of_epoch(self, epoch: u64) -> Self {
         Self { epoch, ..self }
+    }
+
+    /// The same, asking the map for pings that are kept from it.
+    pub(crate) fn predicting(self, prediction: Option<Prediction>) -> Self {
+        Self { prediction, ..self }
+    }
+
+    /// A ping with its pose, whether or not it goes into the map.
+    pub(crate) fn posed(&self, posed: &PosedPing) {
+        if let Some(prediction) = &self.prediction {
+            prediction.ping(posed);
+        }
+    }
+
+    /// What the newest map asked says of pings that are kept from it.
+    pub(crate) fn predicted(&self) -> Option<Predicted> {
+        self.prediction.as_ref().and_then(Prediction::newest)
+    }
+
+    /// Asks the last map too.
+    pub(crate) fn finish(&mut self, last: &Arc<Snapshot>, dive_s: f64) -> Option<Predicted> {
+        self.prediction.take()?.finish(last, dive_s)
     }
 
     /// Publishes a ping as it came.
@@ -128,6 +153,9 @@ impl Outlet {
             sequence: snapshot.sequence,
             at: Instant::now(),
         });
+        if let Some(prediction) = &mut self.prediction {
+            prediction.map(&snapshot, moment.dive_s);
+        }
         let is_due = self.is_observation_due(moment.dive_s);
         if let Some(observer) = self.observer.as_mut().filter(|_| is_due) {
             self.next_observation_s = observer.schedule.after(moment.dive_s);

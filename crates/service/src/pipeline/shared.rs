@@ -9,6 +9,7 @@ use serde::Serialize;
 
 use super::latency::LatencyReport;
 use super::poses::PoseReport;
+use super::prediction::Predicted;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -46,6 +47,8 @@ pub(crate) struct MapperReport {
     pub(crate) before_finish: Work,
     /// Of the live map.
     pub(crate) latency_s: LatencyReport,
+    /// How well the map predicts pings that are kept from it, if some are.
+    pub(crate) prediction: Option<Predicted>,
     /// What became of poses.
     pub(crate) poses: PoseReport,
     /// The mapper's own words.

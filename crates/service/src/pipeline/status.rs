@@ -127,6 +127,7 @@ impl Status {
             "pings_before_start": self.report.pings_before_start,
             "pings_after_end": self.report.pings_after_end,
             "sonar": self.sonar,
+            "prediction": self.report.prediction,
             "mapper": self.report.mapper,
             "recording": self.recording,
         })
@@ -140,11 +141,17 @@ impl Status {
             0 => String::new(),
             count => format!(", {count} held back"),
         };
+        let prediction = self.report.prediction.map_or(String::new(), |found| {
+            format!(
+                "\n{:+.4} nats per bin above a constant on {} held-back pings",
+                found.gain_per_bin, found.pings
+            )
+        });
         format!(
             "{} pings received, {} mapped{held_back}, {without_pose} without a pose\n\
              {} damaged frames, {} bytes skipped\n\
              {} Gaussians, and {} ambiguous\n\
-             {:.1} s of dive in {:.1} s, {:.1} s of computing, at most {:.0} MB of memory",
+             {:.1} s of dive in {:.1} s, {:.1} s of computing, at most {:.0} MB of memory{prediction}",
             self.pings_received,
             self.report.pings_mapped,
             self.sonar.session.frames_bad,

@@ -140,6 +140,7 @@ impl Worker {
     }
 
     fn map(&mut self, posed: &PosedPing, arrived: Instant) {
+        self.outlet.posed(posed);
         if is_held_back(posed.ping.sequence(), self.hold_back_every) {
             return self.state.report.pings_held_back += 1;
         }
@@ -237,6 +238,7 @@ impl Worker {
         self.state.report.latency_s = self.state.latency.report();
         self.state.report.work = self.work();
         self.state.report.poses = self.poses.report();
+        self.state.report.prediction = self.outlet.predicted();
         self.shared.hand_over(self.state.report.clone());
     }
 
@@ -260,6 +262,8 @@ impl Worker {
         };
         let last = self.hand_on(snapshot, dive_s);
         self.hand_over_report();
+        self.state.report.prediction = self.outlet.finish(&last, dive_s);
+        self.shared.hand_over(self.state.report.clone());
         last
     }
 }

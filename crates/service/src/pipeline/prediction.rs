@@ -1,0 +1,208 @@
+//! How well the running map predicts pings that are kept from it: the error of a dive without a
+//! truth. On a thread of its own, whose time is not the mapper's; nothing waits for it, and what it
+//! cannot take in time is left out and counted.
+//!
+//! Cost: every ten seconds of the dive up to 512 pings are rendered, about 0.3 ms each.
+
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+
+use anyhow::Context;
+use crossbeam_channel::{Receiver, Sender, bounded};
+use echosplat_evaluation::MapRenderer;
+use echosplat_evaluation::held_back::{Pair, is_held_back, score};
+use echosplat_mapper::{MapperConfig, look_of};
+use echosplat_model::{PingSettings, PosedPing, Snapshot};
+use serde::Serialize;
+
+use crate::logs::Thinned;
+
+/// Time between two maps that are asked for predictions, on the pings' clock.
+const ASKED_EVERY_S: f64 = 10.0;
+/// Most pings predicted, and most others that gain and floor are fitted on.
+const MOST_PINGS: usize = 256;
+/// Pings and maps that wait.
+const QUEUE: usize = 1024;
+
+/// What the map of one moment says of pings it was not made of.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub(crate) struct Predicted {
+    /// On the pings' clock, since the first.
+    pub(crate) dive_s: f64,
+    /// Pings predicted, of all so far.
+    pub(crate) pings: u64,
+    /// Mean logarithm of the density of a bin's intensity.
+    pub(crate) log_likelihood_per_bin: f64,
+    /// That above what a constant says: above 0 the map says something.
+    pub(crate) gain_per_bin: f64,
+}
+
+enum News {
+    Ping(PosedPing),
+    Map(Arc<Snapshot>, f64),
+}
+
+/// The thread, and what it found.
+pub(crate) struct Prediction {
+    news: Sender<News>,
+    thread: JoinHandle<()>,
+    newest: Arc<Mutex<Option<Predicted>>>,
+    left_out: AtomicU64,
+    every: u64,
+    next_s: f64,
+}
+
+impl Prediction {
+    /// For every `every`-th ping held back, at least 1.
+    ///
+    /// # Errors
+    /// If the thread cannot be started.
+    pub(crate) fn start(every: u64, config: MapperConfig) -> anyhow::Result<Self> {
+        let (news, receiver) = bounded(QUEUE);
+        let newest = Arc::new(Mutex::new(None));
+        let shown = Arc::clone(&newest);
+        let thread = std::thread::Builder::new()
+            .name("prediction".to_owned())
+            .spawn(move || predict_all(&receiver, every, &config, &shown))
+            .context("cannot start the thread that predicts pings")?;
+        Ok(Self {
+            news,
+            thread,
+            newest,
+            left_out: AtomicU64::new(0),
+            every,
+            next_s: 0.0,
+        })
+    }
+
+    /// Takes a ping if it is one of those that are predicted, or fitted on.
+    pub(crate) fn ping(&self, posed: &PosedPing) {
+        let sequence = posed.ping.sequence();
+        if is_held_back(sequence, self.every) || is_fitted_on(sequence, self.every) {
+            self.tell(News::Ping(posed.clone()));
+        }
+    }
+
+    /// Asks a map, when it is time.
+    pub(crate) fn map(&mut self, snapshot: &Arc<Snapshot>, dive_s: f64) {
+        if dive_s >= self.next_s {
+            self.next_s = dive_s + ASKED_EVERY_S;
+            self.tell(News::Map(Arc::clone(snapshot), dive_s));
+        }
+    }
+
+    fn tell(&self, news: News) {
+        if self.news.try_send(news).is_err() {
+            self.left_out.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// What the newest map asked says.
+    pub(crate) fn newest(&self) -> Option<Predicted> {
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Asks the last map, and waits for its answer.
+    pub(crate) fn finish(self, last: &Arc<Snapshot>, dive_s: f64) -> Option<Predicted> {
+        // The queue may be full, but not for long.
+        let _ = self.news.send(News::Map(Arc::clone(last), dive_s));
+        drop(self.news);
+        let left_out = self.left_out.load(Ordering::Relaxed);
+        if left_out > 0 {
+            tracing::debug!(
+                left_out,
+                "pings and maps came faster than they were predicted"
+            );
+        }
+        if self.thread.join().is_err() {
+            tracing::warn!("the thread that predicts pings panicked; the log above says where");
+        }
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Of the map's own pings as many, halfway between those held back.
+pub(crate) fn is_fitted_on(sequence: u64, every: u64) -> bool {
+    !is_held_back(sequence, every) && sequence % every.max(1) == every.saturating_sub(1) / 2
+}
+
+fn predict_all(
+    news: &Receiver<News>,
+    every: u64,
+    config: &MapperConfig,
+    newest: &Mutex<Option<Predicted>>,
+) {
+    let [mut held, mut fit] = [Thinned::new(MOST_PINGS), Thinned::new(MOST_PINGS)];
+    for news in news {
+        match news {
+            News::Ping(posed) => match is_held_back(posed.ping.sequence(), every) {
+                true => held.push(|| posed),
+                false => fit.push(|| posed),
+            },
+            News::Map(snapshot, dive_s) => {
+                let found = predict(&snapshot, held.kept(), fit.kept(), config, dive_s);
+                if let Some(found) = found {
+                    *newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(found);
+                }
+            }
+        }
+    }
+}
+
+fn predict(
+    map: &Snapshot,
+    held: &[PosedPing],
+    fit: &[PosedPing],
+    config: &MapperConfig,
+    dive_s: f64,
+) -> Option<Predicted> {
+    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
+    let mut pairs = |pings: &[PosedPing]| -> Vec<Pair> {
+        let pair = |posed| pair_of(&mut renderer, posed, config);
+        pings.iter().map(pair).collect()
+    };
+    let found = score(&pairs(fit), &pairs(held))?;
+    Some(Predicted {
+        dive_s,
+        pings: found.ping_count,
+        log_likelihood_per_bin: found.map.log_likelihood_per_bin,
+        gain_per_bin: found.gain_per_bin,
+    })
+}
+
+/// Bins within the blanking.
+pub(crate) fn blank_bins(settings: &PingSettings, config: &MapperConfig) -> usize {
+    let blank_m = config.blanking_m - settings.range_start_m;
+    let blank = (blank_m / settings.bin_length_m()).ceil().max(0.0) as usize;
+    blank.min(settings.bin_count)
+}
+
+/// A ping beside what a map says of it, without its blanked bins.
+pub(crate) fn pair_of(
+    renderer: &mut MapRenderer,
+    posed: &PosedPing,
+    config: &MapperConfig,
+) -> Pair {
+    let look = look_of(posed, renderer.origin_m(), config);
+    let blank = blank_bins(posed.ping.settings(), config);
+    Pair {
+        measured: posed.ping.intensity()[blank..].to_vec(),
+        rendered: renderer.ping(&look)[blank..].to_vec(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn pings_to_fit_on_are_as_many_as_those_held_back_and_none_is_both() {
+        for every in [1, 2, 5, 10] {
+            let held = (0..100).filter(|&s| is_held_back(s, every)).count();
+            let fit = (0..100).filter(|&s| is_fitted_on(s, every)).count();
+            assert_eq!(held, 100 / every as usize);
+            assert_eq!(fit, if every == 1 { 0 } else { held });
+        }
+    }
+}
