@@ -43,10 +43,10 @@ impl Latency {
 
     /// Maps up to this one are on their way since `now`.
     pub(crate) fn published(&mut self, through: u64, now: Instant) {
-        while let Some((_, at)) = self
-            .unsent
-            .pop_front_if(|(sequence, _)| *sequence <= through)
+        while let Some(&(sequence, at)) = self.unsent.front()
+            && sequence <= through
         {
+            self.unsent.pop_front();
             let took: Duration = now.saturating_duration_since(at);
             push_bounded(&mut self.seconds, took.as_secs_f32());
         }
