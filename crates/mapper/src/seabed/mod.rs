@@ -27,6 +27,8 @@ const STRIDE: u32 = 4;
 /// The same after so many pings in a row that showed none.
 const IDLE_STRIDE: u32 = 128;
 const IDLE_AFTER: u32 = 64;
+/// After so many in vain, brightness may be anything again.
+const DOUBTED_AFTER: u32 = 8;
 /// The ground is there once so many pings showed it, and this share of those that could.
 const LEAST_SHOWN: u32 = 24;
 const LEAST_SHARE: f32 = 0.3;
@@ -115,14 +117,16 @@ impl Seabed {
         }
         self.able = self.able.saturating_add(1);
         self.in_vain = self.in_vain.saturating_add(1);
-        let Some(onset) = self.runs.onset(&plane, &self.fan, self.brightness) else {
+        // One wrong guess must not be held against everything that does not fit it.
+        let known = self.brightness.filter(|_| self.in_vain <= DOUBTED_AFTER);
+        let Some(onset) = self.runs.onset(&plane, &self.fan, known) else {
             return;
         };
         self.in_vain = 0;
         let off_m = onset.point_m.z - self.field.height_m(onset.point_m.truncate());
         if !self.is_there() || off_m.abs() < OUTLIER_M {
             // The gain may walk in mid-dive.
-            let before = self.brightness.unwrap_or(onset.brightness);
+            let before = known.unwrap_or(onset.brightness);
             let now = before * (onset.brightness / before).powf(BRIGHTNESS_RATE);
             self.brightness = Some(now);
         }

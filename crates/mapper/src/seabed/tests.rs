@@ -63,7 +63,10 @@ fn heard(levels: &mut Levels, index: usize, power: impl Fn(usize) -> f32) -> (Ve
 
 /// A vehicle that goes ahead while it heaves between 1.5 and 2.5 m.
 fn dive(power: impl Fn(f32, usize) -> f32) -> Seabed {
-    let mut seabed = Seabed::new(&Beam::default());
+    dive_with(Seabed::new(&Beam::default()), power)
+}
+
+fn dive_with(mut seabed: Seabed, power: impl Fn(f32, usize) -> f32) -> Seabed {
     let mut levels = Levels::default();
     for index in 0..400 {
         let height_m = 2.0 + 0.5 * (0.05 * index as f32).sin();
@@ -96,6 +99,16 @@ fn flat_ground_is_found_at_its_height_and_explains_its_echoes() {
     }
     assert!(backdrop.most[200] <= 0.0);
     assert!(seabed.hides(Vec3::new(1.0, 4.0, -0.6)) && !seabed.hides(Vec3::new(1.0, 4.0, 0.2)));
+}
+
+#[test]
+fn a_wrong_first_guess_of_brightness_does_not_hide_the_ground() {
+    let mut guessed = Seabed::new(&Beam::default());
+    guessed.brightness = Some(BRIGHTNESS / 300.0);
+    let seabed = dive_with(guessed, ground);
+    assert!(seabed.is_there());
+    let ratio = seabed.brightness() / BRIGHTNESS;
+    assert!((0.5..2.0).contains(&ratio), "{ratio}");
 }
 
 #[test]
