@@ -154,7 +154,7 @@ fn parts_are_compared_and_those_that_are_not_settings_are_listed() {
         "--only",
         "fence",
         "--part",
-        "mapper.finish_passes=32,4,16",
+        "pipeline.looks_per_ping=12,0.5,3",
         "--part",
         "mapper.no_such_part=1,2,3",
     ];
