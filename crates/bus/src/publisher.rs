@@ -326,7 +326,9 @@ impl DeltaThread {
             counters.bytes += byte_count as u64;
             counters.messages_failed += u64::from(put.is_err());
         }
-        self.note_sent();
+        if put.is_ok() {
+            self.note_sent();
+        }
         if !is_last {
             // Bursts are what a slow link drops.
             let seconds = 8.0 * byte_count as f64 / self.link.config.bandwidth_bps as f64;

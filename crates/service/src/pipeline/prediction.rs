@@ -1,8 +1,8 @@
 //! How well the running map predicts pings that are kept from it: the error of a dive without a
-//! truth. On a thread of its own, whose time is not the mapper's; nothing waits for it, and what it
-//! cannot take in time is left out and counted.
+//! truth. On a thread of its own, whose time is not the mapper's; while the dive goes on nothing waits
+//! for it, and what it cannot take in time is left out and counted.
 //!
-//! Cost: every ten seconds of the dive up to 512 pings are rendered, about 0.3 ms each.
+//! Cost: every ten seconds of the dive up to 512 pings are rendered.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
