@@ -2,7 +2,7 @@
 
 use echosplat_acoustics::{Look, LookPose};
 use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
-use echosplat_model::{PosedPing, Timestamp};
+use echosplat_model::{PingSettings, PosedPing, Timestamp};
 
 use crate::MapperConfig;
 use crate::fan::Fan;
@@ -128,6 +128,11 @@ pub(crate) fn pose_blur(posed: &PosedPing, config: &MapperConfig) -> PoseBlur {
     }
 }
 
+/// The echo of a sharp edge is as wide at half its height as the pulse is long.
+pub(crate) fn pulse_variance_m2(settings: &PingSettings) -> f32 {
+    (settings.pulse_length_m() / 2.354_82).powi(2) as f32
+}
+
 /// The look of a posed ping on the local coordinates of a map with this origin, as the mapper
 /// takes it in: what renders a map for a ping starts from the same. What the pose blurs is left out
 /// of it: folded into every Gaussian, it would pull surfaces inwards.
@@ -140,8 +145,6 @@ pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Loo
     let twist = &posed.twist;
     let linear = beam_turn.conjugate() * twist.linear_mps;
     let angular = beam_turn.conjugate() * twist.angular_radps;
-    // The echo of a sharp edge is as wide at half its height as the pulse is long.
-    let pulse_variance_m2 = (settings.pulse_length_m() / 2.354_82).powi(2);
     let drift_per_m = DVec3::new(linear.y, angular.z, angular.x) / settings.speed_of_sound_mps;
     Look {
         pose: LookPose {
@@ -153,7 +156,7 @@ pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Loo
         range_start_m: settings.range_start_m as f32,
         bin_length_m: settings.bin_length_m() as f32,
         bin_count: settings.bin_count as u32,
-        range_variance_m2: pulse_variance_m2 as f32,
+        range_variance_m2: pulse_variance_m2(settings),
         azimuth_variance_rad2: 0.0,
         beam: config.beam,
     }

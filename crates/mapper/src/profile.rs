@@ -68,16 +68,8 @@ impl Profile {
         self.state.at(bin) == BinState::Lit
     }
 
-    /// Whether it is no evidence of anything.
-    pub(crate) fn is_deaf(&self) -> bool {
-        !self.threshold.is_finite()
-    }
-
     /// Tells echoes from noise and from the seabed.
     pub(crate) fn judge(&mut self, intensity: &[f32], ground: &Backdrop) {
-        if self.is_deaf() {
-            return;
-        }
         let count = intensity.len();
         let raised = |bin: usize| {
             let ground = ground.most.get(bin).copied().unwrap_or(0.0);
@@ -115,6 +107,8 @@ const SHADOW_LENGTH_M: f64 = 0.6;
 pub(crate) struct Levels {
     noise: Option<f32>,
     strongest: f32,
+    /// The same of all pings heard, echoes or not.
+    loudest: f32,
     /// Pings in a row that were too loud to be believed.
     wild: u32,
 }
@@ -143,39 +137,42 @@ impl Levels {
         let blank = blank_bins(ping, config.blanking_m);
         let open = &ping.intensity()[blank..];
         let peak = greatest(open);
+        let noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
+        if peak > config.detection_factor * noise {
+            self.strongest = risen(self.strongest, peak);
+        }
+        let floor = self.strongest * 10f32.powf(-0.1 * config.dynamic_range_db);
         let mut profile = Profile {
             intensity: Powers::of(ping.intensity(), peak),
             state: States::of(&vec![BinState::Blank; settings.bin_count]),
             echoes: Box::default(),
-            noise: self.noise.unwrap_or(f32::MIN_POSITIVE),
+            noise,
             strongest: self.strongest,
-            threshold: f32::INFINITY,
+            threshold: (config.detection_factor * noise).max(floor),
             blank,
             widen: (tolerance_m / bin_length_m).ceil() as usize,
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
             ground: Powers::default(),
         };
-        if is_clipped(open) || open.is_empty() || self.is_wild(peak) {
-            // No evidence of anything, and nothing is learnt from it.
-            return profile;
-        }
-        profile.noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
-        if peak > config.detection_factor * profile.noise {
-            // Rises at once and falls slowly, so that one glint does not hide what follows.
-            self.strongest = peak.max(self.strongest * 0.9995);
-        }
-        let floor = self.strongest * 10f32.powf(-0.1 * config.dynamic_range_db);
-        profile.strongest = self.strongest;
-        profile.threshold = (config.detection_factor * profile.noise).max(floor);
         profile.judge(ping.intensity(), ground);
         profile
     }
 
-    /// Whether a ping is louder than can be: a glitch, not a glint.
-    fn is_wild(&mut self, peak: f32) -> bool {
-        let is_loud = self.strongest > 0.0 && peak / WILD > self.strongest;
+    /// Whether a ping is evidence of anything: its receiver is not at its stop, and it is not louder
+    /// than can be, a glitch and not a glint. Nothing else is learnt of one that is not.
+    pub(crate) fn hears(&mut self, ping: &Ping, blanking_m: f64) -> bool {
+        let open = &ping.intensity()[blank_bins(ping, blanking_m)..];
+        if open.is_empty() || is_clipped(open) {
+            return false;
+        }
+        let peak = greatest(open);
+        let is_loud = self.loudest > 0.0 && peak / WILD > self.loudest;
         self.wild = if is_loud { self.wild + 1 } else { 0 };
-        (1..BELIEVED_AFTER).contains(&self.wild)
+        let is_wild = (1..BELIEVED_AFTER).contains(&self.wild);
+        if !is_wild {
+            self.loudest = risen(self.loudest, peak);
+        }
+        !is_wild
     }
 
     /// Mean noise power of exponentially distributed noise from the lower quartile of the bins:
@@ -207,6 +204,11 @@ impl Levels {
         self.noise = Some(now.max(f32::MIN_POSITIVE));
         here.min(4.0 * now).max(f32::MIN_POSITIVE)
     }
+}
+
+/// Rises at once and falls slowly, so that one glint does not hide what follows.
+fn risen(strongest: f32, peak: f32) -> f32 {
+    peak.max(strongest * 0.9995)
 }
 
 /// The greatest power; 0 of none.
@@ -351,26 +353,24 @@ mod tests {
     #[test]
     fn a_receiver_at_its_stop_hears_nothing() {
         let mut levels = Levels::default();
-        levels.profile(
-            &ping(noise(600)),
-            0.04,
-            &Backdrop::default(),
-            &MapperConfig::default(),
-        );
         let mut clipped = noise(600);
         clipped[200..400].fill(1e4);
         for power in [vec![1000.0; 600], clipped] {
-            let profile = levels.profile(
-                &ping(power),
-                0.04,
-                &Backdrop::default(),
-                &MapperConfig::default(),
-            );
-            assert!(profile.echoes.is_empty());
-            assert!(profile.state.iter().all(|state| state == BinState::Blank));
-            assert!(profile.noise < 2.0);
+            assert!(!levels.hears(&ping(power), 0.5));
         }
-        assert!(levels.strongest() < 100.0);
+        assert!(levels.hears(&ping(noise(600)), 0.5));
+        assert!(!levels.hears(&ping(noise(600)), 100.0));
+    }
+
+    #[test]
+    fn a_glitch_is_not_heard_and_a_new_gain_is_believed_in_the_end() {
+        let mut levels = Levels::default();
+        let loud = || ping(noise(600).iter().map(|power| 1e8 * power).collect());
+        assert!(levels.hears(&ping(noise(600)), 0.5));
+        assert!(!levels.hears(&loud(), 0.5));
+        assert!(levels.hears(&ping(noise(600)), 0.5));
+        let heard: Vec<bool> = (0..9).map(|_| levels.hears(&loud(), 0.5)).collect();
+        assert_eq!(heard, [[false; 7].as_slice(), &[true; 2]].concat());
     }
 
     #[test]

@@ -59,26 +59,8 @@ pub struct Row {
     pub limit: f64,
     /// Whether it is. An error that is not a number is above every limit.
     pub passed: bool,
-    /// Whether it is known not to be, and why says so: shown, and not held against the program.
-    pub known_failure: bool,
     /// Why the program's way holds.
     pub why: &'static str,
-}
-
-impl Row {
-    /// The same, known to fail if it does.
-    pub(crate) fn known(self) -> Self {
-        Self {
-            known_failure: !self.passed,
-            ..self
-        }
-    }
-
-    /// Whether it fails and nobody knew.
-    #[must_use]
-    pub fn is_news(&self) -> bool {
-        !self.passed && !self.known_failure
-    }
 }
 
 /// One quantity three times, and how far off two of them are.
@@ -154,7 +136,6 @@ impl Comparison {
             naive_error: self.naive.map(|naive| Figure(naive.1)),
             limit,
             passed: self.error <= limit,
-            known_failure: false,
             why: label.why,
         }
     }

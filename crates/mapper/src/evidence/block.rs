@@ -25,7 +25,7 @@ const ROW_MARGIN_VOXELS: f32 = 0.7;
 /// Beyond this many sigma from the axis a look says nothing clear.
 const LOOK_SIGMAS_SQUARED: f32 = 1.4;
 /// Of the fan's half-width, beyond which a look says nothing.
-const FAN_SHARE: f32 = 0.92;
+const FAN_SHARE: f32 = 1.0;
 /// Places are found although the heading is off by this factor of variance: what a surface that
 /// glints shows but once must not be lost to one bad pose.
 const POSE_DOUBT: f32 = 6.0;

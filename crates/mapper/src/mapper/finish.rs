@@ -32,7 +32,7 @@ impl Mapper {
     /// Ends a dive: what is pending is taken in, and strengths, positions and shapes are worked out
     /// anew from the whole history, within about `finish_pairs`.
     pub fn finish(&mut self) -> Snapshot {
-        if self.pending > 0 {
+        if !self.waiting.is_empty() {
             self.take_in_slice();
         }
         self.decide();
@@ -60,14 +60,14 @@ impl Mapper {
             self.drop_tails(TAIL_PART);
             self.localise_every(2.0);
         }
+        self.interleaved_steps(steps / 8, INTERLEAVE);
+        self.assess_every(LAST_STRIDE * self.thinning());
         if self.at_work.anisotropy
             && let Some(world) = &self.world
         {
             let (gaussians, voxel_m) = (&mut self.gaussians, world.evidence.voxel_m());
             self.pool.install(|| align(gaussians, voxel_m));
         }
-        self.interleaved_steps(steps / 8, INTERLEAVE);
-        self.assess_every(LAST_STRIDE * self.thinning());
         self.publish()
     }
 

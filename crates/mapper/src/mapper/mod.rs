@@ -7,8 +7,8 @@ mod running;
 mod splitting;
 
 use echosplat_acoustics::{Look, SymmetricMat3};
-use echosplat_model::glam::{DVec3, Vec3};
-use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
+use echosplat_model::glam::{DQuat, DVec3, Vec3};
+use echosplat_model::{Gaussian, Pose, PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 
@@ -16,7 +16,7 @@ use crate::assess::{Rule, findings, judge, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, maximise};
 use crate::gaussians::{Gaussians, Verdict};
-use crate::history::{History, Past, every, look_of, novelty, past_of, pose_blur};
+use crate::history::{History, Past, every, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
 use crate::parts::{AtWork, Cue, Cues, Extent, LeftOut, MapCues, decide};
 use crate::profile::Levels;
 use crate::seabed::Seabed;
@@ -140,7 +140,8 @@ pub struct Mapper {
     seabed: Seabed,
     history: History,
     gaussians: Gaussians,
-    pending: usize,
+    /// Pings of the slice that is being gathered, as they came.
+    waiting: Vec<PosedPing>,
     last_look: Option<Look>,
     /// Which of the older pings the next step takes.
     cursor: usize,
@@ -156,11 +157,47 @@ pub struct Mapper {
     status: MapperStatus,
 }
 
-/// What the first ping fixes.
+/// What the first ping fixes: inside the mapper, coordinates start where it was and run along its
+/// heading, so that a dive moved and turned as a whole gives the same map, moved and turned.
 #[derive(Debug)]
 struct World {
     origin_m: DVec3,
+    /// World from the mapper's own axes, a turn about z.
+    heading: DQuat,
     evidence: Evidence,
+}
+
+impl World {
+    fn begun_by(first: &PosedPing, config: &MapperConfig) -> Self {
+        let ahead = first.world_from_sensor.rotation * DVec3::X;
+        Self {
+            origin_m: first.world_from_sensor.translation_m,
+            heading: DQuat::from_rotation_z(ahead.y.atan2(ahead.x)),
+            evidence: Evidence::new(voxel_m(first, config)),
+        }
+    }
+
+    /// The ping on the mapper's own axes.
+    fn enter(&self, posed: &PosedPing) -> PosedPing {
+        let into = self.heading.conjugate();
+        let pose = &posed.world_from_sensor;
+        PosedPing {
+            world_from_sensor: Pose {
+                translation_m: into * (pose.translation_m - self.origin_m),
+                rotation: (into * pose.rotation).normalize(),
+            },
+            ..posed.clone()
+        }
+    }
+
+    /// A Gaussian on the mapper's own axes, relative to the origin along the world's.
+    fn leave(&self, gaussian: Gaussian) -> Gaussian {
+        Gaussian {
+            mean_m: (self.heading * gaussian.mean_m.as_dvec3()).as_vec3(),
+            rotation: self.heading.as_quat() * gaussian.rotation,
+            ..gaussian
+        }
+    }
 }
 
 impl Mapper {
@@ -182,7 +219,7 @@ impl Mapper {
             world: None,
             levels: Levels::default(),
             gaussians: Gaussians::default(),
-            pending: 0,
+            waiting: Vec::new(),
             last_look: None,
             cursor: 0,
             bars_lifted_at: 0,
@@ -197,8 +234,9 @@ impl Mapper {
         })
     }
 
-    /// Takes in one ping: its noise and echoes, then, with a slice complete, evidence along the
-    /// arcs and Gaussians where the evidence now says so.
+    /// Takes in one ping. With its slice complete: noise and echoes of each ping in order of time,
+    /// evidence along the arcs, and Gaussians where the evidence now says so. What a slice says does
+    /// not depend on the order in which its pings come.
     pub fn insert(&mut self, posed: &PosedPing) -> InsertReport {
         if !is_usable(posed) || !self.is_within_reach(posed) {
             self.status.pings_rejected += 1;
@@ -208,30 +246,22 @@ impl Mapper {
             };
         }
         self.status.pings += 1;
-        let Some(past) = self.listen(posed) else {
+        if !self.is_evidence(posed) {
             self.status.pings_deaf += 1;
             return InsertReport::default();
-        };
-        let time = past.time;
-        if past.weight < self.least_novelty() {
-            self.status.pings_redundant += 1;
-        } else {
-            self.last_look = Some(past.look);
-            self.history.push(past);
-            self.pending += 1;
         }
-        if self.pending == self.config.slice_pings || self.is_slice_overdue(time) {
+        self.waiting.push(posed.clone());
+        if self.waiting.len() >= self.config.slice_pings || self.is_slice_overdue() {
             return self.take_in_slice();
         }
         InsertReport::default()
     }
 
     /// Whether the first ping that waits for a slice has waited long enough.
-    fn is_slice_overdue(&self, now: Timestamp) -> bool {
-        let pings = self.history.pings();
-        let first = pings.len() - self.pending.min(pings.len());
-        let waited_s = pings.get(first).map(|past| now.seconds_since(past.time));
-        waited_s.is_some_and(|waited_s| waited_s > LONGEST_SLICE_S)
+    fn is_slice_overdue(&self) -> bool {
+        let time = |posed: &PosedPing| posed.ping.transmit_time();
+        let ends = self.waiting.first().zip(self.waiting.last());
+        ends.is_some_and(|(first, last)| time(last).seconds_since(time(first)) > LONGEST_SLICE_S)
     }
 
     /// What a ping must say that the last one taken in did not.
@@ -245,36 +275,46 @@ impl Mapper {
 
     /// Whether voxels and single precision reach as far as the ping is from the first.
     fn is_within_reach(&self, posed: &PosedPing) -> bool {
-        let Some(world) = &self.world else {
-            return true;
-        };
-        let away_m = posed.world_from_sensor.translation_m - world.origin_m;
-        away_m.abs().max_element() < MOST_VOXELS * f64::from(world.evidence.voxel_m())
+        let (origin_m, voxel_m) = self.origin_and_voxel_m(posed);
+        let away_m = posed.world_from_sensor.translation_m - origin_m;
+        away_m.abs().max_element() < MOST_VOXELS * f64::from(voxel_m)
     }
 
-    /// What the ping measured, before anything of the map; `None` if it is evidence of nothing.
-    fn listen(&mut self, posed: &PosedPing) -> Option<Past> {
-        let config = &self.config;
-        let world = self.world.get_or_insert_with(|| World {
-            origin_m: posed.world_from_sensor.translation_m,
-            evidence: Evidence::new(voxel_m(posed, config)),
-        });
-        let look = look_of(posed, world.origin_m, config);
-        let blur = pose_blur(posed, config);
-        let range_sigma_m = (look.range_variance_m2 + blur.range_variance_m2).sqrt();
-        let tolerance_m = 0.45 * world.evidence.voxel_m() + 2.2 * range_sigma_m;
-        if f64::from(tolerance_m) > UNPLACED_PART * posed.ping.settings().range_length_m {
-            return None;
+    /// As they are, or as they would be if the first ping that waits, or this one, began the map.
+    fn origin_and_voxel_m(&self, posed: &PosedPing) -> (DVec3, f32) {
+        if let Some(world) = &self.world {
+            return (world.origin_m, world.evidence.voxel_m());
         }
+        let first = self.waiting.first().unwrap_or(posed);
+        let origin_m = first.world_from_sensor.translation_m;
+        (origin_m, voxel_m(first, &self.config))
+    }
+
+    /// Whether a ping says anything of any place, before it waits for its slice: those that do not
+    /// leave no trace.
+    fn is_evidence(&mut self, posed: &PosedPing) -> bool {
+        let (_, voxel_m) = self.origin_and_voxel_m(posed);
+        let tolerance_m = tolerance_m(voxel_m, range_sigma_m(posed, &self.config));
+        f64::from(tolerance_m) <= UNPLACED_PART * posed.ping.settings().range_length_m
+            && self.levels.hears(&posed.ping, self.config.blanking_m)
+    }
+
+    /// What the ping measured, before anything of the map.
+    fn listen(&mut self, posed: &PosedPing) -> Past {
+        let config = &self.config;
+        let begun = || World::begun_by(posed, config);
+        let world = self.world.get_or_insert_with(begun);
+        let posed = &world.enter(posed);
+        let look = look_of(posed, DVec3::ZERO, config);
+        let blur = pose_blur(posed, config);
+        let range_sigma_m = range_sigma_m(posed, config);
+        let tolerance_m = tolerance_m(world.evidence.voxel_m(), range_sigma_m);
         let seabed = &mut self.seabed;
         let brightness = seabed.brightness();
         let ground = seabed.backdrop(&look, brightness);
         let profile = self
             .levels
             .profile(&posed.ping, tolerance_m.into(), &ground, config);
-        if profile.is_deaf() {
-            return None;
-        }
         seabed.listen(&look, posed.ping.intensity(), &profile);
         self.learn_unit_strength(&look, posed.ping.intensity(), &profile.echoes);
         let weight = match posed.ping.view() {
@@ -288,7 +328,7 @@ impl Mapper {
             quarter: quarter_of(look.pose.axes.x_axis),
             blur_m: range_sigma_m,
         });
-        Some(past_of(look, blur, profile, weight, brightness, posed))
+        past_of(look, blur, profile, weight, brightness, posed)
     }
 
     /// The strength at which a Gaussian of one voxel would make the ping's strongest echo.
@@ -312,13 +352,27 @@ impl Mapper {
         }
     }
 
+    /// Adds a ping to the history if it says something; whether it does.
+    fn remember(&mut self, posed: &PosedPing) -> bool {
+        let past = self.listen(posed);
+        if past.weight < self.least_novelty() {
+            self.status.pings_redundant += 1;
+            return false;
+        }
+        self.last_look = Some(past.look);
+        self.history.push(past);
+        true
+    }
+
     fn take_in_slice(&mut self) -> InsertReport {
+        let mut slice = std::mem::take(&mut self.waiting);
+        slice.sort_by_key(|posed| (posed.ping.transmit_time(), posed.ping.sequence()));
+        let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
         let Some(world) = &mut self.world else {
             return InsertReport::default();
         };
         let pings = self.history.pings();
-        let start = pings.len() - self.pending.min(pings.len());
-        self.pending = 0;
+        let start = pings.len() - fresh.min(pings.len());
         if pings.len() > 2 * self.bars_lifted_at + 256 {
             self.bars_lifted_at = pings.len();
             world.evidence.lift_bars(LIFTED_PART);
@@ -506,6 +560,11 @@ impl Mapper {
         let intensity_unit = published::intensity_unit(self.unit_strength);
         let mut gaussians = published::published(&self.gaussians, intensity_unit);
         gaussians.extend(self.seabed.published(intensity_unit));
+        if let Some(world) = &self.world {
+            for gaussian in &mut gaussians {
+                *gaussian = world.leave(*gaussian);
+            }
+        }
         let confident = gaussians
             .iter()
             .filter(|g| g.standing == Standing::Confident)
@@ -554,6 +613,17 @@ fn is_usable(posed: &PosedPing) -> bool {
                 && u.attitude_rad >= 0.0
                 && u.attitude_rad < 3.2
         })
+}
+
+/// One sigma of an echo's range: pulse and pose.
+fn range_sigma_m(posed: &PosedPing, config: &MapperConfig) -> f32 {
+    let pulse_variance_m2 = pulse_variance_m2(posed.ping.settings());
+    (pulse_variance_m2 + pose_blur(posed, config).range_variance_m2).sqrt()
+}
+
+/// Echoes light places this much nearer and farther.
+fn tolerance_m(voxel_m: f32, range_sigma_m: f32) -> f32 {
+    0.45 * voxel_m + 2.2 * range_sigma_m
 }
 
 /// Quarter of the horizon that a direction is in.

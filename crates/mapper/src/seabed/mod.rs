@@ -104,7 +104,7 @@ impl Seabed {
             true => STRIDE,
             false => IDLE_STRIDE,
         };
-        if !self.heard.is_multiple_of(stride) || profile.is_deaf() {
+        if !self.heard.is_multiple_of(stride) {
             return;
         }
         let plane = FanPlane::of(look);

@@ -94,12 +94,6 @@ impl Base {
         all.iter().take(count).copied().collect()
     }
 
-    /// How far a map is from the clean one.
-    fn apart_row(&self, map: Option<&Made>, label: Label, input: impl Into<String>) -> Row {
-        let apart_m = voyage::apart_m(Some(&self.map), map, |place| place);
-        Comparison::of(0.0, apart_m, 1.0).row(label, input, SAMPLED_WITHIN_M)
-    }
-
     /// What it is off the truth against the clean one.
     fn ratio_row(
         &self,
