@@ -132,9 +132,9 @@ impl Sum for Finding {
 
 /// What `pings` say of every Gaussian, per slot, and pairs done.
 pub(crate) fn findings(scene: Scene<'_>, pings: &[&Past], rule: Rule) -> (Vec<Finding>, u64) {
-    let verdicts = &scene.gaussians.verdict;
+    let gaussians = scene.gaussians;
     over_pings(scene, pings, |tally, desk: &mut Desk, past, sight| {
-        desk.enter(tally, past, sight, verdicts, rule);
+        desk.enter(tally, past, sight, gaussians, rule);
         sight.moments(&past.look, &mut desk.moments);
         for (row, moments) in sight.rows().iter().zip(&desk.moments) {
             let mut pull = Pull::default();
@@ -260,13 +260,13 @@ impl Desk {
         tally: &mut Tally<Finding>,
         past: &Past,
         sight: &Sight,
-        verdicts: &[Verdict],
+        gaussians: &Gaussians,
         rule: Rule,
     ) {
         let Self { arcs, shade, .. } = self;
         arcs.fill(sight, past, 0.5 * rule.radius_m);
-        let solid = |row: &Row| match verdicts[row.slot as usize] {
-            CONFIDENT => 1.0,
+        let solid = |row: &Row| match gaussians.verdict[row.slot as usize] {
+            CONFIDENT => gaussians.layers(row.slot as usize),
             Verdict::Published(_) => (row.strength / rule.whole_strength).min(1.0),
             _ => 0.0,
         };

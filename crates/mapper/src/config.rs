@@ -60,7 +60,7 @@ impl Default for MapperConfig {
             history_pings: 65_536,
             spawn_evidence: 4.5,
             finish_passes: 16,
-            finish_pairs: 1_500_000_000,
+            finish_pairs: 6_000_000_000,
             confident_share: 0.7,
             confident_sigma_m: 0.25,
             threads: 0,

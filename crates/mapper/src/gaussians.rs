@@ -177,6 +177,12 @@ impl Gaussians {
         (self.id.len() - 1) as u32
     }
 
+    /// How much of what it covers a Gaussian adds: eight parts of one lie behind one another in two
+    /// layers.
+    pub(crate) fn layers(&self, slot: usize) -> f32 {
+        if self.part[slot] < 1.0 { 0.5 } else { 1.0 }
+    }
+
     /// Strength of a slot's strongest side, of those that are known.
     pub(crate) fn strongest(&self, slot: usize) -> f32 {
         self.strength[slot].strongest(self.known[slot])

@@ -23,7 +23,7 @@ const KNOBS: [Knob; 5] = [
     },
     Knob {
         key: "mapper.finish_pairs",
-        values: &["150_000_000", "500_000_000", "6_000_000_000"],
+        values: &["500_000_000", "1_500_000_000", "24_000_000_000"],
     },
     Knob {
         key: "pipeline.looks_per_ping",

@@ -16,7 +16,9 @@ use crate::assess::{Rule, findings, judge, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, maximise};
 use crate::gaussians::{Gaussians, Verdict};
-use crate::history::{History, Past, every, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
+use crate::history::{
+    History, Past, every, look_of, novelty, past_of, pose_blur, pulse_variance_m2,
+};
 use crate::parts::{AtWork, Cue, Cues, Extent, LeftOut, MapCues, decide};
 use crate::profile::Levels;
 use crate::seabed::Seabed;

@@ -186,9 +186,11 @@ impl Scene {
     /// From inside: to the nearest wall of the solid around, and on from there while that is
     /// buried in another.
     fn walk_out(&self, point: DVec3) -> Option<(f64, DVec3, bool)> {
-        const MOST_SOLIDS: usize = 16;
+        const MOST_STEPS: usize = 64;
+        /// To and fro between two solids the walk comes to the crease between them, ever slower.
+        const ARRIVED_M: f64 = 1e-4;
         let mut place = point;
-        for _ in 0..MOST_SOLIDS {
+        for _ in 0..MOST_STEPS {
             let around = self.parts_around(place);
             let exits = around.iter().map(|&index| {
                 let part = &self.parts[index];
@@ -196,8 +198,9 @@ impl Scene {
             });
             let (exit, is_seabed) =
                 exits.min_by(|(a, _), (b, _)| a.signed.abs().total_cmp(&b.signed.abs()))?;
+            let step_m = place.distance(exit.place);
             place = exit.place;
-            if !self.is_buried(place) {
+            if step_m < ARRIVED_M || !self.is_buried(place) {
                 return Some((point.distance(place), exit.normal, is_seabed));
             }
         }

@@ -321,9 +321,15 @@ fn a_mesh_is_found_beside_its_scene_and_placed() {
 #[test]
 fn inside_a_joint_the_way_out_is_through_the_solids_that_join() {
     let truss = Scene::named("truss").unwrap();
-    // In a leg, where a brace and a horizontal end in it.
-    let (distance_m, ..) = truss.nearest(DVec3::new(9.776, -9.926, 10.089));
-    assert!(distance_m < 0.35, "{distance_m}");
+    // In a leg, where a brace and a horizontal end in it; and in a horizontal, where the walk goes to
+    // and fro between it and a brace.
+    for place in [
+        DVec3::new(9.776, -9.926, 10.089),
+        DVec3::new(9.282_375, -9.984_904, -9.917_978),
+    ] {
+        let (distance_m, ..) = truss.nearest(place);
+        assert!(distance_m < 0.35, "{place}: {distance_m}");
+    }
 }
 
 #[test]

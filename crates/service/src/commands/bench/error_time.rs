@@ -119,6 +119,7 @@ fn automatic_voxel_m(scene: &str, seed: u64) -> anyhow::Result<f64> {
     let ping = ping.ok_or_else(|| anyhow!("{scene}: the first ping has no pose"))?;
     let mut mapper = Mapper::new(MapperConfig {
         threads: 1,
+        slice_pings: 1,
         ..MapperConfig::default()
     })?;
     mapper.insert(&ping);
