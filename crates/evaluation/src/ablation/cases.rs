@@ -3,6 +3,7 @@
 use echosplat_simulator::{DiveKind, NoiseLevel};
 use serde::Serialize;
 
+use crate::error_time::Omission;
 use crate::runs::{Spec, dive_name};
 
 /// Poses are freed from jitter before the mapper has them.
@@ -23,6 +24,8 @@ pub const PARTS: [&str; 11] = [
 ];
 
 const QUICK_DIVE_S: f64 = 30.0;
+/// Of [`variants`], those that put every part in the same state come first.
+const WHOLE_VARIANTS: usize = 3;
 
 /// Whether a part takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -147,6 +150,18 @@ pub struct Case {
     /// What is wrong with pings and poses.
     pub noise: NoiseLevel,
     duration_s: Option<f64>,
+    alone: Alone,
+    first_seed_only: bool,
+}
+
+/// When each part is fixed by itself on a dive: that is 22 runs, with the first seed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Alone {
+    /// Before other seeds.
+    Early,
+    /// After everything else.
+    Late,
+    Never,
 }
 
 impl Case {
@@ -171,24 +186,78 @@ impl Case {
     }
 }
 
+/// Runs in the order in which they are worth their time: everything in each state with the first seed,
+/// each part alone where a run is short, the other seeds, each part alone elsewhere.
+#[must_use]
+pub fn specs(cases: &[Case], parts: &[Part], variants: &[Variant], seeds: &[u64]) -> Vec<Spec> {
+    let Some((&first, others)) = seeds.split_first() else {
+        return Vec::new();
+    };
+    let (whole, alone) = variants.split_at(variants.len().min(WHOLE_VARIANTS));
+    let mut specs = Vec::new();
+    let mut add = |seed: u64, variants: &[Variant], takes: &dyn Fn(&Case) -> bool| {
+        for variant in variants {
+            let own = cases.iter().filter(|case| takes(case));
+            specs.extend(own.map(|case| case.spec(parts, variant, seed)));
+        }
+    };
+    add(first, whole, &|_| true);
+    add(first, alone, &|case| case.alone == Alone::Early);
+    for &seed in others {
+        add(seed, whole, &|case| !case.first_seed_only);
+    }
+    add(first, alone, &|case| case.alone == Alone::Late);
+    specs
+}
+
+/// What [`specs`] leaves out of all variants on all dives with all seeds.
+#[must_use]
+pub fn omissions(cases: &[Case]) -> Vec<Omission> {
+    let named = |takes: fn(&Case) -> bool| {
+        let own = cases.iter().filter(|case| takes(case));
+        let names: Vec<&str> = own.map(|case| case.scene).collect();
+        names.join(", ")
+    };
+    let omitted = [
+        (
+            "each part alone on",
+            named(|case| case.alone == Alone::Never),
+        ),
+        (
+            "other seeds than the first on",
+            named(|case| case.first_seed_only),
+        ),
+        (
+            "each part alone with other seeds on",
+            named(|case| case.alone != Alone::Never),
+        ),
+    ];
+    let omitted = omitted.into_iter().filter(|(_, names)| !names.is_empty());
+    let omission =
+        |(what, names)| Omission::new(format!("{what} {names}"), "thinned, to fit the time");
+    omitted.map(omission).collect()
+}
+
 /// All dives, in the order of the report.
 #[must_use]
 pub fn cases(quick: bool) -> Vec<Case> {
     use DiveKind::{Survey, Viewpoints};
     use NoiseLevel::{Nominal, None as Clean};
-    let case = |(scene, dive, noise)| Case {
+    let case = |(scene, dive, noise, alone)| Case {
         scene,
         dive,
         noise,
         duration_s: quick.then_some(QUICK_DIVE_S),
+        alone,
+        first_seed_only: scene == "truss",
     };
     let all = [
-        ("fence", Survey, Nominal),
-        ("empty", Survey, Nominal),
-        ("pier", Survey, Nominal),
-        ("wall", Survey, Nominal),
-        ("pipeline", Survey, Nominal),
-        ("truss", Viewpoints, Clean),
+        ("fence", Survey, Nominal, Alone::Early),
+        ("empty", Survey, Nominal, Alone::Early),
+        ("pier", Survey, Nominal, Alone::Late),
+        ("wall", Survey, Nominal, Alone::Never),
+        ("pipeline", Survey, Nominal, Alone::Never),
+        ("truss", Viewpoints, Clean, Alone::Never),
     ];
     let count = if quick { 3 } else { all.len() };
     all.into_iter().take(count).map(case).collect()

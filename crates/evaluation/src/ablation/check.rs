@@ -15,7 +15,7 @@ const WORK_SHARE: f64 = 2.0 / 3.0;
 const MORE_ERROR: f64 = 0.02;
 const LEAST_SCENES: usize = 3;
 
-/// Error and work of a variant, medians over the seeds.
+/// Error and work of a variant, medians over seeds.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Standard {
     /// Chamfer distance, metres; where no truth was seen, the number of asserted Gaussians.
@@ -26,25 +26,31 @@ pub struct Standard {
 }
 
 impl Standard {
-    /// `None` unless every seed was run and mapped.
-    #[must_use]
-    pub fn of(
-        case: &Case,
-        parts: &[Part],
-        variant: &Variant,
-        seeds: &[u64],
-        results: &Results,
-    ) -> Option<Self> {
-        let outcome = |seed: &u64| {
-            let result = results.of(&case.spec(parts, variant, *seed))?;
-            result.as_ref().ok()
-        };
-        let outcomes: Vec<&Outcome> = seeds.iter().map(outcome).collect::<Option<_>>()?;
+    /// `None` of none.
+    fn of(outcomes: &[&Outcome]) -> Option<Self> {
         let median = |of: fn(&Outcome) -> f64| Spread::of(outcomes.iter().map(|o| of(o))).median;
         (!outcomes.is_empty()).then(|| Self {
             error: median(error),
             work: median(|outcome| outcome.total.counted() as f64),
         })
+    }
+
+    /// A variant and what the mapper chooses by itself, over the seeds that both have mapped.
+    #[must_use]
+    pub fn of_both(
+        case: &Case,
+        parts: &[Part],
+        [variant, auto]: [&Variant; 2],
+        seeds: &[u64],
+        results: &Results,
+    ) -> Option<[Self; 2]> {
+        let outcome = |variant: &Variant, seed: u64| {
+            let result = results.of(&case.spec(parts, variant, seed))?;
+            result.as_ref().ok()
+        };
+        let both = |seed: &u64| Some((outcome(variant, *seed)?, outcome(auto, *seed)?));
+        let (fixed, chosen): (Vec<_>, Vec<_>) = seeds.iter().filter_map(both).unzip();
+        Some([Self::of(&fixed)?, Self::of(&chosen)?])
     }
 
     /// Whether it has both clearly less error and clearly less work.
@@ -117,26 +123,27 @@ pub fn check(
         has_parts: !parts.is_empty(),
         ..Check::default()
     };
+    let Some(auto) = variants.iter().find(|variant| variant.is_auto()) else {
+        return check;
+    };
     for case in cases {
-        let standard = |variant| Standard::of(case, parts, variant, seeds, results);
-        let standards: Vec<Option<Standard>> = variants.iter().map(standard).collect();
-        if standards.iter().any(Option::is_none) {
-            check.incomplete.push(case.name());
-        }
-        let both = || variants.iter().zip(&standards);
-        let Some(auto) = both().find(|(variant, _)| variant.is_auto()) else {
-            continue;
-        };
-        let Some(auto) = auto.1 else { continue };
-        for (variant, standard) in both().filter(|(variant, _)| !variant.is_auto()) {
-            let Some(standard) = standard else { continue };
-            if standard.beats(auto) {
+        let fixed = || variants.iter().filter(|variant| !variant.is_auto());
+        let mut compared = 0;
+        for variant in fixed() {
+            let both = Standard::of_both(case, parts, [variant, auto], seeds, results);
+            let Some([standard, auto]) = both else {
+                continue;
+            };
+            compared += 1;
+            if standard.beats(&auto) {
                 check.beaten_by.push((case.name(), variant.name.clone()));
             }
-            let is_everything_on = variant.name == "everything on";
-            if is_everything_on && auto.saves_against(standard) {
+            if variant.name == "everything on" && auto.saves_against(&standard) {
                 check.saves_on.push(case.name());
             }
+        }
+        if compared < fixed().count() {
+            check.incomplete.push(case.name());
         }
     }
     check

@@ -8,6 +8,6 @@ mod cases;
 mod check;
 mod report;
 
-pub use cases::{Case, PARTS, Part, State, Variant, cases, variants};
+pub use cases::{Case, PARTS, Part, State, Variant, cases, omissions, specs, variants};
 pub use check::{Check, Standard, check};
 pub use report::{Row, case_section, check_section, rows, text};

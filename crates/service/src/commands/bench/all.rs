@@ -18,9 +18,10 @@ use crate::arguments::{
 use crate::exit::{Finish, Usage};
 
 /// Shares of the time that is left for error-time, ablation and targets; stability takes seconds.
-const SHARES: [f64; 3] = [0.45, 0.55, 1.0];
-/// Quick without a budget of its own.
+const SHARES: [f64; 3] = [0.3, 0.45, 1.0];
+/// Without a budget of its own.
 const QUICK_MINUTES: f64 = 2.75;
+const FULL_MINUTES: f64 = 85.0;
 /// Work and error of the kept table may be missed by this factor either way.
 const MOST_FACTOR: f64 = 1.5;
 /// Errors below this many metres are as good as each other.
@@ -91,16 +92,19 @@ pub(super) fn run(arguments: &AllBenchArguments) -> anyhow::Result<Finish> {
 /// What there is of it.
 struct Time {
     begin: Instant,
-    minutes: Option<f64>,
+    minutes: f64,
     queue: QueueOptions,
 }
 
 impl Time {
     fn of(arguments: &AllBenchArguments) -> Self {
-        let quick = arguments.options.quick.then_some(QUICK_MINUTES);
+        let default = match arguments.options.quick {
+            true => QUICK_MINUTES,
+            false => FULL_MINUTES,
+        };
         Self {
             begin: Instant::now(),
-            minutes: arguments.queue.budget.or(quick),
+            minutes: arguments.queue.budget.unwrap_or(default),
             queue: arguments.queue.clone(),
         }
     }
@@ -108,9 +112,9 @@ impl Time {
     /// Of what is left, at least a second: what does not fit is listed.
     fn share(&self, index: usize) -> QueueOptions {
         let passed = self.begin.elapsed().as_secs_f64() / 60.0;
-        let share = |minutes: f64| (SHARES[index] * (minutes - passed)).max(1.0 / 60.0);
+        let share = SHARES[index] * (self.minutes - passed);
         QueueOptions {
-            budget: self.minutes.map(share),
+            budget: Some(share.max(1.0 / 60.0)),
             ..self.queue.clone()
         }
     }
