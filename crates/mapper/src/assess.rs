@@ -42,7 +42,7 @@ const FAN_REACH: f32 = 1.3;
 
 /// Least number of whole confident Gaussians within so many voxels, itself included. Wide rather
 /// than near: a glinting rod shows here and there along its whole length.
-const LEAST_COMPANY: f32 = 16.0;
+const LEAST_COMPANY: f32 = 12.0;
 const COMPANY_VOXELS: f32 = 16.0;
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
