@@ -35,16 +35,7 @@ fn every_stiff_and_extreme_case_passes() {
     let json = bench("stability", &[]);
     let rows = json["rows"].as_array().unwrap();
     assert!(rows.len() > 80, "{} rows", rows.len());
-    // Turns by other than quarters, the order within slices, and nothing else, are known to fail.
-    let (known, others): (Vec<_>, Vec<_>) = rows.iter().partition(|r| r["known_failure"] == true);
-    assert!(known.len() <= 4, "{known:?}");
-    let cases = ["whole mapper: yaw", "whole mapper: order"];
-    assert!(
-        known
-            .iter()
-            .all(|row| cases.iter().any(|case| row["case"] == *case))
-    );
-    for row in others {
+    for row in rows {
         assert_eq!(row["passed"], true, "{row}");
         let error = row["error"].as_f64().unwrap();
         assert!(error <= row["limit"].as_f64().unwrap(), "{row}");

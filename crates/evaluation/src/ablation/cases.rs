@@ -24,8 +24,6 @@ pub const PARTS: [&str; 11] = [
 ];
 
 const QUICK_DIVE_S: f64 = 30.0;
-/// Of [`variants`], those that put every part in the same state come first.
-const WHOLE_VARIANTS: usize = 3;
 
 /// Whether a part takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -105,6 +103,12 @@ impl Variant {
     #[must_use]
     pub fn is_auto(&self) -> bool {
         self.states.iter().all(|state| *state == State::Auto)
+    }
+
+    /// Whether every part is in the same state.
+    #[must_use]
+    pub fn is_whole(&self) -> bool {
+        self.states.windows(2).all(|pair| pair[0] == pair[1])
     }
 
     fn all(state: State, count: usize) -> Self {
@@ -193,20 +197,20 @@ pub fn specs(cases: &[Case], parts: &[Part], variants: &[Variant], seeds: &[u64]
     let Some((&first, others)) = seeds.split_first() else {
         return Vec::new();
     };
-    let (whole, alone) = variants.split_at(variants.len().min(WHOLE_VARIANTS));
+    let (whole, alone): (Vec<_>, Vec<_>) = variants.iter().partition(|v| v.is_whole());
     let mut specs = Vec::new();
-    let mut add = |seed: u64, variants: &[Variant], takes: &dyn Fn(&Case) -> bool| {
+    let mut add = |seed: u64, variants: &[&Variant], takes: &dyn Fn(&Case) -> bool| {
         for variant in variants {
             let own = cases.iter().filter(|case| takes(case));
             specs.extend(own.map(|case| case.spec(parts, variant, seed)));
         }
     };
-    add(first, whole, &|_| true);
-    add(first, alone, &|case| case.alone == Alone::Early);
+    add(first, &whole, &|_| true);
+    add(first, &alone, &|case| case.alone == Alone::Early);
     for &seed in others {
-        add(seed, whole, &|case| !case.first_seed_only);
+        add(seed, &whole, &|case| !case.first_seed_only);
     }
-    add(first, alone, &|case| case.alone == Alone::Late);
+    add(first, &alone, &|case| case.alone == Alone::Late);
     specs
 }
 
