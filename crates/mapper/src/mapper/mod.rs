@@ -447,12 +447,6 @@ impl Mapper {
         self.pairs_per_ping.max(LEAST_PAIRS_PER_LOOK as f64)
     }
 
-    /// Whether a slice was taken in, and with it the map's origin fixed.
-    #[must_use]
-    pub fn has_begun(&self) -> bool {
-        self.world.is_some()
-    }
-
     /// The map as it stands. Looking at it leaves no trace in what [`Mapper::finish`] gives.
     pub fn snapshot(&mut self) -> Snapshot {
         self.judge_running();

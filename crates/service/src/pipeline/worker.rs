@@ -186,10 +186,6 @@ impl Worker {
     fn publish_if_due(&mut self, time: Timestamp, has_changed: bool) {
         let state = &mut self.state;
         let first = *state.first_ping.get_or_insert(time);
-        // Until its first slice a map has no origin, and followers keep the first that they are told.
-        if !self.mapper.has_begun() {
-            return;
-        }
         let dive_s = time.seconds_since(first);
         let is_time = dive_s >= state.next_snapshot_s && Instant::now() >= state.next_snapshot_at;
         let is_due = has_changed && is_time;
