@@ -66,6 +66,12 @@ impl SnapshotDiffer {
             self.published = Some(PublishedMap::empty(&snapshot, self.tile_edge_m));
             self.rounds_waited.clear();
         }
+        // A map has no origin before its first pings: as long as nothing is placed by it, it may move.
+        if let Some(published) = &mut self.published
+            && published.gaussian_count() == 0
+        {
+            published.origin_m = snapshot.origin_m;
+        }
         self.target = Some(Target {
             snapshot,
             tiles,

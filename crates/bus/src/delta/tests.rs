@@ -48,6 +48,22 @@ fn another_unit_alone_is_told_once() {
     assert_eq!([pass(&first), pass(&second), pass(&second)], [1, 1, 0]);
 }
 
+#[test]
+fn an_origin_found_after_an_empty_map_was_sent_reaches_its_followers() {
+    let (mut differ, mut assembler) = joined();
+    let mut empty = Snapshot::clone(&snapshot(5, 1, Vec::new()));
+    empty.origin_m = glam::DVec3::ZERO;
+    differ.offer(Arc::new(empty));
+    resync(&differ, &mut assembler);
+    let mut begun = Snapshot::clone(&snapshot(5, 2, vec![gaussian(1)]));
+    begun.origin_m = glam::DVec3::new(3.0, -4.0, 5.0);
+    differ.offer(Arc::new(begun.clone()));
+    for delta in differ.next_deltas(None) {
+        assert_eq!(assembler.delta(delta, false), Progress::Applied);
+    }
+    assert_whole(&assembler, &begun);
+}
+
 /// The same ids with some moved to other tiles, some changed by one bit, some gone, some new.
 fn stirred(old: &Snapshot) -> Arc<Snapshot> {
     let keep = |g: &&Gaussian| !g.id.is_multiple_of(7);
