@@ -11,9 +11,9 @@ const CELLS: usize = 64;
 const REACH: f32 = 1.3;
 /// Thickness of a shell of range.
 const SHELL_M: f32 = 0.1;
-/// A surface is some voxels thick, each layer covering it once: less than two layers may be a rod
-/// that hides only its share.
-const OPAQUE: f32 = 1.0;
+/// A surface is some voxels thick, each layer covering it once, but where poses are off only some of
+/// its places are certain.
+const OPAQUE: f32 = 0.5;
 /// What is this near behind the front belongs to it.
 const THICKNESS_M: f32 = 0.3;
 
