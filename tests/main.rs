@@ -5,6 +5,7 @@ mod harness;
 mod python;
 
 mod bench;
+mod calibrate;
 mod device;
 mod dive;
 mod link;

@@ -71,6 +71,15 @@ impl HeldBack {
     pub fn predicted(&self, rendered: f32) -> f32 {
         (self.gain * f64::from(rendered) + self.noise_floor) as f32
     }
+
+    /// Mean logarithm of the density of one ping's bins, of intensity over the constant's level; not
+    /// a number without bins.
+    #[must_use]
+    pub fn log_likelihood_per_bin(&self, pair: &Pair) -> f64 {
+        let predict = |rendered: f64| self.gain * rendered + self.noise_floor;
+        let sums = Sums::of(std::slice::from_ref(pair), self.constant_level, predict);
+        sums.log_likelihood(self.map.looks) / sums.count
+    }
 }
 
 /// Fits on `fit` and scores `held`; `None` if either holds no bin, or nothing was ever heard.

@@ -66,6 +66,8 @@ pub(crate) enum Command {
     Watch(WatchArguments),
     /// Judges a map against the truth, or against pings that were kept from it
     Evaluate(EvaluateArguments),
+    /// Finds what is wrong with a log's time offset and mount
+    Calibrate(CalibrateArguments),
     /// Renders what a sonar would hear of a map, from any pose
     Render(RenderArguments),
     /// Measures the program: speed, stiff and extreme cases, the paper's method
@@ -317,6 +319,39 @@ pub(crate) struct EvaluateArguments {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct CalibrateArguments {
+    /// A log (.svlog) of a dive around some structure
+    #[arg(value_name = "LOG")]
+    pub(crate) log: PathBuf,
+    /// Its poses, as a TUM file
+    #[arg(long, value_name = "F.tum")]
+    pub(crate) poses: PathBuf,
+    /// Configuration file with the mount and time offset to begin with
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Only this one; repeatable
+    #[arg(long, value_name = "NAME", value_enum)]
+    pub(crate) only: Vec<Parameter>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+/// What may be wrong with how poses belong to pings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Parameter {
+    /// Time offset between pings and poses
+    Time,
+    /// The mount's, about up
+    Yaw,
+    /// The mount's, about left
+    Pitch,
+    /// The mount's, about forward
+    Roll,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct RenderArguments {
     /// The map
     #[arg(value_name = "MAP.ply")]
@@ -444,7 +479,7 @@ pub(crate) struct TargetsBenchArguments {
     pub(crate) options: BenchOptions,
     #[command(flatten)]
     pub(crate) queue: QueueOptions,
-    /// Only this section (accuracy, shift, more, length, threads, frames, own) or this scene;
+    /// Only this section (accuracy, shift, more, length, threads, frames, own, paper) or this scene;
     /// repeatable, and SECTION/SCENE takes what is both
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,

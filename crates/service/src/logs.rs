@@ -42,7 +42,11 @@ pub(crate) fn posed_pings(
     Ok(poses.report().join)
 }
 
-fn pings(
+/// Calls `take` for each ping of `log`, in its order.
+///
+/// # Errors
+/// If the file is not a log.
+pub(crate) fn pings(
     log: &Path,
     config: &SessionConfig,
     mut take: impl FnMut(Arc<Ping>),

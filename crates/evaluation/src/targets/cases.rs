@@ -6,7 +6,8 @@ use glam::DVec3;
 use super::accuracy::{self, Judged};
 use super::limit::{Limit, Row, Target, Unit};
 use super::sections::Section;
-use crate::runs::{Outcome, Placement, Results, Spec};
+use crate::held_back::HeldBack;
+use crate::runs::{Method, Outcome, Placement, Results, Spec};
 
 /// Runs of one seed that are judged together.
 #[derive(Debug, Clone)]
@@ -58,6 +59,7 @@ pub fn cases() -> Vec<Case> {
     cases.push(threads());
     cases.extend(frames());
     cases.extend(of_maps(Section::Own, accuracy::own()));
+    cases.extend(papers());
     cases
 }
 
@@ -287,6 +289,81 @@ fn frames() -> Vec<Case> {
     placements.into_iter().map(frame).collect()
 }
 
+/// Moments at which it is asked whether the mapper has got as far as the paper's method.
+const PAPER_MOMENTS: usize = 12;
+
+/// The mapper's run first, then the paper's.
+fn papers() -> Vec<Case> {
+    let both = |scene, noise, more: &[Target]| {
+        let ours = Spec {
+            moments: PAPER_MOMENTS,
+            held_back: true,
+            ..Spec::new(scene, DiveKind::Viewpoints, noise, 0)
+        };
+        let papers = Spec {
+            method: Method::Paper,
+            moments: 0,
+            ..ours.clone()
+        };
+        let mut targets = more.to_vec();
+        targets.extend(foretold());
+        Case {
+            name: format!("{scene}, viewpoints, {noise}"),
+            ..case(Section::Paper, scene, vec![ours, papers], targets)
+        }
+    };
+    let sooner = Target {
+        must: Some(Limit::AtLeast(50.0)),
+        ..target("paper's compute over ours for its CD", Unit::Ratio, |o| {
+            o[1].total.compute_s / until(o[0], o[1].metrics.cd_m)
+        })
+    };
+    let apart = target("paper's CD over ours", Unit::Ratio, |o| {
+        o[1].metrics.cd_m / o[0].metrics.cd_m
+    });
+    vec![
+        both("fence", NoiseLevel::None, &[sooner, apart]),
+        both("truss", NoiseLevel::None, &[sooner, apart]),
+        both("fence", NoiseLevel::Nominal, &[]),
+        both("wall", NoiseLevel::Nominal, &[]),
+        both("pier", NoiseLevel::Nominal, &[]),
+        both("pipeline", NoiseLevel::Nominal, &[]),
+    ]
+}
+
+/// Processor seconds until a map has this CD; infinite if none ever had.
+fn until(outcome: &Outcome, cd_m: f64) -> f64 {
+    let live = outcome.samples.iter();
+    let live = live.map(|sample| (sample.metrics.cd_m, sample.compute_s));
+    let all = live.chain([(outcome.metrics.cd_m, outcome.total.compute_s)]);
+    let mut reached = all.filter(|(reached_m, _)| *reached_m <= cd_m);
+    reached
+        .next()
+        .map_or(f64::INFINITY, |(_, compute_s)| compute_s)
+}
+
+/// How likely pings are that no map was made of.
+fn foretold() -> [Target; 2] {
+    let above = |quantity, value| Target {
+        must: Some(Limit::AtLeast(0.0)),
+        ..target(quantity, Unit::Nats, value)
+    };
+    [
+        above("likelihood per bin over the paper's map", |o| {
+            likelihood(o[0], |found| found.map.log_likelihood_per_bin)
+                - likelihood(o[1], |found| found.map.log_likelihood_per_bin)
+        }),
+        above("likelihood per bin over a constant", |o| {
+            likelihood(o[0], |found| found.gain_per_bin)
+        }),
+    ]
+}
+
+/// Not a number where nothing was scored.
+fn likelihood(outcome: &Outcome, of: fn(&HeldBack) -> f64) -> f64 {
+    outcome.held_back.as_ref().map_or(f64::NAN, of)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -324,6 +401,19 @@ mod tests {
         let rows: Vec<Row> = rows.collect();
         assert!(rows.len() > 40);
         assert!(rows.iter().all(|row| row.verdict == Verdict::Incomplete));
+    }
+
+    #[test]
+    fn a_map_that_never_gets_there_takes_for_ever() {
+        let ours = Outcome {
+            samples: crate::curve::tests::run("", 1, 3.0, 4).samples,
+            ..crate::runs::sample_outcome(0.01, 50_000_000)
+        };
+        let soonest = ours.samples.iter().map(|sample| sample.compute_s);
+        let soonest = soonest.fold(f64::INFINITY, f64::min);
+        assert!((until(&ours, f64::INFINITY) - soonest).abs() < 1e-12);
+        assert!((until(&ours, 0.01) - 50.0).abs() < 1e-9);
+        assert!(until(&ours, 0.009).is_infinite());
     }
 
     #[test]

@@ -74,6 +74,8 @@ pub enum Unit {
     Megabytes,
     /// Of processor time.
     Seconds,
+    /// A natural logarithm.
+    Nats,
 }
 
 impl Unit {
@@ -91,6 +93,7 @@ impl Unit {
             Self::Ratio => format!("{value:.2}"),
             Self::Megabytes => format!("{value:.0} MB"),
             Self::Seconds => format!("{value:.1} s"),
+            Self::Nats => format!("{value:.3}"),
         }
     }
 }

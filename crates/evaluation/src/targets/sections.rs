@@ -17,11 +17,13 @@ pub enum Section {
     Frames,
     /// Scenes that no setting was chosen on.
     Own,
+    /// The paper's method on the same dive.
+    Paper,
 }
 
 impl Section {
     /// In the order of the report.
-    pub const ALL: [Self; 7] = [
+    pub const ALL: [Self; 8] = [
         Self::Accuracy,
         Self::Shift,
         Self::More,
@@ -29,6 +31,7 @@ impl Section {
         Self::Threads,
         Self::Frames,
         Self::Own,
+        Self::Paper,
     ];
 
     /// As on the command line.
@@ -42,6 +45,7 @@ impl Section {
             Self::Threads => "threads",
             Self::Frames => "frames",
             Self::Own => "own",
+            Self::Paper => "paper",
         }
     }
 
@@ -54,6 +58,7 @@ impl Section {
             Self::Threads => "Number of threads",
             Self::Frames => "Where it takes place",
             Self::Own => "Other scenes",
+            Self::Paper => "Against the paper's method",
         }
     }
 
@@ -88,6 +93,12 @@ impl Section {
             Self::Own => {
                 "Scenes of other sizes, distances and kinds, on which no setting was chosen, \
                  judged like the row that is most alike."
+            }
+            Self::Paper => {
+                "Both methods on one dive in images. The paper's processor seconds over those after \
+                 which a map of the mapper, live or finished, has the paper's final CD or less; and \
+                 how much likelier the finished map makes pings that neither method has seen, \
+                 natural logarithm per bin, gain, floor and looks fitted to each."
             }
         }
     }

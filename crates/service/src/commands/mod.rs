@@ -1,6 +1,7 @@
 //! One file per command.
 
 mod bench;
+mod calibrate;
 mod check;
 mod demo;
 mod emulate;
@@ -35,6 +36,7 @@ pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
         Command::Emulate(arguments) => emulate::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
+        Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
         Command::Config => {

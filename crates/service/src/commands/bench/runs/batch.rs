@@ -4,6 +4,7 @@
 use anyhow::anyhow;
 use echosplat_evaluation::baselines::Carving;
 use echosplat_evaluation::curve::Sample;
+use echosplat_evaluation::held_back::HeldBack;
 use echosplat_evaluation::runs::{Method, Outcome, Spec, Work};
 use echosplat_evaluation::{MapPoints, Metrics, Truth, evaluate_raw};
 use echosplat_model::PosedPing;
@@ -12,7 +13,8 @@ use echosplat_paper::{Choices, ImageError, Images, PaperMethod, support};
 use echosplat_simulator::SimulatedSonar;
 use rayon::prelude::*;
 
-use super::Clock;
+use super::{Clock, held_out};
+use crate::config::Config;
 use crate::fingerprint::Fingerprint;
 use crate::{processor, truth};
 
@@ -34,7 +36,7 @@ pub(super) fn outcome(spec: &Spec, sonar: &SimulatedSonar) -> anyhow::Result<Out
     let made = match spec.method {
         Method::Support => bench.parts(spec, supported)?,
         Method::Carving => bench.parts(spec, |pings| Ok(carved(pings)))?,
-        Method::Paper => bench.epochs(spec)?,
+        Method::Paper => bench.epochs(spec, sonar)?,
         Method::Online => return Err(anyhow!("the mapper takes one ping after another")),
     };
     let (last, points) = made.last.ok_or_else(|| anyhow!("the dive has no pings"))?;
@@ -50,7 +52,7 @@ pub(super) fn outcome(spec: &Spec, sonar: &SimulatedSonar) -> anyhow::Result<Out
         dive_s: last.dive_s,
         streamed: total,
         total,
-        held_back: None,
+        held_back: made.held_back,
         peak_memory_bytes: processor::peak_memory_bytes(),
         wall_s: 0.0,
         fingerprint: fingerprint(&points),
@@ -67,6 +69,7 @@ struct Made {
     samples: Vec<Sample>,
     last: Option<(Sample, MapPoints)>,
     met_budget: bool,
+    held_back: Option<HeldBack>,
 }
 
 impl Made {
@@ -147,7 +150,7 @@ impl Bench {
     }
 
     /// The paper's method on all pings, after some of its epochs.
-    fn epochs(&self, spec: &Spec) -> anyhow::Result<Made> {
+    fn epochs(&self, spec: &Spec, sonar: &SimulatedSonar) -> anyhow::Result<Made> {
         let choices = Choices::default();
         let judged: Vec<u32> = shares(spec)
             .into_iter()
@@ -174,6 +177,9 @@ impl Bench {
             };
             made.add(&sample, points);
             clock.go_on();
+        }
+        if spec.scores_held_back() {
+            made.held_back = held_out::score(sonar, &method.snapshot(), &Config::default())?;
         }
         Ok(made)
     }
