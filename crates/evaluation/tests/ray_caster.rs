@@ -141,6 +141,7 @@ fn by_map(pieces: &[Piece], occlusion: bool) -> Vec<f64> {
         twist: Twist::default(),
         reference_range_m: 6.0,
         uncertainty: None,
+        jitter: None,
     };
     let look = look_of(&posed, DVec3::ZERO, &config);
     let mut renderer = MapRenderer::new(DVec3::ZERO, 1.0, &gaussians, occlusion);

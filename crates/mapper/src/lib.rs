@@ -15,6 +15,7 @@ mod field;
 mod gaussians;
 mod history;
 mod mapper;
+mod multiples;
 mod neighbours;
 mod parts;
 mod profile;

@@ -21,6 +21,9 @@ pub struct Parts {
     pub speckle: Switch,
     /// Strength towards each of six sides; without it, one for all.
     pub specular: Switch,
+    /// Structures glint and hide their backs: a side that saw a place dark says half as much against
+    /// what others saw.
+    pub glints: Switch,
     /// What is confident is split in eight at the end of a dive.
     pub splitting: Switch,
     /// Each step of a running map looks at older pings too.
@@ -36,12 +39,13 @@ pub struct Parts {
 
 impl Parts {
     /// Names of all.
-    pub const NAMES: [&'static str; 10] = [
+    pub const NAMES: [&'static str; 11] = [
         "occlusion",
         "elevation",
         "anisotropy",
         "speckle",
         "specular",
+        "glints",
         "splitting",
         "reservoir",
         "converged",
@@ -59,6 +63,16 @@ pub struct LeftOut {
     pub why: String,
 }
 
+impl LeftOut {
+    /// Glints are not reckoned with where so many places would be candidates.
+    pub(crate) fn glints_of_crowd(places: usize) -> Self {
+        Self {
+            part: "glints",
+            why: format!("{places} places would be candidates: darkness from every side counts"),
+        }
+    }
+}
+
 /// What is at work now.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct AtWork {
@@ -67,6 +81,7 @@ pub(crate) struct AtWork {
     pub(crate) anisotropy: bool,
     pub(crate) speckle: bool,
     pub(crate) specular: bool,
+    pub(crate) glints: bool,
     pub(crate) splitting: bool,
     pub(crate) reservoir: bool,
     pub(crate) converged: Extent,
@@ -100,6 +115,8 @@ const LEAST_PINGS: f32 = 64.0;
 const ONE_SIDED: f32 = 0.98;
 /// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
 const BLURRED_VOXELS: f32 = 0.8;
+/// Poses that jitter by so many voxels smear echoes: darkness from every side is needed to tell.
+const SMEARED_VOXELS: f32 = 1.0;
 /// Share of pings left out that is worth saying.
 const WORTH_SAYING: f32 = 0.05;
 /// Share of older pings that see what the newest see, below which they are of no use to a step.
@@ -116,6 +133,8 @@ pub(crate) struct Cues {
     towards: [f32; 4],
     /// What poses leave open at the range of echoes, metres, mean of late.
     blur_m: f32,
+    /// What poses jitter by in the middle of the range, metres, mean of late.
+    jitter_m: f32,
 }
 
 /// What a ping tells [`Cues`].
@@ -128,6 +147,7 @@ pub(crate) struct Cue {
     /// Quarter of the horizon it looks towards.
     pub(crate) quarter: usize,
     pub(crate) blur_m: f32,
+    pub(crate) jitter_m: f32,
 }
 
 impl Cues {
@@ -140,12 +160,12 @@ impl Cues {
             self.runs += cue.runs as f32;
             self.towards[cue.quarter] += cue.weight;
         }
-        let before = if self.blur_m > 0.0 {
-            self.blur_m
-        } else {
-            cue.blur_m
+        let of_late = |before: &mut f32, now: f32| {
+            let from = if *before > 0.0 { *before } else { now };
+            *before = from + RATE * (now - from);
         };
-        self.blur_m = before + RATE * (cue.blur_m - before);
+        of_late(&mut self.blur_m, cue.blur_m);
+        of_late(&mut self.jitter_m, cue.jitter_m);
     }
 
     fn runs_per_ping(&self) -> f32 {
@@ -184,7 +204,8 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
     let if_so = |so: bool, why: String| (known && so).then_some(why);
     let runs = cues.runs_per_ping();
     let sided = cues.most_sided();
-    let blur = cues.blur_m / map.voxel_m.max(f32::MIN_POSITIVE);
+    let voxels = |metres: f32| metres / map.voxel_m.max(f32::MIN_POSITIVE);
+    let (blur, jitter) = (voxels(cues.blur_m), voxels(cues.jitter_m));
     let at_work = AtWork {
         occlusion: use_part(
             "occlusion",
@@ -203,6 +224,14 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
             if_so(
                 sided >= ONE_SIDED,
                 format!("{:.0} % of looks from one side", 100.0 * sided),
+            ),
+        ),
+        glints: use_part(
+            "glints",
+            parts.glints,
+            if_so(
+                jitter >= SMEARED_VOXELS,
+                format!("poses jitter by {jitter:.1} voxels: darkness from every side counts"),
             ),
         ),
         splitting: use_part(
@@ -259,6 +288,7 @@ mod tests {
                 weight: 0.5,
                 quarter: ping % quarters,
                 blur_m: 0.03,
+                jitter_m: 0.01,
             });
         }
         cues
@@ -291,6 +321,16 @@ mod tests {
     }
 
     #[test]
+    fn jittering_poses_are_no_ground_to_expect_glints() {
+        let mut cues = dive(3, 4);
+        assert!(decide(&Parts::default(), &cues, RETURNING).0.glints);
+        cues.jitter_m = 0.1;
+        let (at_work, left_out) = decide(&Parts::default(), &cues, RETURNING);
+        assert!(!at_work.glints);
+        assert!(left_out[0].why.contains("2.0 voxels"), "{left_out:?}");
+    }
+
+    #[test]
     fn nothing_is_left_out_before_enough_is_known() {
         let mut cues = Cues::default();
         cues.add(Cue {
@@ -298,6 +338,7 @@ mod tests {
             weight: 1.0,
             quarter: 0,
             blur_m: 1.0,
+            jitter_m: 0.0,
         });
         assert_eq!(decide(&Parts::default(), &cues, RETURNING).1, []);
     }

@@ -40,6 +40,8 @@ pub(crate) struct Profile {
     pub(crate) state: States,
     /// Runs of bins above the threshold, half-open, not widened.
     pub(crate) echoes: Box<[(u32, u32)]>,
+    /// Runs of bins that may be echoes heard again: they say nothing.
+    pub(crate) doubted: Box<[(u32, u32)]>,
     /// Mean power of the noise in this ping.
     pub(crate) noise: f32,
     /// What the seabed sends back, as thought; empty where none is known.
@@ -68,14 +70,26 @@ impl Profile {
         self.state.at(bin) == BinState::Lit
     }
 
-    /// Tells echoes from noise and from the seabed.
+    /// Tells echoes from noise and from the seabed, and passes over what is doubted.
     pub(crate) fn judge(&mut self, intensity: &[f32], ground: &Backdrop) {
         let count = intensity.len();
         let raised = |bin: usize| {
             let ground = ground.most.get(bin).copied().unwrap_or(0.0);
             self.threshold.max(GROUND_FACTOR * ground)
         };
-        let echoes = runs_above(intensity, self.blank, raised);
+        let mut is_doubted = vec![false; if self.doubted.is_empty() { 0 } else { count }];
+        for &(start, end) in &self.doubted {
+            is_doubted[start as usize..end as usize].fill(true);
+        }
+        let doubts = |bin: usize| is_doubted.get(bin).is_some_and(|&doubted| doubted);
+        let level = |bin: usize| {
+            if doubts(bin) {
+                f32::INFINITY
+            } else {
+                raised(bin)
+            }
+        };
+        let echoes = runs_above(intensity, self.blank, level);
         let mut states = states(count, self.blank, &echoes, self.widen, self.shadow);
         // The brighter the seabed, the fewer structures would stand out: their absence is no news.
         let dull = self.threshold.powf(DULL_SHARE) * self.strongest.powf(1.0 - DULL_SHARE);
@@ -83,6 +97,11 @@ impl Profile {
             let level = raised(bin);
             if *state == BinState::Dark && level > self.threshold && level > dull {
                 *state = BinState::Shadowed;
+            }
+        }
+        for (bin, state) in states.iter_mut().enumerate() {
+            if doubts(bin) && *state != BinState::Lit {
+                *state = BinState::Blank;
             }
         }
         self.echoes = echoes.into();
@@ -146,6 +165,7 @@ impl Levels {
             intensity: Powers::of(ping.intensity(), peak),
             state: States::of(&vec![BinState::Blank; settings.bin_count]),
             echoes: Box::default(),
+            doubted: Box::default(),
             noise,
             strongest: self.strongest,
             threshold: (config.detection_factor * noise).max(floor),

@@ -69,6 +69,23 @@ fn a_fence_is_found_with_the_same_bits_at_any_number_of_threads_and_looks() {
 }
 
 #[test]
+fn a_dive_that_goes_on_after_its_end_is_as_if_it_had_not_ended() {
+    let (_, pings) = dive("fence", DiveKind::Survey, 20.0);
+    let mut mapper = Mapper::new(config(2)).unwrap();
+    let (before, after) = pings.split_at(pings.len() / 2);
+    before.iter().for_each(|ping| _ = mapper.insert(ping));
+    mapper.finish();
+    after.iter().for_each(|ping| _ = mapper.insert(ping));
+    let ended = mapper.finish().gaussians.len();
+    let mut whole = Mapper::new(config(2)).unwrap();
+    pings.iter().for_each(|ping| _ = whole.insert(ping));
+    let expected = whole.finish().gaussians.len();
+    assert!(expected > 100);
+    let ratio = ended as f64 / expected as f64;
+    assert!((0.9..1.1).contains(&ratio), "{ended} for {expected}");
+}
+
+#[test]
 fn poses_of_another_moment_do_not_make_this_map() {
     let (scene, pings) = dive("fence", DiveKind::Survey, 50.0);
     let late: Vec<PosedPing> = pings

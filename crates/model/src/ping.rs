@@ -231,6 +231,9 @@ pub struct PosedPing {
     pub reference_range_m: f64,
     /// One sigma of the pose, if the source says so.
     pub uncertainty: Option<crate::PoseUncertainty>,
+    /// One sigma of what poses scatter by from one to the next, before it was smoothed away; `None`
+    /// if nobody looked.
+    pub jitter: Option<crate::PoseUncertainty>,
 }
 
 /// Why numbers are no ping.

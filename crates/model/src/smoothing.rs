@@ -9,7 +9,7 @@
 
 use glam::{DMat3, DQuat, DVec3};
 
-use crate::{Pose, StampedPose, Timestamp, Twist};
+use crate::{Pose, PoseUncertainty, StampedPose, Timestamp, Twist};
 
 /// How far back pieces reach, longest first, seconds.
 const REACHES_S: [f64; 3] = [LONGEST_REACH_S, 0.25, 0.12];
@@ -33,14 +33,14 @@ struct Fitted {
 }
 
 /// The pose and motion at `time` from the `poses` around it, in order of time and of one piece,
-/// if they jitter or `always`: position and attitude each on its own. `interpolated` is what holds
-/// otherwise.
+/// if they jitter or `always`: position and attitude each on its own; and their jitter, 0 of too few
+/// poses. `interpolated` is what holds otherwise.
 pub(crate) fn smoothed(
     poses: &[StampedPose],
     time: Timestamp,
     interpolated: (Pose, Twist),
     always: bool,
-) -> (Pose, Twist) {
+) -> (Pose, Twist, PoseUncertainty) {
     let (pose, twist) = interpolated;
     let at = |index: usize| poses[index].time.seconds_since(time);
     let positions: Vec<(f64, DVec3)> = (0..poses.len())
@@ -76,7 +76,15 @@ pub(crate) fn smoothed(
         linear_mps,
         angular_radps,
     };
-    (smooth, motion)
+    let sigma = |samples: &[(f64, DVec3)]| match samples.len() < LEAST_POSES {
+        true => 0.0,
+        false => jitter2(samples).sqrt(),
+    };
+    let jitter = PoseUncertainty {
+        position_m: sigma(&positions),
+        attitude_rad: sigma(&turns),
+    };
+    (smooth, motion, jitter)
 }
 
 fn longest_fit(samples: &[(f64, DVec3)], always: bool) -> Option<Fitted> {
@@ -211,7 +219,9 @@ mod tests {
     fn jitter_goes_and_motion_stays() {
         let noisy = poses(motion, 0.1, 0.02);
         let raw = (noisy[22].world_from_vehicle, Twist::default());
-        let (pose, twist) = smoothed(&noisy, now(), raw, false);
+        let (pose, twist, jitter) = smoothed(&noisy, now(), raw, false);
+        assert!((0.05..0.2).contains(&jitter.position_m), "{jitter:?}");
+        assert!((0.01..0.04).contains(&jitter.attitude_rad), "{jitter:?}");
         assert!(pose.translation_m.length() < 0.06, "{}", pose.translation_m);
         assert!(pose.rotation.angle_between(motion(0.0).rotation) < 0.012);
         assert!((twist.angular_radps.z - 0.3).abs() < 0.15);
@@ -221,7 +231,8 @@ mod tests {
     fn poses_without_jitter_are_left_as_they_are() {
         let clean = poses(motion, 0.0, 0.0);
         let raw = (clean[22].world_from_vehicle, Twist::default());
-        let (pose, twist) = smoothed(&clean, now(), raw, false);
+        let (pose, twist, jitter) = smoothed(&clean, now(), raw, false);
+        assert!(jitter.position_m < LEAST_JITTER && jitter.attitude_rad < LEAST_JITTER);
         assert_eq!(pose, raw.0);
         assert_eq!(twist, raw.1);
     }
@@ -234,7 +245,7 @@ mod tests {
         };
         let scan = poses(steps, 0.0, 0.0);
         let raw = (scan[22].world_from_vehicle, Twist::default());
-        let (pose, twist) = smoothed(&scan, now(), raw, false);
+        let (pose, twist, _) = smoothed(&scan, now(), raw, false);
         assert_eq!((pose, twist), raw);
     }
 
@@ -246,7 +257,7 @@ mod tests {
         };
         let noisy = poses(jump, 0.01, 0.0);
         let raw = (noisy[22].world_from_vehicle, Twist::default());
-        let (pose, _) = smoothed(&noisy, now(), raw, false);
+        let (pose, _, _) = smoothed(&noisy, now(), raw, false);
         assert!((pose.translation_m.x - 5.0).abs() < 0.05);
     }
 }

@@ -30,6 +30,17 @@ pub struct StampedPose {
     pub epoch: u32,
 }
 
+/// What [`Trajectory::smoothed_at`] finds.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Smoothed {
+    /// Freed from jitter.
+    pub pose: StampedPose,
+    /// In the vehicle's frame.
+    pub twist: Twist,
+    /// One sigma of what was taken away; `None` if nobody looked.
+    pub jitter: Option<PoseUncertainty>,
+}
+
 /// What [`Trajectory::smoothed_at`] looks ahead by if nobody says otherwise, seconds.
 pub const LOOKAHEAD_S: f64 = 0.1;
 
@@ -166,20 +177,28 @@ impl Trajectory {
         time: Timestamp,
         lookahead_s: f64,
         smoothing: Switch,
-    ) -> Result<(StampedPose, Twist), PoseLookupError> {
+    ) -> Result<Smoothed, PoseLookupError> {
         let (mut pose, twist) = (self.at(time)?, self.twist_at(time)?);
         if !(lookahead_s > 0.0) || smoothing == Switch::Off {
-            return Ok((pose, twist));
+            return Ok(Smoothed {
+                pose,
+                twist,
+                jitter: None,
+            });
         }
         let piece = self.piece_around(time, lookahead_s);
-        let (smooth, motion) = smoothed(
+        let (smooth, twist, jitter) = smoothed(
             &piece,
             time,
             (pose.world_from_vehicle, twist),
             smoothing == Switch::On,
         );
         pose.world_from_vehicle = smooth;
-        Ok((pose, motion))
+        Ok(Smoothed {
+            pose,
+            twist,
+            jitter: Some(jitter),
+        })
     }
 
     /// Poses around `time` without a gap or a reset between them.

@@ -306,6 +306,7 @@ mod tests {
             twist: Twist::default(),
             reference_range_m: 0.0,
             uncertainty: None,
+            jitter: None,
         }
     }
 

@@ -227,16 +227,18 @@ impl PoseJoin {
     fn posed(&self, ping: &Arc<Ping>) -> Result<PosedPing, PoseLookupError> {
         let (reference_range_m, time) = self.reference(ping);
         let lookahead_s = self.config.lookahead_s;
-        let (vehicle, motion) =
-            self.trajectory
-                .smoothed_at(time, lookahead_s, self.config.smoothing)?;
+        let smoothed = self
+            .trajectory
+            .smoothed_at(time, lookahead_s, self.config.smoothing)?;
+        let vehicle = smoothed.pose;
         let mount = &self.config.vehicle_from_sensor;
         Ok(PosedPing {
             ping: Arc::clone(ping),
             world_from_sensor: vehicle.world_from_vehicle * *mount,
-            twist: at_sensor(&motion, mount),
+            twist: at_sensor(&smoothed.twist, mount),
             reference_range_m,
             uncertainty: vehicle.uncertainty,
+            jitter: smoothed.jitter,
         })
     }
 

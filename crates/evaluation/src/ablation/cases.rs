@@ -9,12 +9,13 @@ use crate::runs::{Spec, dive_name};
 /// Poses are freed from jitter before the mapper has them.
 const POSES: &str = "poses";
 /// Names of the optional parts: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or "auto".
-pub const PARTS: [&str; 11] = [
+pub const PARTS: [&str; 12] = [
     "occlusion",
     "elevation",
     "anisotropy",
     "speckle",
     "specular",
+    "glints",
     POSES,
     "splitting",
     "reservoir",

@@ -131,6 +131,7 @@ fn posed(ping: Arc<Ping>, index: u32, shift_m: DVec3) -> PosedPing {
         twist: Twist::default(),
         reference_range_m: 5.0,
         uncertainty: None,
+        jitter: None,
     }
 }
 

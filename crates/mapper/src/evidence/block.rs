@@ -9,8 +9,8 @@ use super::{BLOCK_EDGE, VOXELS};
 use crate::history::Past;
 use crate::parts::Extent;
 
-/// Sides of a block that looks come from: east, west, north, south.
-const SIDES: usize = 4;
+/// Sides of a block that looks come from: eighths of the horizon.
+const SIDES: usize = 8;
 
 /// Log likelihood ratio of a look on the beam's axis: an echo is seen from 95 % of looks at a
 /// surface, and from about 57 % at a place that is only asked about because some arc of it was
@@ -29,16 +29,37 @@ const FAN_SHARE: f32 = 1.0;
 /// Places are found although the heading is off by this factor of variance: what a surface that
 /// glints shows but once must not be lost to one bad pose.
 const POSE_DOUBT: f32 = 6.0;
-/// Darkness from one side weighs at most this much against what other sides saw.
-const MOST_AGAINST: f32 = -2.0;
+/// What a side that saw a place dark counts at most against what others saw.
+const AGAINST_EIGHTH: f32 = -0.5;
+const AGAINST_QUARTER: f32 = -2.0;
+/// The eighths of [`side_of`] that make up quarters around the axes.
+const QUARTERS: [[usize; 2]; 4] = [[0, 2], [1, 3], [4, 5], [6, 7]];
+
+/// How finely sides are told apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Sides {
+    /// Where structures glint, each eighth of the horizon may have seen something of its own.
+    Eighths,
+    /// Where echoes are smeared, darkness has to count for more.
+    Quarters,
+}
+
 /// A block whose best voxel is this deep in darkness from a side needs no more looks from there: it
-/// would take a dozen clear ones to bring it back to where it could count.
-const SETTLED_EVIDENCE: f32 = -8.0;
+/// would take eight clear ones to bring it back to nothing.
+const SETTLED_EVIDENCE: f32 = -4.0;
+/// What a settled side counts with the other half of its quarter.
+const SETTLED_COUNTS: f32 = -8.0;
 /// The same if every ping is looked at about once at most.
 const SOON_SETTLED_EVIDENCE: f32 = -3.0;
 
 /// Sums per voxel, x fastest.
-type Sums = [f32; VOXELS];
+pub(crate) type Sums = [f32; VOXELS];
+/// The same of one side, in steps of 1/64 up to 512: small, since there are many, and exact enough
+/// for looks of ½.
+type SideSums = [i16; VOXELS];
+const STEPS: f32 = 64.0;
+/// Of all sides together, in steps.
+type Totals = [i32; VOXELS];
 
 /// 8 × 8 × 8 voxels.
 #[derive(Debug)]
@@ -62,16 +83,16 @@ enum Side {
     #[default]
     Unseen,
     /// Sum of log likelihood ratios per voxel.
-    Seen(Box<Sums>),
+    Seen(Box<SideSums>),
     /// So dark everywhere that no more looks are needed and nothing need be remembered.
     Settled,
 }
 
 impl Side {
     /// From nothing if it was unseen; `None` if settled.
-    fn sums(&mut self) -> Option<&mut Sums> {
+    fn sums(&mut self) -> Option<&mut SideSums> {
         if let Self::Unseen = self {
-            *self = Self::Seen(Box::new([0.0; VOXELS]));
+            *self = Self::Seen(Box::new([0; VOXELS]));
         }
         match self {
             Self::Seen(sums) => Some(sums),
@@ -79,41 +100,39 @@ impl Side {
         }
     }
 
-    /// Adds what each voxel counts together with the other sides: one that saw it dark, since the
-    /// structure hides itself or glints elsewhere, contradicts them only so far.
-    fn add_to(&self, total: &mut Sums) {
+    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few looks.
+    #[inline(always)]
+    fn add_to(&self, total: &mut Totals) {
         match self {
             Self::Unseen => {}
             Self::Seen(sums) => {
                 for (total, sum) in total.iter_mut().zip(sums.iter()) {
-                    *total += sum.max(MOST_AGAINST);
+                    *total += i32::from(*sum);
                 }
             }
-            Self::Settled => total.iter_mut().for_each(|total| *total += MOST_AGAINST),
+            Self::Settled => {
+                for total in total {
+                    *total += (STEPS * SETTLED_COUNTS) as i32;
+                }
+            }
         }
     }
 
     /// Lets go of the sums when no place is left that could be anything.
     fn settle(&mut self, below: f32) {
         if let Self::Seen(sums) = self
-            && best_of(sums) < below
+            && sums.iter().all(|&sum| f32::from(sum) < STEPS * below)
         {
             *self = Self::Settled;
         }
     }
 }
 
-fn best_of(sums: &Sums) -> f32 {
-    sums.iter().copied().fold(f32::MIN, f32::max)
-}
-
 /// The side a look comes from, by the direction towards its sensor.
 fn side_of(towards_m: Vec3) -> usize {
-    if towards_m.x.abs() > towards_m.y.abs() {
-        usize::from(towards_m.x < 0.0)
-    } else {
-        2 + usize::from(towards_m.y < 0.0)
-    }
+    let (west, south) = (towards_m.x < 0.0, towards_m.y < 0.0);
+    let is_steep = towards_m.y.abs() > towards_m.x.abs();
+    usize::from(west) + 2 * usize::from(south) + 4 * usize::from(is_steep)
 }
 
 impl Block {
@@ -140,8 +159,8 @@ impl Block {
     }
 
     /// Lets places be candidates again that hold at least `part` of the best evidence.
-    pub(super) fn lift_bars(&mut self, part: f32) {
-        let sums = self.evidence();
+    pub(super) fn lift_bars(&mut self, part: f32, sides: Sides) {
+        let sums = self.evidence(sides);
         let least = part * self.best;
         for (word, sums) in self.barred.iter_mut().zip(sums.chunks_exact(64)) {
             for (bit, sum) in sums.iter().enumerate() {
@@ -156,7 +175,13 @@ impl Block {
 
     /// Adds the evidence of `pings` in their order, and lets go of sides settled to the `extent` of
     /// looking on. Returns voxel looks done.
-    pub(super) fn integrate(&mut self, pings: &[Past], voxel_m: f32, extent: Extent) -> u64 {
+    pub(super) fn integrate(
+        &mut self,
+        pings: &[Past],
+        voxel_m: f32,
+        extent: Extent,
+        sides: Sides,
+    ) -> u64 {
         let center_m = self.center_m(voxel_m);
         let radius_m = 0.5 * 3f32.sqrt() * voxel_m * BLOCK_EDGE as f32;
         let mut work = 0;
@@ -176,16 +201,45 @@ impl Block {
                 Extent::None => SOON_SETTLED_EVIDENCE,
             };
             self.sides.iter_mut().for_each(|side| side.settle(below));
-            self.best = best_of(&self.evidence());
+            self.weigh(sides);
         }
         work
     }
 
-    /// Evidence for each voxel over all sides.
-    pub(crate) fn evidence(&self) -> Sums {
-        let mut total = [0.0; VOXELS];
-        self.sides.iter().for_each(|side| side.add_to(&mut total));
-        total
+    /// Works out its best evidence.
+    pub(super) fn weigh(&mut self, sides: Sides) {
+        let totals = self.totals(sides);
+        self.best = totals.into_iter().fold(i32::MIN, i32::max) as f32 / STEPS;
+    }
+
+    /// Evidence for each voxel over all sides; what one saw dark counts only so far.
+    pub(super) fn evidence(&self, sides: Sides) -> Sums {
+        self.totals(sides).map(|total| total as f32 / STEPS)
+    }
+
+    /// What sides say together, in steps: one that saw a place dark, since the structure hides itself
+    /// or glints elsewhere, contradicts the others only so far.
+    fn totals(&self, sides: Sides) -> Totals {
+        let mut totals = [0; VOXELS];
+        dispatch!(Level::new(), _simd => match sides {
+            Sides::Eighths => self.add_sides(&mut totals, &[[0], [1], [2], [3], [4], [5], [6], [7]], AGAINST_EIGHTH),
+            Sides::Quarters => self.add_sides(&mut totals, &QUARTERS, AGAINST_QUARTER),
+        });
+        totals
+    }
+
+    #[inline(always)]
+    fn add_sides<const N: usize>(&self, totals: &mut Totals, groups: &[[usize; N]], least: f32) {
+        let least = (STEPS * least) as i32;
+        for group in groups {
+            let mut together = [0; VOXELS];
+            for &side in group {
+                self.sides[side].add_to(&mut together);
+            }
+            for (total, together) in totals.iter_mut().zip(together) {
+                *total += together.max(least);
+            }
+        }
     }
 }
 
@@ -227,7 +281,7 @@ impl<'a> Glance<'a> {
 
     /// Adds the look to every voxel in its beam. Returns voxel looks done.
     #[inline(always)]
-    fn add<S: Simd>(&self, simd: S, sums: &mut Sums) -> u64 {
+    fn add<S: Simd>(&self, simd: S, sums: &mut SideSums) -> u64 {
         let look = &self.past.look;
         let [step, along_y, along_z] = self.steps_m;
         let voxel_variance_m2 = self.voxel_m * self.voxel_m / 12.0;
@@ -271,8 +325,10 @@ impl<'a> Glance<'a> {
                 *ratio = self.ratios[states.at(bin as usize) as usize];
             }
             let ratio = f32x8::simd_from(simd, ratio);
-            let before = f32x8::from_slice(simd, sums);
-            clear.mul_add(ratio, before).store_slice(sums);
+            let told = clear * ratio * STEPS;
+            for (sum, told) in sums.iter_mut().zip(told.to_array()) {
+                *sum = sum.saturating_add(told.round_ties_even() as i16);
+            }
         }
         work
     }
@@ -285,8 +341,8 @@ mod tests {
     #[test]
     fn a_side_that_sees_nothing_contradicts_the_others_only_so_far() {
         let mut block = Block::new(IVec3::ZERO);
-        let seen_as = |ratio: f32| Side::Seen(Box::new([ratio; VOXELS]));
-        let first = |block: &Block| block.evidence()[0];
+        let seen_as = |sum: f32| Side::Seen(Box::new([(STEPS * sum) as i16; VOXELS]));
+        let first = |block: &Block| block.evidence(Sides::Quarters)[0];
         block.sides[0] = seen_as(20.0);
         block.sides[1] = seen_as(-50.0);
         assert!((first(&block) - 18.0).abs() < 1e-6);
@@ -303,7 +359,16 @@ mod tests {
 
     #[test]
     fn looks_come_from_the_side_their_sensor_is_on() {
-        let sides = [Vec3::X, -Vec3::X, Vec3::Y, -Vec3::Y].map(side_of);
-        assert_eq!(sides, [0, 1, 2, 3]);
+        let towards = |eighth: i32| {
+            let bearing_rad = f64::from(eighth) * std::f64::consts::FRAC_PI_4 + 0.1;
+            side_of(Vec3::new(
+                bearing_rad.cos() as f32,
+                bearing_rad.sin() as f32,
+                3.0,
+            ))
+        };
+        let mut sides: Vec<usize> = (0..SIDES as i32).map(towards).collect();
+        sides.sort_unstable();
+        assert!(sides.into_iter().eq(0..SIDES));
     }
 }

@@ -17,7 +17,8 @@ use rayon::prelude::*;
 
 use crate::history::Past;
 use crate::parts::Extent;
-pub(crate) use block::Block;
+use block::Sides;
+pub(crate) use block::{Block, Sums};
 
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
 pub(crate) const BLOCK_EDGE: i32 = 8;
@@ -36,6 +37,7 @@ struct Tile {
 #[derive(Debug)]
 pub(crate) struct Evidence {
     voxel_m: f32,
+    sides: Sides,
     blocks: Vec<Block>,
     /// Whose evidence changed since last asked, by block.
     touched: Vec<bool>,
@@ -48,6 +50,7 @@ impl Evidence {
     pub(crate) fn new(voxel_m: f32) -> Self {
         Self {
             voxel_m,
+            sides: Sides::Quarters,
             blocks: Vec::new(),
             touched: Vec::new(),
             block_at: HashMap::new(),
@@ -64,6 +67,10 @@ impl Evidence {
         self.blocks.len()
     }
 
+    pub(crate) fn blocks(&self) -> impl Iterator<Item = &Block> {
+        self.blocks.iter()
+    }
+
     pub(crate) fn block(&self, index: BlockIndex) -> &Block {
         &self.blocks[index as usize]
     }
@@ -72,11 +79,30 @@ impl Evidence {
         &mut self.blocks[index as usize]
     }
 
+    /// Whether structures glint and hide their backs, so that one side's darkness says little against
+    /// what another saw.
+    pub(crate) fn expect_glints(&mut self, glints: bool) {
+        let sides = match glints {
+            true => Sides::Eighths,
+            false => Sides::Quarters,
+        };
+        if sides != self.sides {
+            self.sides = sides;
+            self.touched.fill(true);
+            self.blocks.iter_mut().for_each(|block| block.weigh(sides));
+        }
+    }
+
+    /// Evidence for each voxel of a block over all sides.
+    pub(crate) fn of(&self, block: &Block) -> Sums {
+        block.evidence(self.sides)
+    }
+
     /// Lets places be candidates again that hold at least `part` of their block's best evidence.
     pub(crate) fn lift_bars(&mut self, part: f32) {
         for (block, touched) in self.blocks.iter_mut().zip(&mut self.touched) {
             if block.barred != [0; VOXELS / 64] {
-                block.lift_bars(part);
+                block.lift_bars(part, self.sides);
                 *touched = true;
             }
         }
@@ -107,7 +133,7 @@ impl Evidence {
             self.create(key);
         }
         let slice = &history[slice_start..];
-        let voxel_m = self.voxel_m;
+        let (voxel_m, sides) = (self.voxel_m, self.sides);
         let near = self.near(slice);
         self.blocks
             .par_iter_mut()
@@ -121,7 +147,7 @@ impl Evidence {
                     (false, true) => slice,
                     (false, false) => return 0,
                 };
-                let work = block.integrate(pings, voxel_m, extent);
+                let work = block.integrate(pings, voxel_m, extent, sides);
                 *touched |= work > 0;
                 work
             })
@@ -133,15 +159,21 @@ impl Evidence {
         for key in self.wanted(history) {
             self.create(key);
         }
-        let voxel_m = self.voxel_m;
+        let (voxel_m, sides) = (self.voxel_m, self.sides);
         self.touched.fill(true);
         let blocks = self.blocks.par_iter_mut().with_min_len(16);
         blocks
             .map(|block| {
                 block.forget();
-                block.integrate(history, voxel_m, extent)
+                block.integrate(history, voxel_m, extent, sides)
             })
             .sum()
+    }
+
+    /// Lets go of all sums, since nothing more is to be told from them but by
+    /// [`Evidence::integrate_anew`].
+    pub(crate) fn put_down(&mut self) {
+        self.blocks.iter_mut().for_each(Block::forget);
     }
 
     /// Blocks that any look of the slice may see, through the tiles.

@@ -20,11 +20,12 @@ pub(super) fn follow_evidence(
     let (mut added, mut pruned) = (0, 0);
     let scale_m = 0.5 * evidence.voxel_m();
     for index in evidence.take_touched() {
-        let block = evidence.block_mut(index);
+        let block = evidence.block(index);
         if block.gaussians.is_empty() && block.best < spawn_evidence {
             continue;
         }
-        let (key, best, sums) = (block.key, block.best, block.evidence());
+        let (key, best, sums) = (block.key, block.best, evidence.of(block));
+        let block = evidence.block_mut(index);
         let least = DROP_EVIDENCE.max(DROP_PART * best);
         let before = block.gaussians.len();
         block.gaussians.retain(|&(voxel, slot)| {
@@ -44,6 +45,19 @@ pub(super) fn follow_evidence(
         }
     }
     (added, pruned)
+}
+
+/// Places that would hold a Gaussian if all evidence were followed.
+pub(super) fn count(evidence: &Evidence, spawn_evidence: f32) -> usize {
+    let blocks = evidence
+        .blocks()
+        .filter(|block| block.best >= spawn_evidence);
+    let of_block = |block: &Block| {
+        let enough = spawn_evidence.max(SPAWN_PART * block.best);
+        let sums = evidence.of(block);
+        sums.iter().filter(|&&sum| sum >= enough).count()
+    };
+    blocks.map(of_block).sum()
 }
 
 /// Voxels of a block that the evidence now fills and that hold no Gaussian yet.

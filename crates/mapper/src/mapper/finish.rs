@@ -1,12 +1,12 @@
 //! The end of a dive: the map worked out anew from everything remembered.
 
-use echosplat_model::Snapshot;
+use echosplat_model::{Snapshot, Switch};
 
-use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births};
+use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births, doubt_multiples};
 use crate::expectation::{localise, maximise, over_pings, pulls};
 use crate::gaussians::{Lobes, Sides, Verdict};
 use crate::history::{Past, every};
-use crate::parts::Extent;
+use crate::parts::{Extent, LeftOut};
 use crate::shape::align;
 
 /// What all Gaussians start with, alike.
@@ -17,6 +17,8 @@ const FINISH_LOOKS_PER_PING: f64 = 7.5;
 const INTERLEAVE: f64 = 8.0;
 /// The last assessment looks at every so many-th ping.
 const LAST_STRIDE: f64 = 3.0;
+/// With more candidates than this, all that any side saw dark is doubted in full.
+const MOST_PLACES: usize = 400_000;
 /// Steps after which tails are let go.
 const ROUND_STEPS: usize = 4;
 /// Pairs of each Gaussian in one pass over a dive, beyond which more pings say nothing new.
@@ -71,30 +73,51 @@ impl Mapper {
         self.publish()
     }
 
-    /// Judges every ping by what is now known of the seabed, and sums up all evidence anew.
+    /// Judges every ping by what is now known of the seabed and of multiples, and sums up all evidence anew.
     fn judge_anew(&mut self) {
         let Some(world) = &mut self.world else { return };
-        if !self.seabed.is_there() {
+        let as_heard = !self.seabed.is_there() && self.multiples.ratios().is_empty();
+        if as_heard && !self.is_evidence_put_down {
             return;
         }
         for past in self.history.pings_mut() {
             let ground = self.seabed.backdrop(&past.look, past.brightness);
             let intensity: Vec<f32> = past.profile.intensity.iter().collect();
+            past.profile.doubted = Box::default();
             past.profile.judge(&intensity, &ground);
+            doubt_multiples(
+                &self.multiples,
+                &past.look,
+                &intensity,
+                &ground,
+                &mut past.profile,
+            );
         }
         let pings = self.history.pings();
         let extent = self.at_work.converged;
         let evidence = &mut world.evidence;
         self.status.voxel_looks += self.pool.install(|| evidence.integrate_anew(pings, extent));
+        self.is_evidence_put_down = false;
     }
 
     /// Makes every place with enough evidence a candidate again.
     fn lift_bars(&mut self) {
         let Some(world) = &mut self.world else { return };
+        let spawn = self.config.spawn_evidence;
+        world.evidence.expect_glints(self.at_work.glints);
+        if self.at_work.glints && self.config.parts.glints == Switch::Auto {
+            let places = births::count(&world.evidence, spawn);
+            if places > MOST_PLACES {
+                world.evidence.expect_glints(false);
+                self.left_out.push(LeftOut::glints_of_crowd(places));
+            }
+        }
         world.evidence.lift_bars(f32::MIN);
         let strength = NEWBORN_STRENGTH * self.unit_strength;
-        let spawn = self.config.spawn_evidence;
         births::follow_evidence(&mut world.evidence, &mut self.gaussians, spawn, strength);
+        // What follows needs the room.
+        world.evidence.put_down();
+        self.is_evidence_put_down = true;
     }
 
     /// How many times fewer looks a finish makes do with, at least 1: to stay within its work, and

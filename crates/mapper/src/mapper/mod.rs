@@ -19,8 +19,9 @@ use crate::gaussians::{Gaussians, Verdict};
 use crate::history::{
     History, Past, every, look_of, novelty, past_of, pose_blur, pulse_variance_m2,
 };
+use crate::multiples::Multiples;
 use crate::parts::{AtWork, Cue, Cues, Extent, LeftOut, MapCues, decide};
-use crate::profile::Levels;
+use crate::profile::{Backdrop, Levels, Profile};
 use crate::seabed::Seabed;
 use crate::{ConfigError, MapperConfig};
 use running::Running;
@@ -116,6 +117,8 @@ pub struct MapperStatus {
     pub confident: u64,
     /// Gaussians published as ambiguous, as of the last snapshot.
     pub ambiguous: u64,
+    /// Bins of echoes taken for others heard again at a fixed multiple of their range.
+    pub bins_doubted: u64,
     /// All Gaussians held, published or not.
     pub candidates: u64,
     /// Blocks of evidence held.
@@ -140,6 +143,9 @@ pub struct Mapper {
     world: Option<World>,
     levels: Levels,
     seabed: Seabed,
+    multiples: Multiples,
+    /// After a finish; more pings have all of them taken in anew.
+    is_evidence_put_down: bool,
     history: History,
     gaussians: Gaussians,
     /// Pings of the slice that is being gathered, as they came.
@@ -220,6 +226,8 @@ impl Mapper {
             pool,
             world: None,
             levels: Levels::default(),
+            multiples: Multiples::default(),
+            is_evidence_put_down: false,
             gaussians: Gaussians::default(),
             waiting: Vec::new(),
             last_look: None,
@@ -314,21 +322,27 @@ impl Mapper {
         let seabed = &mut self.seabed;
         let brightness = seabed.brightness();
         let ground = seabed.backdrop(&look, brightness);
-        let profile = self
+        let mut profile = self
             .levels
             .profile(&posed.ping, tolerance_m.into(), &ground, config);
-        seabed.listen(&look, posed.ping.intensity(), &profile);
-        self.learn_unit_strength(&look, posed.ping.intensity(), &profile.echoes);
         let weight = match posed.ping.view() {
             Some(_) => 1.0,
             None => novelty(&look, self.last_look.as_ref()),
         };
+        let (intensity, strongest) = (posed.ping.intensity(), self.levels.strongest());
+        self.multiples
+            .listen(&look, intensity, &profile, strongest, weight);
+        self.status.bins_doubted +=
+            doubt_multiples(&self.multiples, &look, intensity, &ground, &mut profile);
+        self.seabed.listen(&look, intensity, &profile);
+        self.learn_unit_strength(&look, intensity, &profile.echoes);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
         self.cues.add(Cue {
             runs: profile.echoes.len(),
             weight,
             quarter: quarter_of(look.pose.axes.x_axis),
             blur_m: range_sigma_m,
+            jitter_m: jitter_m(posed),
         });
         past_of(look, blur, profile, weight, brightness, posed)
     }
@@ -381,9 +395,11 @@ impl Mapper {
         }
         let extent = self.at_work.converged;
         let evidence = &mut world.evidence;
-        self.status.voxel_looks += self
-            .pool
-            .install(|| evidence.integrate(pings, start, extent));
+        let is_put_down = std::mem::take(&mut self.is_evidence_put_down);
+        self.status.voxel_looks += self.pool.install(|| match is_put_down {
+            true => evidence.integrate_anew(pings, extent),
+            false => evidence.integrate(pings, start, extent),
+        });
         let strength = NEWBORN_STRENGTH * self.unit_strength;
         let (added, pruned) = births::follow_evidence(
             evidence,
@@ -600,6 +616,27 @@ impl Mapper {
     }
 }
 
+/// Tells echoes that may be others heard again, and judges the ping without them. Returns their bins.
+fn doubt_multiples(
+    multiples: &Multiples,
+    look: &Look,
+    intensity: &[f32],
+    ground: &Backdrop,
+    profile: &mut Profile,
+) -> u64 {
+    let runs = multiples.runs(look, intensity, profile);
+    if runs.is_empty() {
+        return 0;
+    }
+    let bins = runs
+        .iter()
+        .map(|&(start, end)| u64::from(end - start))
+        .sum();
+    profile.doubted = runs.into();
+    profile.judge(intensity, ground);
+    bins
+}
+
 /// Whether nothing about a ping's pose could make the map not finite.
 fn is_usable(posed: &PosedPing) -> bool {
     // Lengths, since the largest element of some that are none may be one.
@@ -609,12 +646,25 @@ fn is_usable(posed: &PosedPing) -> bool {
         && posed.twist.linear_mps.length() < FASTEST
         && posed.twist.angular_radps.length() < FASTEST
         && posed.reference_range_m.is_finite()
-        && posed.uncertainty.is_none_or(|u| {
-            u.position_m >= 0.0
-                && u.position_m < 1e3
-                && u.attitude_rad >= 0.0
-                && u.attitude_rad < 3.2
-        })
+        && [posed.uncertainty, posed.jitter]
+            .into_iter()
+            .flatten()
+            .all(|u| {
+                u.position_m >= 0.0
+                    && u.position_m < 1e3
+                    && u.attitude_rad >= 0.0
+                    && u.attitude_rad < 3.2
+            })
+}
+
+/// One sigma of where its pose's jitter puts the middle of a ping's range, 0 if nobody looked.
+fn jitter_m(posed: &PosedPing) -> f32 {
+    let Some(jitter) = posed.jitter else {
+        return 0.0;
+    };
+    jitter
+        .position_m
+        .hypot(jitter.attitude_rad * posed.reference_range_m) as f32
 }
 
 /// One sigma of an echo's range: pulse and pose.

@@ -273,6 +273,7 @@ fn posed(ping: &Arc<Ping>, pose: &StampedPose, config: &Config) -> PosedPing {
         twist: Twist::default(),
         reference_range_m: settings.range_start_m + 0.5 * settings.range_length_m,
         uncertainty: None,
+        jitter: None,
         ping: Arc::clone(ping),
     }
 }

@@ -90,14 +90,15 @@ impl SimulatedSonar {
         let settings = ping.settings();
         let reference_range_m = settings.range_start_m + 0.5 * settings.range_length_m;
         let time = ping.echo_time(reference_range_m);
-        let (pose, twist) = trajectory
+        let smoothed = trajectory
             .smoothed_at(time, LOOKAHEAD_S, Switch::Auto)
             .ok()?;
         Some(PosedPing {
-            world_from_sensor: pose.world_from_vehicle,
-            twist,
+            world_from_sensor: smoothed.pose.world_from_vehicle,
+            twist: smoothed.twist,
             reference_range_m,
             uncertainty: None,
+            jitter: smoothed.jitter,
             ping,
         })
     }

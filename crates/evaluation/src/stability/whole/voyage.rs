@@ -152,6 +152,7 @@ pub(super) fn posed(
         world_from_sensor,
         twist: Twist::default(),
         uncertainty: None,
+        jitter: None,
     })
 }
 

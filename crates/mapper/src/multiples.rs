@@ -1,0 +1,284 @@
+//! Echoes that are heard again: weaker, at a fixed multiple of their range.
+//!
+//! Sound that goes to and fro more than once, or through the receiver in an unmeant way, draws every
+//! strong echo a second time further out. A structure elsewhere keeps no fixed ratio to others as the
+//! vehicle moves; what does is learnt from the dive, and such echoes say nothing of their place,
+//! neither that something is there nor that nothing is.
+//!
+//! Deliberately absent: multiples stronger than a quarter of their source, and any within 25 % of its range. Two
+//! parallel surfaces, the farther one weaker, passed at one distance for a whole dive look the same.
+//!
+//! Cost: for each ping at most 24 strong bins × 125 ratios, below 5 µs.
+
+use std::sync::LazyLock;
+
+use echosplat_acoustics::Look;
+
+use crate::profile::Profile;
+
+/// Ratios of range, from the first in steps of 1 %.
+const FIRST_LOG: f32 = 0.14;
+const STEP_LOG: f32 = 0.01;
+const RATIOS: usize = 125;
+/// A peak stands out from what is so many steps beside it.
+const BESIDE: usize = 7;
+/// Share of strong echoes with a weaker one at the ratio, and how many times that of ratios beside.
+const LEAST_SHARE: f32 = 0.12;
+const LEAST_CONTRAST: f32 = 2.5;
+/// Independent strong bins before anything is told.
+const LEAST_ASKED: f32 = 500.0;
+/// Scatter of the logarithm of range over the strong bins that have a weaker one at the ratio: what
+/// is passed at one range has one ratio to anything.
+const LEAST_RANGE_SCATTER: f32 = 0.05;
+/// A strong bin is within 15 dB of the strongest of late.
+const STRONG_PART: f32 = 0.03;
+/// Strong bins of a ping that are asked.
+const MOST_ASKED: usize = 24;
+/// A multiple has at most this part of its source's power.
+const MOST_PART: f32 = 0.25;
+/// Pings between decisions.
+const DECISION_STRIDE: u32 = 64;
+/// A multiple may be this far from its ratio, and a bin.
+const RATIO_TOLERANCE: f32 = 0.012;
+
+static RATIO_OF_STEP: LazyLock<[f32; RATIOS]> =
+    LazyLock::new(|| std::array::from_fn(|step| (FIRST_LOG + STEP_LOG * step as f32).exp()));
+
+/// What was asked of one ratio.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tried {
+    asked: f32,
+    found: f32,
+    /// Sums over what was found of the logarithm of the source's range, and of its square.
+    log_range: f32,
+    log_range2: f32,
+}
+
+impl Tried {
+    fn share(&self) -> f32 {
+        self.found / self.asked.max(1.0)
+    }
+
+    fn range_scatter(&self) -> f32 {
+        let mean = self.log_range / self.found;
+        (self.log_range2 / self.found - mean * mean).max(0.0).sqrt()
+    }
+}
+
+/// Learns at which ratios echoes come back.
+#[derive(Debug)]
+pub(crate) struct Multiples {
+    tried: Vec<Tried>,
+    heard: u32,
+    ratios: Vec<f32>,
+}
+
+impl Default for Multiples {
+    fn default() -> Self {
+        Self {
+            tried: vec![Tried::default(); RATIOS],
+            heard: 0,
+            ratios: Vec::new(),
+        }
+    }
+}
+
+impl Multiples {
+    /// Ratios of range at which echoes come back, ascending; none as long as none stands out.
+    pub(crate) fn ratios(&self) -> &[f32] {
+        &self.ratios
+    }
+
+    /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
+    pub(crate) fn listen(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+        strongest: f32,
+        weight: f32,
+    ) {
+        let mut is_echo = vec![false; intensity.len()];
+        for &(start, end) in &profile.echoes {
+            is_echo[start as usize..end as usize].fill(true);
+        }
+        let power = |bin: usize| {
+            let three = &intensity[bin.saturating_sub(1)..(bin + 2).min(intensity.len())];
+            three.iter().sum::<f32>() / three.len() as f32
+        };
+        let is_strong = |&bin: &usize| is_echo[bin] && power(bin) > STRONG_PART * strongest;
+        let strong: Vec<usize> = (profile.blank..intensity.len()).filter(is_strong).collect();
+        for &bin in strong.iter().step_by(strong.len() / MOST_ASKED + 1) {
+            let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+            let (log_range, source) = (range_m.ln(), power(bin));
+            for (tried, ratio) in self.tried.iter_mut().zip(&*RATIO_OF_STEP) {
+                let at = (ratio * range_m - look.range_start_m) / look.bin_length_m;
+                if at as usize >= intensity.len() {
+                    break;
+                }
+                tried.asked += weight;
+                if is_echo[at as usize] && power(at as usize) < MOST_PART * source {
+                    tried.found += weight;
+                    tried.log_range += weight * log_range;
+                    tried.log_range2 += weight * log_range * log_range;
+                }
+            }
+        }
+        self.heard = self.heard.wrapping_add(1);
+        if self.heard.is_multiple_of(DECISION_STRIDE) {
+            self.decide();
+        }
+    }
+
+    fn decide(&mut self) {
+        self.ratios.clear();
+        for step in BESIDE..RATIOS - BESIDE {
+            let (here, share) = (self.tried[step], self.tried[step].share());
+            let beside = [step - BESIDE, step + BESIDE].map(|other| self.tried[other].share());
+            let near = self.tried[step - BESIDE..=step + BESIDE].iter();
+            let is_told = here.asked >= LEAST_ASKED
+                && share >= LEAST_SHARE
+                && share >= LEAST_CONTRAST * beside[0].max(beside[1])
+                && near.fold(0.0, |most: f32, tried| most.max(tried.share())) <= share
+                && here.range_scatter() >= LEAST_RANGE_SCATTER;
+            if is_told {
+                self.ratios.push(RATIO_OF_STEP[step]);
+            }
+        }
+    }
+
+    /// Bins of a ping's echoes, half-open runs, that may be others heard again.
+    pub(crate) fn runs(
+        &self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+    ) -> Vec<(u32, u32)> {
+        let mut runs: Vec<(u32, u32)> = Vec::new();
+        if self.ratios.is_empty() {
+            return runs;
+        }
+        let start = look.range_start_m / look.bin_length_m;
+        let source = |bin: u32, ratio: f32| {
+            let at = (start + bin as f32 + 0.5) / ratio;
+            let near = at * (1.0 - RATIO_TOLERANCE) - start - 1.0;
+            let far = at * (1.0 + RATIO_TOLERANCE) - start + 1.0;
+            let first = (near.max(0.0) as usize).max(profile.blank);
+            let end = (far.max(0.0).ceil() as usize).min(bin as usize);
+            let bins = intensity.get(first..end).unwrap_or_default();
+            bins.iter().copied().fold(0.0, f32::max)
+        };
+        for bin in profile.echoes.iter().flat_map(|&(start, end)| start..end) {
+            let power = intensity[bin as usize];
+            let mut sources = self.ratios.iter().map(|&ratio| source(bin, ratio));
+            if !sources.any(|source| power < MOST_PART * source) {
+                continue;
+            }
+            match runs.last_mut() {
+                Some((_, end)) if *end == bin => *end += 1,
+                _ => runs.push((bin, bin + 1)),
+            }
+        }
+        runs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::glam::DVec3;
+    use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
+
+    use super::*;
+    use crate::MapperConfig;
+    use crate::history::look_of;
+    use crate::profile::{Backdrop, Levels};
+
+    const BINS: usize = 600;
+    const BIN_M: f64 = 0.02;
+
+    /// A ping of faint noise with echoes at these ranges, metres, and powers.
+    fn heard(echoes: &[(f64, f32)]) -> (Look, Vec<f32>, Profile, f32) {
+        let mut power: Vec<f32> = (0..BINS)
+            .map(|bin| 0.5 + 0.01 * (bin * 7 % 100) as f32)
+            .collect();
+        for &(range_m, strength) in echoes {
+            let bin = (range_m / BIN_M) as usize;
+            power[bin - 1..=bin + 1].fill(strength);
+        }
+        let settings = PingSettings {
+            range_start_m: 0.0,
+            range_length_m: BIN_M * BINS as f64,
+            bin_count: BINS,
+            speed_of_sound_mps: 1500.0,
+            frequency_hz: 450e3,
+            pulse_duration_s: 2e-5,
+            gain_index: 0,
+        };
+        let posed = PosedPing {
+            ping: Ping::new(0, Timestamp::ZERO, settings, power.clone())
+                .unwrap()
+                .into(),
+            world_from_sensor: Pose::IDENTITY,
+            twist: Twist::default(),
+            reference_range_m: 6.0,
+            uncertainty: None,
+            jitter: None,
+        };
+        let config = MapperConfig::default();
+        let mut levels = Levels::default();
+        let profile = levels.profile(&posed.ping, 0.04, &Backdrop::default(), &config);
+        let look = look_of(&posed, DVec3::ZERO, &config);
+        (look, power, profile, levels.strongest())
+    }
+
+    /// Learnt from pings that see the first echo at 3 to 5 m and another as `other` says.
+    fn learnt(other: impl Fn(f64) -> (f64, f32)) -> Multiples {
+        let mut multiples = Multiples::default();
+        for step in 0..512 {
+            let range_m = 3.0 + 2.0 * f64::from(step * 37 % 512) / 512.0;
+            let (look, power, profile, strongest) = heard(&[(range_m, 1e4), other(range_m)]);
+            multiples.listen(&look, &power, &profile, strongest, 1.0);
+        }
+        multiples
+    }
+
+    #[test]
+    fn what_keeps_its_ratio_is_told_and_doubted_and_what_is_stronger_is_not() {
+        let multiples = learnt(|range_m| (1.7 * range_m, 1e3));
+        let [ratio] = multiples.ratios() else {
+            panic!("{:?}", multiples.ratios());
+        };
+        assert!((ratio / 1.7 - 1.0).abs() < 0.012, "{ratio}");
+        let (look, power, profile, _) = heard(&[(4.0, 1e4), (6.0, 1e3), (6.8, 1e3)]);
+        let runs = multiples.runs(&look, &power, &profile);
+        assert_eq!(runs, [(339, 342)]);
+        let (look, power, profile, _) = heard(&[(4.0, 1e4), (6.8, 8e3)]);
+        assert_eq!(multiples.runs(&look, &power, &profile), []);
+    }
+
+    #[test]
+    fn what_keeps_its_distance_is_another_structure() {
+        assert_eq!(learnt(|range_m| (range_m + 2.0, 1e3)).ratios(), [0.0; 0]);
+    }
+
+    #[test]
+    fn what_is_passed_at_one_range_tells_nothing() {
+        let mut multiples = Multiples::default();
+        for _ in 0..1024 {
+            let (look, power, profile, strongest) = heard(&[(4.0, 1e4), (6.0, 1e3)]);
+            multiples.listen(&look, &power, &profile, strongest, 1.0);
+        }
+        assert_eq!(multiples.ratios(), [0.0; 0]);
+    }
+
+    #[test]
+    fn doubted_bins_say_nothing() {
+        use crate::profile::BinState::{Blank, Dark, Lit};
+        let (_, power, mut profile, _) = heard(&[(4.0, 1e4), (6.8, 1e3)]);
+        profile.doubted = [(339, 342)].into();
+        profile.judge(&power, &Backdrop::default());
+        assert_eq!(*profile.echoes, [(199, 202)]);
+        let states = [199, 337, 338, 339, 341, 342].map(|bin| profile.state.at(bin));
+        assert_eq!(states, [Lit, Dark, Dark, Blank, Blank, Dark]);
+    }
+}
