@@ -8,7 +8,7 @@
 //! Deliberately absent: multiples stronger than a quarter of their source, and any within 25 % of its range. Two
 //! parallel surfaces, the farther one weaker, passed at one distance for a whole dive look the same.
 //!
-//! Cost: for each ping at most 24 strong bins × 125 ratios, below 5 µs.
+//! Cost: for each ping at most 24 strong bins × 125 ratios.
 
 use std::sync::LazyLock;
 
@@ -23,13 +23,13 @@ const RATIOS: usize = 125;
 /// A peak stands out from what is so many steps beside it.
 const BESIDE: usize = 7;
 /// Share of strong echoes with a weaker one at the ratio, and how many times that of ratios beside.
-const LEAST_SHARE: f32 = 0.12;
-const LEAST_CONTRAST: f32 = 2.5;
+const LEAST_SHARE: f64 = 0.12;
+const LEAST_CONTRAST: f64 = 2.5;
 /// Independent strong bins before anything is told.
-const LEAST_ASKED: f32 = 500.0;
+const LEAST_ASKED: f64 = 500.0;
 /// Scatter of the logarithm of range over the strong bins that have a weaker one at the ratio: what
 /// is passed at one range has one ratio to anything.
-const LEAST_RANGE_SCATTER: f32 = 0.05;
+const LEAST_RANGE_SCATTER: f64 = 0.05;
 /// A strong bin is within 15 dB of the strongest of late.
 const STRONG_PART: f32 = 0.03;
 /// Strong bins of a ping that are asked.
@@ -44,22 +44,22 @@ const RATIO_TOLERANCE: f32 = 0.012;
 static RATIO_OF_STEP: LazyLock<[f32; RATIOS]> =
     LazyLock::new(|| std::array::from_fn(|step| (FIRST_LOG + STEP_LOG * step as f32).exp()));
 
-/// What was asked of one ratio.
+/// What was asked of one ratio. In f64: single precision stands still after some hours of strong bins.
 #[derive(Debug, Clone, Copy, Default)]
 struct Tried {
-    asked: f32,
-    found: f32,
+    asked: f64,
+    found: f64,
     /// Sums over what was found of the logarithm of the source's range, and of its square.
-    log_range: f32,
-    log_range2: f32,
+    log_range: f64,
+    log_range2: f64,
 }
 
 impl Tried {
-    fn share(&self) -> f32 {
+    fn share(&self) -> f64 {
         self.found / self.asked.max(1.0)
     }
 
-    fn range_scatter(&self) -> f32 {
+    fn range_scatter(&self) -> f64 {
         let mean = self.log_range / self.found;
         (self.log_range2 / self.found - mean * mean).max(0.0).sqrt()
     }
@@ -98,6 +98,7 @@ impl Multiples {
         strongest: f32,
         weight: f32,
     ) {
+        let weight = f64::from(weight);
         let mut is_echo = vec![false; intensity.len()];
         for &(start, end) in &profile.echoes {
             is_echo[start as usize..end as usize].fill(true);
@@ -110,7 +111,7 @@ impl Multiples {
         let strong: Vec<usize> = (profile.blank..intensity.len()).filter(is_strong).collect();
         for &bin in strong.iter().step_by(strong.len() / MOST_ASKED + 1) {
             let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
-            let (log_range, source) = (range_m.ln(), power(bin));
+            let (log_range, source) = (f64::from(range_m).ln(), power(bin));
             for (tried, ratio) in self.tried.iter_mut().zip(&*RATIO_OF_STEP) {
                 let at = (ratio * range_m - look.range_start_m) / look.bin_length_m;
                 if at as usize >= intensity.len() {
@@ -139,7 +140,7 @@ impl Multiples {
             let is_told = here.asked >= LEAST_ASKED
                 && share >= LEAST_SHARE
                 && share >= LEAST_CONTRAST * beside[0].max(beside[1])
-                && near.fold(0.0, |most: f32, tried| most.max(tried.share())) <= share
+                && near.fold(0.0, |most: f64, tried| most.max(tried.share())) <= share
                 && here.range_scatter() >= LEAST_RANGE_SCATTER;
             if is_told {
                 self.ratios.push(RATIO_OF_STEP[step]);
@@ -254,6 +255,26 @@ mod tests {
         assert_eq!(runs, [(339, 342)]);
         let (look, power, profile, _) = heard(&[(4.0, 1e4), (6.8, 8e3)]);
         assert_eq!(multiples.runs(&look, &power, &profile), []);
+    }
+
+    #[test]
+    fn a_long_dive_does_not_make_a_ratio_of_chance() {
+        let mut multiples = Multiples::default();
+        let before = Tried {
+            asked: 5e8,
+            found: 5e7,
+            log_range: 5e7,
+            log_range2: 6e7,
+        };
+        multiples.tried[60] = before;
+        let ratio = f64::from(RATIO_OF_STEP[60]);
+        for _ in 0..4096 {
+            let (look, power, profile, strongest) = heard(&[(4.0, 1e4), (4.0 * ratio, 1e3)]);
+            multiples.listen(&look, &power, &profile, strongest, 1.0);
+        }
+        let after = multiples.tried[60];
+        assert!(after.asked > before.asked + 4096.0 && after.found > before.found + 4096.0);
+        assert_eq!(multiples.ratios(), [0.0; 0]);
     }
 
     #[test]

@@ -21,8 +21,8 @@ pub struct Parts {
     pub speckle: Switch,
     /// Strength towards each of six sides; without it, one for all.
     pub specular: Switch,
-    /// Structures glint and hide their backs: a side that saw a place dark says half as much against
-    /// what others saw.
+    /// A finish lets each eighth of the horizon have seen something of its own, since structures glint;
+    /// without it, quarters, and their darkness counts for more.
     pub glints: Switch,
     /// What is confident is split in eight at the end of a dive.
     pub splitting: Switch,
