@@ -171,6 +171,9 @@ pub(crate) fn maximise(
 /// The factors of three sides; a side that no ping of the pass saw keeps its strength.
 fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
     let factor = |pull: f32, weight: f32| {
+        if weight <= 0.0 {
+            return 1.0;
+        }
         let factor = (pull / weight).powf(exponent).clamp(0.05, 20.0);
         if factor.is_finite() { factor } else { 1.0 }
     };

@@ -121,7 +121,7 @@ impl Side {
     /// Lets go of the sums when no place is left that could be anything.
     fn settle(&mut self, below: f32) {
         if let Self::Seen(sums) = self
-            && sums.iter().all(|&sum| f32::from(sum) < STEPS * below)
+            && sums.iter().all(|&sum| sum < (STEPS * below) as i16)
         {
             *self = Self::Settled;
         }
@@ -184,10 +184,11 @@ impl Block {
     ) -> u64 {
         let center_m = self.center_m(voxel_m);
         let radius_m = 0.5 * 3f32.sqrt() * voxel_m * BLOCK_EDGE as f32;
-        let mut work = 0;
+        let (mut work, mut looked_from) = (0, [false; SIDES]);
         for past in pings {
             if past.fan.touches(center_m, radius_m) {
                 let side = side_of(past.look.pose.position_m - center_m);
+                looked_from[side] = true;
                 if let Some(sums) = self.sides[side].sums() {
                     let glance = Glance::of(past, self.key, voxel_m);
                     work += dispatch!(Level::new(), simd => glance.add(simd, sums));
@@ -200,7 +201,9 @@ impl Block {
                 Extent::Useful => SETTLED_EVIDENCE,
                 Extent::None => SOON_SETTLED_EVIDENCE,
             };
-            self.sides.iter_mut().for_each(|side| side.settle(below));
+            for (side, _) in self.sides.iter_mut().zip(looked_from).filter(|s| s.1) {
+                side.settle(below);
+            }
             self.weigh(sides);
         }
         work

@@ -140,7 +140,7 @@ impl Evidence {
             .zip(&mut self.touched)
             .zip(near)
             .enumerate()
-            .with_min_len(64)
+            .with_min_len(16)
             .map(|(index, ((block, touched), near))| {
                 let pings = match (index >= known, near) {
                     (true, _) => history,

@@ -17,6 +17,8 @@ const FINISH_LOOKS_PER_PING: f64 = 7.5;
 const INTERLEAVE: f64 = 8.0;
 /// The last assessment looks at every so many-th ping.
 const LAST_STRIDE: f64 = 3.0;
+/// A place that few looks lit, since it glints, is asked for less evidence.
+const SPAWN_PART_OF_GLINTS: f32 = 0.667;
 /// With more candidates than this, all that any side saw dark is doubted in full.
 const MOST_PLACES: usize = 400_000;
 /// Steps after which tails are let go.
@@ -103,13 +105,16 @@ impl Mapper {
     /// Makes every place with enough evidence a candidate again.
     fn lift_bars(&mut self) {
         let Some(world) = &mut self.world else { return };
-        let spawn = self.config.spawn_evidence;
+        let mut spawn = self.config.spawn_evidence;
         world.evidence.expect_glints(self.at_work.glints);
-        if self.at_work.glints && self.config.parts.glints == Switch::Auto {
-            let places = births::count(&world.evidence, spawn);
-            if places > MOST_PLACES {
+        if self.at_work.glints {
+            let of_glints = SPAWN_PART_OF_GLINTS * spawn;
+            let places = births::count(&world.evidence, of_glints);
+            if places > MOST_PLACES && self.config.parts.glints == Switch::Auto {
                 world.evidence.expect_glints(false);
                 self.left_out.push(LeftOut::glints_of_crowd(places));
+            } else {
+                spawn = of_glints;
             }
         }
         world.evidence.lift_bars(f32::MIN);

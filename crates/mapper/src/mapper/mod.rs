@@ -6,6 +6,8 @@ mod published;
 mod running;
 mod splitting;
 
+use std::sync::Arc;
+
 use echosplat_acoustics::{Look, SymmetricMat3};
 use echosplat_model::glam::{DQuat, DVec3, Vec3};
 use echosplat_model::{Gaussian, Pose, PosedPing, Snapshot, Standing, Timestamp};
@@ -139,7 +141,7 @@ pub struct MapperStatus {
 #[derive(Debug)]
 pub struct Mapper {
     config: MapperConfig,
-    pool: ThreadPool,
+    pool: Arc<ThreadPool>,
     world: Option<World>,
     levels: Levels,
     seabed: Seabed,
@@ -223,7 +225,7 @@ impl Mapper {
             history: History::new(config.history_pings.max(2 * config.slice_pings)),
             seabed: Seabed::new(&config.beam),
             config,
-            pool,
+            pool: Arc::new(pool),
             world: None,
             levels: Levels::default(),
             multiples: Multiples::default(),
@@ -522,6 +524,12 @@ impl Mapper {
     /// what it could contradict.
     fn is_of_use(&self, past: &Past) -> bool {
         self.at_work.empty == Extent::All || !past.profile.echoes.is_empty()
+    }
+
+    /// Its threads. A caller who is one of them hands nothing over at each call.
+    #[must_use]
+    pub fn pool(&self) -> Arc<ThreadPool> {
+        Arc::clone(&self.pool)
     }
 
     /// What is not at work, and why.

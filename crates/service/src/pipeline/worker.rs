@@ -32,8 +32,10 @@ const LAST_POSES: Duration = Duration::from_secs(1);
 /// The step that passes its budget is the last, so this is one step of any size.
 const ONE_STEP: Budget = Budget { pairs: 1 };
 
-/// Making maps to look at takes at most one part in so many of the thread's time.
+/// Making maps to look at takes at most one part in so many of the thread's time, and less where
+/// pings wait: those are the better map.
 const SNAPSHOT_PAUSE: u32 = 5;
+const SNAPSHOT_PAUSE_BEHIND: u32 = 12;
 
 /// All the mapper's thread owns.
 pub(crate) struct Worker {
@@ -86,7 +88,13 @@ impl State {
 
 impl Worker {
     /// Maps until the sonar's events end; gives the finished map.
-    pub(crate) fn run(mut self) -> Arc<Snapshot> {
+    ///
+    /// Runs as one of the mapper's threads, so that its many small pieces of work begin at once.
+    pub(crate) fn run(self) -> Arc<Snapshot> {
+        self.mapper.pool().install(move || self.map_all())
+    }
+
+    fn map_all(mut self) -> Arc<Snapshot> {
         loop {
             match self.events.recv_timeout(IDLE) {
                 Ok(event) => self.take(event),
@@ -203,7 +211,17 @@ impl Worker {
         self.hand_on(snapshot, dive_s);
         let pause = Duration::from_secs_f64(self.snapshot_interval_s);
         self.state.next_snapshot_s = dive_s + self.snapshot_interval_s;
-        self.state.next_snapshot_at = begin + pause.max(begin.elapsed() * SNAPSHOT_PAUSE);
+        let rest = match self.is_behind() {
+            true => SNAPSHOT_PAUSE_BEHIND,
+            false => SNAPSHOT_PAUSE,
+        };
+        self.state.next_snapshot_at = begin + pause.max(begin.elapsed() * rest);
+    }
+
+    /// Whether more pings wait than a sonar sends while one map is made.
+    fn is_behind(&self) -> bool {
+        let capacity = self.events.capacity().unwrap_or(usize::MAX);
+        self.events.len() > capacity / 2
     }
 
     fn hand_on(&mut self, snapshot: Snapshot, dive_s: f64) -> Arc<Snapshot> {
