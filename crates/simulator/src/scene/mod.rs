@@ -16,7 +16,7 @@ pub use file::SurveyPath;
 pub(crate) use file::{SurveyHints, ViewpointHints};
 pub use load::BUILT_IN_SCENES;
 pub use sample::SurfacePoint;
-use shape::Shape;
+use shape::{Closest, Shape};
 use tree::{Bounds, Tree, union};
 
 /// Deeper than this in another solid a surface is no surface.
@@ -183,40 +183,51 @@ impl Scene {
         self.nearest_where(point, |_| true)
     }
 
-    /// From inside: to the nearest wall of the solid around, and on from there while that is
-    /// buried in another.
+    /// From inside: to the nearest wall of the solid around, or up to the seabed, and on from there
+    /// while that is buried in another. What leaves a structure on its way is not seabed.
     fn walk_out(&self, point: DVec3) -> Option<(f64, DVec3, bool)> {
         const MOST_STEPS: usize = 64;
         /// To and fro between two solids the walk comes to the crease between them, ever slower.
         const ARRIVED_M: f64 = 1e-4;
-        let mut place = point;
+        let (mut place, mut is_all_seabed) = (point, true);
         for _ in 0..MOST_STEPS {
-            let around = self.parts_around(place);
-            let exits = around.iter().map(|&index| {
-                let part = &self.parts[index];
-                (part.shape.closest(place), part.material.is_seabed)
-            });
-            let (exit, is_seabed) =
-                exits.min_by(|(a, _), (b, _)| a.signed.abs().total_cmp(&b.signed.abs()))?;
+            let exits = self.exits(place);
+            let (exit, is_seabed) = exits
+                .into_iter()
+                .min_by(|(a, _), (b, _)| a.signed.abs().total_cmp(&b.signed.abs()))?;
             let step_m = place.distance(exit.place);
             place = exit.place;
+            is_all_seabed &= is_seabed;
             if step_m < ARRIVED_M || !self.is_buried(place) {
-                return Some((point.distance(place), exit.normal, is_seabed));
+                return Some((point.distance(place), exit.normal, is_all_seabed));
             }
         }
         None
     }
 
-    /// Solids that hold `place` strictly inside.
-    fn parts_around(&self, place: DVec3) -> Vec<usize> {
-        let mut around = Vec::new();
+    /// The nearest way out of each solid and each ground that holds `place` strictly inside, and
+    /// whether it is seabed.
+    fn exits(&self, place: DVec3) -> Vec<(Closest, bool)> {
+        let mut exits = Vec::new();
+        for plane in &self.planes {
+            let signed = (place - plane.point).dot(plane.normal);
+            if signed < -BURIED_M {
+                let exit = Closest {
+                    signed,
+                    place: place - plane.normal * signed,
+                    normal: plane.normal,
+                };
+                exits.push((exit, plane.material.is_seabed));
+            }
+        }
         self.tree.any_around(place, |index| {
-            if self.parts[index].shape.contains(place, BURIED_M) {
-                around.push(index);
+            let part = &self.parts[index];
+            if part.shape.contains(place, BURIED_M) {
+                exits.push((part.shape.closest(place), part.material.is_seabed));
             }
             false
         });
-        around
+        exits
     }
 
     fn nearest_where(&self, point: DVec3, counts: impl Fn(DVec3) -> bool) -> (f64, DVec3, bool) {

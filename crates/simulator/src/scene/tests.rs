@@ -183,6 +183,12 @@ fn what_is_buried_is_no_surface() {
     // Below the floor, beside the buried end of the rod, only the floor is there.
     let (below_m, _, is_seabed) = scene.nearest(DVec3::new(0.3, 0.0, -0.5));
     assert!(is_seabed && (below_m - 0.5).abs() < 1e-12);
+    // Inside the rod's buried end, only the crease around its foot is.
+    let (foot_m, _, is_seabed) = scene.nearest(DVec3::new(0.15, 0.0, -0.1));
+    assert!(
+        !is_seabed && (foot_m - 0.05f64.hypot(0.1)).abs() < 1e-6,
+        "{foot_m}"
+    );
 }
 
 #[test]
