@@ -108,6 +108,14 @@ impl Evidence {
         }
     }
 
+    /// Lets every place be a candidate again, as if all evidence were new.
+    pub(crate) fn begin_anew(&mut self) {
+        for block in &mut self.blocks {
+            block.barred = [0; VOXELS / 64];
+        }
+        self.touched.fill(true);
+    }
+
     /// Centre of a voxel of a block.
     pub(crate) fn center_m(&self, key: IVec3, voxel: usize) -> Vec3 {
         let corner = key * BLOCK_EDGE;

@@ -117,7 +117,7 @@ impl Mapper {
                 spawn = of_glints;
             }
         }
-        world.evidence.lift_bars(f32::MIN);
+        world.evidence.begin_anew();
         let strength = NEWBORN_STRENGTH * self.unit_strength;
         births::follow_evidence(&mut world.evidence, &mut self.gaussians, spawn, strength);
         // What follows needs the room.

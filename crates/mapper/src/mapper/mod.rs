@@ -399,7 +399,10 @@ impl Mapper {
         let evidence = &mut world.evidence;
         let is_put_down = std::mem::take(&mut self.is_evidence_put_down);
         self.status.voxel_looks += self.pool.install(|| match is_put_down {
-            true => evidence.integrate_anew(pings, extent),
+            true => {
+                evidence.expect_glints(false);
+                evidence.integrate_anew(pings, extent)
+            }
             false => evidence.integrate(pings, start, extent),
         });
         let strength = NEWBORN_STRENGTH * self.unit_strength;
