@@ -244,6 +244,8 @@ fn poses_pings_and_status_arrive_and_bad_ones_are_counted() {
         poses.next_within(LONG).unwrap().time,
         Timestamp::from_nanos(1)
     );
+    // A pose is handed on first and counted then.
+    until("all are counted", || poses.counters().accepted >= 101);
     let counters = poses.counters();
     assert_eq!((counters.received, counters.accepted), (105, 101));
     assert_eq!((counters.bad_quaternion, counters.malformed), (1, 3));
