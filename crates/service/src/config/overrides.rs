@@ -150,4 +150,21 @@ mod tests {
             assert!(said.contains(key) && said.contains(value), "{said}");
         }
     }
+
+    #[test]
+    fn a_switch_says_which_words_there_are() {
+        for value in ["3", "true", "\"yes\""] {
+            let said = of(&[("mapper.parts.glints", value)]).unwrap_err();
+            let said = said.to_string();
+            assert!(said.contains(r#""on", "off" or "auto""#), "{said}");
+        }
+        assert_eq!(
+            of(&[("mapper.parts.glints", "\"off\"")])
+                .unwrap()
+                .mapper
+                .parts
+                .glints,
+            echosplat_model::Switch::Off
+        );
+    }
 }
