@@ -13,7 +13,7 @@ use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 
-use crate::endpoints::Endpoints;
+use crate::endpoints::{self, Endpoints};
 use crate::keys::Keys;
 use crate::publisher::MapPublisher;
 use crate::streams::{PingSubscription, PoseSubscription, StatusSubscription};
@@ -67,11 +67,18 @@ impl Bus {
         for warning in &plan.endpoints.warnings {
             tracing::warn!("zenoh: {warning}");
         }
+        let mut endpoints = plan.endpoints;
+        let taken = endpoints::taken(&endpoints.listen);
         let limit = Duration::from_secs_f64(config.open_timeout_s);
         let session = within("opening the zenoh session", limit, move || {
             zenoh::open(plan.config).wait()
         })?
         .map_err(BusError::zenoh("open a session"))?;
+        if !taken.is_empty() && is_alone(&session) {
+            let warning = endpoints::held_by_a_stranger(&taken);
+            tracing::warn!("zenoh: {warning}");
+            endpoints.warnings.push(warning);
+        }
         let pose_publisher = declare_pose_publisher(&session, &keys)?;
         let link = Arc::new(Link {
             session,
@@ -81,7 +88,7 @@ impl Bus {
         let pings = start_ping_thread(&link)?;
         Ok(Self {
             link,
-            endpoints: plan.endpoints,
+            endpoints,
             pose_publisher,
             pings,
             pings_dropped: AtomicU64::new(0),
@@ -226,6 +233,12 @@ impl Bus {
     pub(crate) fn session_for_tests(&self) -> &zenoh::Session {
         &self.link.session
     }
+}
+
+/// Whether no other session is connected.
+fn is_alone(session: &zenoh::Session) -> bool {
+    let info = session.info();
+    info.peers_zid().wait().next().is_none() && info.routers_zid().wait().next().is_none()
 }
 
 fn declare_pose_publisher(

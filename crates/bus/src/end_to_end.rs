@@ -74,6 +74,24 @@ fn pose(seconds: i64) -> StampedPose {
 }
 
 #[test]
+fn a_port_held_by_no_zenoh_is_told() {
+    let stranger = TcpListener::bind("127.0.0.1:0").unwrap();
+    let endpoint = format!("tcp/{}", stranger.local_addr().unwrap());
+    let endpoints = format!("['{endpoint}']");
+    let bus = Bus::open(config(&endpoints, &endpoints)).unwrap();
+    let warnings = &bus.endpoints().warnings;
+    assert_eq!(warnings.len(), 1, "{warnings:?}");
+    assert!(warnings[0].contains(&endpoint), "{warnings:?}");
+    bus.close().unwrap();
+    drop(stranger);
+
+    let (first, second) = pair();
+    for bus in [&first, &second] {
+        assert_eq!(bus.endpoints().warnings, Vec::<String>::new());
+    }
+}
+
+#[test]
 fn a_late_subscriber_ends_with_exactly_the_final_gaussians() {
     for publisher_first in [true, false] {
         let (first, second) = pair();

@@ -1,5 +1,8 @@
 //! Which endpoints a zenoh configuration amounts to, and whether they are safe.
 
+use std::io::ErrorKind;
+use std::net::TcpListener;
+
 use serde_json::Value;
 
 /// Where the session connects to and listens, after everything is applied.
@@ -61,6 +64,28 @@ pub(crate) fn effective(setting: impl Fn(&str) -> Value) -> Endpoints {
         listen,
         warnings,
     }
+}
+
+/// TCP endpoints that another socket listens on already.
+pub(crate) fn taken(listen: &[String]) -> Vec<String> {
+    let is_taken = |endpoint: &&String| {
+        let address = endpoint
+            .strip_prefix("tcp/")
+            .and_then(|rest| rest.split(['#', '?']).next());
+        address.is_some_and(|address| {
+            TcpListener::bind(address).is_err_and(|error| error.kind() == ErrorKind::AddrInUse)
+        })
+    };
+    listen.iter().filter(is_taken).cloned().collect()
+}
+
+/// What to say of `taken` endpoints if no zenoh answered there or elsewhere.
+pub(crate) fn held_by_a_stranger(taken: &[String]) -> String {
+    format!(
+        "{} is held by a program that is no zenoh: nobody can subscribe; end it, or set \
+         listen/endpoints and connect/endpoints to another port here and in subscribers",
+        taken.join(", ")
+    )
 }
 
 /// zenoh gives endpoints as a list, or as one list for each mode; an entry may be an object with

@@ -12,6 +12,7 @@ use crate::expectation::{Pull, Scene, Sum, over_pings};
 use crate::gaussians::{Gaussians, Verdict};
 use crate::history::Past;
 use crate::neighbours::Neighbours;
+use crate::parts::AtWork;
 use crate::shade::Shade;
 use crate::shape::least_eigenvalue;
 use crate::tally::Tally;
@@ -19,13 +20,24 @@ use crate::visibility::{Moments, Row, Sight};
 
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
-/// Least number of independent lit looks. At the rim of what a dive saw, a handful agree by chance.
+/// Least number of clear looks. At the rim of what a dive saw, a handful agree by chance.
 const LEAST_LOOKS: f32 = 8.0;
+/// Where poses smear echoes over voxels, more do.
+const LEAST_SMEARED_LOOKS: f32 = 10.0;
 /// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
 /// Most part of its lit looks that pass through another surface: what is behind an opaque one is
-/// its ghost.
-const MOST_HIDDEN_SHARE: f32 = 0.45;
+/// its ghost, but a frame of bars is seen through.
+const MOST_HIDDEN_SHARE: f32 = 0.7;
+/// What continues a surface is asked for this part of the clear looks, and may be this much less
+/// certain: chance leaves strays, not surfaces, and along a surface places are hard to tell apart.
+const LOOKS_TO_CONTINUE: f32 = 0.6;
+const SIGMAS_TO_CONTINUE: f32 = 4.0;
+/// Whole confident Gaussians within so many voxels that make a surface to continue, none of them
+/// this much stronger: what is beside them and far weaker is a side lobe.
+const CONTINUED: f32 = 8.0;
+const CONTINUED_VOXELS: f32 = 6.0;
+const MUCH_STRONGER: f32 = 5.0;
 /// A mirror image this near is the same place; farther ones have to scatter by this much.
 const HARMLESS_MIRROR_M: f32 = 0.2;
 const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
@@ -73,6 +85,15 @@ impl Account {
         mean_m.length() < HARMLESS_MIRROR_M || spread_m2 > LEAST_MIRROR_SPREAD_M.powi(2)
     }
 
+    /// Whether its looks fix a place, one sigma of which is given.
+    fn fixes(&self, sigma_m: f32, demand: Demand) -> bool {
+        self.clear_looks >= demand.looks
+            && self.clear_looks >= LEAST_CLEAR_SHARE * self.looks
+            && self.hidden_looks <= MOST_HIDDEN_SHARE * self.looks
+            && self.tells_from_mirror()
+            && sigma_m <= demand.sigma_m
+    }
+
     /// As if each look had been made so many times.
     fn times(self, count: f32) -> Self {
         Self {
@@ -94,6 +115,35 @@ impl Sum for Account {
         self.rivalry += part.rivalry;
         self.mirror_m += part.mirror_m;
         self.mirror_m2 += part.mirror_m2;
+    }
+}
+
+/// What is asked of a confident Gaussian.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Demand {
+    /// Least number of clear looks.
+    looks: f32,
+    /// Most one-sigma uncertainty.
+    sigma_m: f32,
+}
+
+impl Demand {
+    pub(crate) fn of(config: &MapperConfig, at_work: AtWork) -> Self {
+        Self {
+            looks: match at_work.smeared {
+                true => LEAST_SMEARED_LOOKS,
+                false => LEAST_LOOKS,
+            },
+            sigma_m: config.confident_sigma_m,
+        }
+    }
+
+    /// Of one that continues a surface.
+    fn to_continue(self) -> Self {
+        Self {
+            looks: LOOKS_TO_CONTINUE * self.looks,
+            sigma_m: SIGMAS_TO_CONTINUE * self.sigma_m,
+        }
     }
 }
 
@@ -150,22 +200,57 @@ pub(crate) fn judge(
     gaussians: &mut Gaussians,
     finding_of: impl Fn(usize) -> Option<Finding> + Sync,
     voxel_m: f32,
-    config: &MapperConfig,
+    demand: Demand,
 ) {
     let peaks = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true)
         .peaks(|slot| finding_of(slot).is_some());
+    let mut may_continue = vec![false; gaussians.slot_count()];
     for (slot, peak) in peaks {
-        let Some(finding) = finding_of(slot) else {
+        let Some(Finding {
+            account,
+            information,
+        }) = finding_of(slot)
+        else {
             continue;
         };
-        let alone = 1.0 / least_eigenvalue(&finding.information).max(0.0).sqrt();
+        let alone = 1.0 / least_eigenvalue(&information).max(0.0).sqrt();
         // What the parts of a split Gaussian know adds up.
-        gaussians.sigma_m[slot] = alone * gaussians.part[slot];
+        let sigma_m = alone * gaussians.part[slot];
+        gaussians.sigma_m[slot] = sigma_m;
+        let rivalry = account.rivalry / account.looks;
         let relative = gaussians.strongest(slot) / peak;
-        let sigma_m = gaussians.sigma_m[slot];
-        gaussians.verdict[slot] = verdict(finding.account, relative, sigma_m, config);
+        gaussians.verdict[slot] = if !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH) {
+            Verdict::ExplainedAway
+        } else if account.fixes(sigma_m, demand) {
+            CONFIDENT
+        } else {
+            may_continue[slot] = account.fixes(sigma_m, demand.to_continue());
+            Verdict::Published(Standing::Ambiguous)
+        };
     }
+    trust_continued(gaussians, &may_continue, voxel_m);
     doubt_strays(gaussians, voxel_m);
+}
+
+/// What is nearly sure by itself is so beside a surface that is.
+fn trust_continued(gaussians: &mut Gaussians, may_continue: &[bool], voxel_m: f32) {
+    let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
+    let keep = |slot: usize| may_continue[slot] || is_confident(slot);
+    let neighbours = Neighbours::new(gaussians, CONTINUED_VOXELS * voxel_m, keep);
+    let continues = neighbours.map(|around| {
+        let strong = MUCH_STRONGER * gaussians.strongest(around.slot);
+        let mut surface = 0.0;
+        may_continue[around.slot]
+            && around.slots().any(|other| {
+                if is_confident(other) && gaussians.strongest(other) < strong {
+                    surface += gaussians.part[other];
+                }
+                surface >= CONTINUED
+            })
+    });
+    for (slot, _) in continues.into_iter().filter(|(_, continues)| *continues) {
+        gaussians.verdict[slot] = CONFIDENT;
+    }
 }
 
 /// A confident Gaussian has company: a surface fills more than one place.
@@ -186,23 +271,6 @@ fn doubt_strays(gaussians: &mut Gaussians, voxel_m: f32) {
     for slot in strays {
         gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
     }
-}
-
-fn verdict(account: Account, relative: f32, sigma_m: f32, config: &MapperConfig) -> Verdict {
-    let rivalry = account.rivalry / account.looks;
-    if !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH) {
-        return Verdict::ExplainedAway;
-    }
-    let sure = account.clear_looks >= LEAST_LOOKS
-        && account.clear_looks >= LEAST_CLEAR_SHARE * account.looks
-        && account.hidden_looks <= MOST_HIDDEN_SHARE * account.looks
-        && account.tells_from_mirror()
-        && sigma_m <= config.confident_sigma_m;
-    Verdict::Published(if sure {
-        Standing::Confident
-    } else {
-        Standing::Ambiguous
-    })
 }
 
 /// Median strength of the confident; infinite if there are none.
@@ -361,4 +429,48 @@ pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize
     };
     let tails = peaks.into_iter().filter(is_tail);
     tails.map(|(slot, _)| slot).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_continues_a_surface_is_trusted_and_what_is_beside_it_is_not() {
+        let mut gaussians = Gaussians::default();
+        let mut place = |x: f32, y: f32, strength: f32| {
+            let at_m = Vec3::new(x, y, 0.0);
+            let slot = gaussians.spawn(at_m, (0, 0), 0.1, strength) as usize;
+            gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
+            slot
+        };
+        let surface: Vec<usize> = (0..16)
+            .map(|i| place((i % 4) as f32, (i / 4) as f32, 1.0))
+            .collect();
+        let next = place(4.0, 1.0, 0.5);
+        let side_lobe = place(4.0, 2.0, 0.01);
+        let far = place(30.0, 0.0, 1.0);
+        let unsure = place(4.0, 3.0, 1.0);
+        let mut may_continue = vec![false; gaussians.slot_count()];
+        for slot in [next, side_lobe, far] {
+            may_continue[slot] = true;
+        }
+        // Nothing is trusted for the sake of what is not sure itself.
+        trust_continued(&mut gaussians, &vec![true; may_continue.len()], 1.0);
+        assert!(
+            gaussians
+                .verdict
+                .iter()
+                .all(|verdict| *verdict != CONFIDENT)
+        );
+
+        for slot in surface {
+            gaussians.verdict[slot] = CONFIDENT;
+        }
+        trust_continued(&mut gaussians, &may_continue, 1.0);
+        assert_eq!(gaussians.verdict[next], CONFIDENT);
+        for slot in [side_lobe, far, unsure] {
+            assert_ne!(gaussians.verdict[slot], CONFIDENT);
+        }
+    }
 }

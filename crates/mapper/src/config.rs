@@ -38,7 +38,8 @@ pub struct MapperConfig {
     pub finish_pairs: u64,
     /// Least share of an echo that a confident Gaussian and its surroundings explain.
     pub confident_share: f32,
-    /// Most one-sigma uncertainty of a confident Gaussian, metres.
+    /// Most one-sigma uncertainty of a confident Gaussian, metres; one that continues a surface may
+    /// have four times as much.
     pub confident_sigma_m: f32,
     /// Threads of the mapper's own pool; 0 takes one per core. Does not change the result.
     pub threads: usize,

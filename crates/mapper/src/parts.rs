@@ -84,6 +84,8 @@ pub(crate) struct AtWork {
     pub(crate) glints: bool,
     pub(crate) splitting: bool,
     pub(crate) reservoir: bool,
+    /// Whether poses jitter so much that echoes are smeared; no part, but other parts go by it.
+    pub(crate) smeared: bool,
     pub(crate) converged: Extent,
     pub(crate) redundant: Extent,
     pub(crate) empty: Extent,
@@ -206,7 +208,9 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
     let sided = cues.most_sided();
     let voxels = |metres: f32| metres / map.voxel_m.max(f32::MIN_POSITIVE);
     let (blur, jitter) = (voxels(cues.blur_m), voxels(cues.jitter_m));
+    let smeared = known && jitter >= SMEARED_VOXELS;
     let at_work = AtWork {
+        smeared,
         occlusion: use_part(
             "occlusion",
             parts.occlusion,
@@ -230,7 +234,7 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
             "glints",
             parts.glints,
             if_so(
-                jitter >= SMEARED_VOXELS,
+                smeared,
                 format!("poses jitter by {jitter:.1} voxels: darkness from every side counts"),
             ),
         ),

@@ -14,7 +14,7 @@ use echosplat_model::{Gaussian, Pose, PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 use serde::Serialize;
 
-use crate::assess::{Rule, findings, judge, tails};
+use crate::assess::{Demand, Rule, findings, judge, tails};
 use crate::evidence::Evidence;
 use crate::expectation::{Scene, maximise};
 use crate::gaussians::{Gaussians, Verdict};
@@ -567,9 +567,10 @@ impl Mapper {
         self.status.pairs += pairs;
         let voxel_m = world.evidence.voxel_m();
         let finding_of = |slot: usize| Some(findings[slot].times(stride as f32));
-        let (gaussians, config) = (&mut self.gaussians, &self.config);
+        let demand = Demand::of(&self.config, self.at_work);
+        let gaussians = &mut self.gaussians;
         self.pool
-            .install(|| judge(gaussians, finding_of, voxel_m, config));
+            .install(|| judge(gaussians, finding_of, voxel_m, demand));
         self.doubt_underground();
     }
 

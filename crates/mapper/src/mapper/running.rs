@@ -7,7 +7,7 @@ use echosplat_model::GaussianId;
 
 use super::Mapper;
 use super::finish::OFFSET_STRIDE;
-use crate::assess::{Finding, Rule, findings, judge};
+use crate::assess::{Demand, Finding, Rule, findings, judge};
 use crate::expectation::Sum;
 use crate::gaussians::Gaussians;
 use crate::history::{Past, every};
@@ -111,9 +111,10 @@ impl Mapper {
         self.status.pairs += older_pairs + new_pairs;
         let voxel_m = self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m());
         let running = &self.running;
-        let (gaussians, config) = (&mut self.gaussians, &self.config);
+        let demand = Demand::of(&self.config, self.at_work);
+        let gaussians = &mut self.gaussians;
         self.pool
-            .install(|| judge(gaussians, |slot| running.news(slot), voxel_m, config));
+            .install(|| judge(gaussians, |slot| running.news(slot), voxel_m, demand));
         self.doubt_underground();
     }
 

@@ -218,7 +218,7 @@ impl Worker {
         self.state.next_snapshot_at = begin + pause.max(begin.elapsed() * rest);
     }
 
-    /// Whether more pings wait than a sonar sends while one map is made.
+    /// Whether more than half as many pings wait as may.
     fn is_behind(&self) -> bool {
         let capacity = self.events.capacity().unwrap_or(usize::MAX);
         self.events.len() > capacity / 2
