@@ -107,6 +107,22 @@ fn work_and_error_of_the_quick_form_are_those_of_the_kept_table() {
 }
 
 #[test]
+fn a_bench_of_many_parts_ends_when_it_is_asked_to() {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let out = folder.path().display().to_string();
+    let mut program = Program::echosplat(&["bench", "all", "--quick", "--out", &out]);
+    program.wait_for_text("INFO [1/", LONG);
+    program.terminate();
+    program.wait_exit_code(1, LONG);
+    assert!(
+        program.stderr().contains("stopped; asked again"),
+        "{}",
+        program.account()
+    );
+    assert!(!folder.path().join("stability.json").exists());
+}
+
+#[test]
 fn curves_say_what_each_moment_took_and_what_is_left_out() {
     let json = bench("error-time", &["--only", "fence/survey"]);
     let curves = json["cases"][0]["curves"].as_array().unwrap();

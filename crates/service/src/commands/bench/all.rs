@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use std::time::Instant;
 
-use anyhow::Context;
+use anyhow::{Context, ensure};
 use echosplat_evaluation::report::Report;
 use serde::{Deserialize, Serialize};
 use serde_json::{Map, json};
@@ -16,6 +16,7 @@ use crate::arguments::{
     TargetsBenchArguments,
 };
 use crate::exit::{Finish, Usage};
+use crate::signals::Stop;
 
 /// Shares of the time that is left for error-time, ablation and targets; stability takes seconds.
 const SHARES: [f64; 3] = [0.3, 0.45, 1.0];
@@ -46,29 +47,42 @@ struct Figures {
 /// Runs them one after another; the reports of each are written like those of the bench alone.
 ///
 /// # Errors
-/// If one of them cannot run, or is not as it must be: the first of these, after all have run.
+/// If it is stopped, or one of them cannot run, or is not as it must be: the first of these, after
+/// all have run.
 pub(super) fn run(arguments: &AllBenchArguments) -> anyhow::Result<Finish> {
     // A table that cannot be read is said before the work.
     let against = arguments.against.as_deref().map(Kept::read).transpose()?;
     let options = &arguments.options;
     let time = Time::of(arguments);
+    let stop = Stop::on_signals()?;
+    let go_on = || {
+        ensure!(
+            !stop.is_set(),
+            "stopped; asked again, it goes on where it was"
+        );
+        Ok(())
+    };
     let error_time = error_time::run(&ErrorTimeBenchArguments {
         options: options.clone(),
         queue: time.share(0),
         only: Vec::new(),
     })?;
+    go_on()?;
     let ablation = ablation::run(&AblationBenchArguments {
         options: options.clone(),
         queue: time.share(1),
         only: Vec::new(),
         part: Vec::new(),
     })?;
+    go_on()?;
     let stability = stability::run(options)?;
+    go_on()?;
     let targets = targets::run(&TargetsBenchArguments {
         options: options.clone(),
         queue: time.share(2),
         only: Vec::new(),
     })?;
+    go_on()?;
     let mut table = Kept::of(&error_time)?;
     table.runs.extend(Kept::of(&ablation)?.runs);
     if let Some(path) = &arguments.write_table {

@@ -1,5 +1,6 @@
 //! `echosplat bench stability`.
 
+use anyhow::ensure;
 use echosplat_evaluation::report::{Plot, Report};
 use echosplat_evaluation::stability::{self, Row};
 use serde_json::{Map, json};
@@ -7,20 +8,24 @@ use serde_json::{Map, json};
 use super::Results;
 use crate::arguments::BenchOptions;
 use crate::logging;
+use crate::signals::Stop;
 
 /// # Errors
-/// If the rows cannot be put into JSON.
+/// If it is stopped, or the rows cannot be put into JSON.
 pub(super) fn run(options: &BenchOptions) -> anyhow::Result<Results> {
     let cases = stability::cases();
     let bar = logging::progress_bar(cases.len() as u64, "{bar:40} {pos:>2} of {len} · {msg}");
+    let stop = Stop::on_signals()?;
     let mut rows = Vec::new();
     for case in &cases {
+        ensure!(!stop.is_set(), "stopped before the case {}", case.name);
         bar.set_message(case.name);
         rows.extend(case.rows(options.seed, options.quick));
         bar.inc(1);
     }
     bar.finish_and_clear();
-    // Curves take as long as the rows.
+    ensure!(!stop.is_set(), "stopped before the curves");
+    // They take as long as the rows.
     let plots = match options.quick {
         true => Vec::new(),
         false => stability::plots(options.seed),

@@ -107,7 +107,7 @@ impl Queue {
                     tracing::warn!("{at}: failed: {why}");
                     board.failures.insert(job.spec.name(), why);
                 }
-                Ended::Stopped => tracing::warn!("{at}: left out, the time is over"),
+                Ended::Stopped => tracing::warn!("{at}: left out, stopped or out of time"),
             }
         }
         Ok(())
