@@ -53,7 +53,7 @@ const RETURN_RADIUS_M: f32 = 2.0;
 /// Of the best evidence beside it, what a place must hold for another try while the dive goes on.
 const LIFTED_PART: f32 = 0.8;
 /// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
-const LEAST_NOVELTY: f32 = 0.6;
+const LEAST_NOVELTY: f32 = 0.5;
 /// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
 /// disturb what explains the echo already, and is raised by what it explains.
 const NEWBORN_STRENGTH: f32 = 0.02;
