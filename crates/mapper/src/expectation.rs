@@ -11,6 +11,7 @@ use std::sync::{Mutex, PoisonError};
 
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
+use rayon::prelude::*;
 
 use crate::evidence::Evidence;
 use crate::field::Field;
@@ -153,18 +154,19 @@ pub(crate) fn maximise(
         true => exponent,
         false => COUNTS_STEP * exponent,
     };
-    let strengths = gaussians.strength.iter_mut().zip(&mut gaussians.known);
-    for ((strength, known), StepSums { pull, weight }) in strengths.zip(&sums) {
+    let strengths = gaussians.strength.par_iter_mut().with_min_len(1024);
+    let sides = strengths.zip(&mut gaussians.known).zip(&sums);
+    sides.for_each(|((strength, known), StepSums { pull, weight })| {
         if !at_work.specular {
             let even = step(Vec3::splat(pull.sum()), Vec3::splat(weight.sum()), exponent);
             strength.scale(even.x);
-            continue;
+            return;
         }
         strength.ahead *= step(pull.ahead, weight.ahead, exponent);
         strength.behind *= step(pull.behind, weight.behind, exponent);
         known.ahead |= weight.ahead.cmpgt(Vec3::ZERO);
         known.behind |= weight.behind.cmpgt(Vec3::ZERO);
-    }
+    });
     pairs
 }
 

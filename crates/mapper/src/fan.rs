@@ -44,15 +44,21 @@ impl Fan {
     /// Whether a sphere may reach into the slice; errs only towards yes.
     pub(crate) fn touches(&self, center_m: Vec3, radius_m: f32) -> bool {
         let d = center_m - self.position_m;
+        let y = self.left.dot(d);
+        // What is in range is no farther than this. Most spheres are beside the slice and end here.
+        if y.abs() > radius_m + self.spread * (self.range_max_m + radius_m) {
+            return false;
+        }
         let range_m = d.length();
         if !(range_m + radius_m > self.range_min_m && range_m - radius_m < self.range_max_m) {
             return false;
         }
-        let (x, y, z) = (self.along.dot(d), self.left.dot(d), self.up.dot(d));
+        let (x, z) = (self.along.dot(d), self.up.dot(d));
         if x < -radius_m || y.abs() > radius_m + self.spread * range_m {
             return false;
         }
-        let outside = z.abs() * self.elevation_cos - x.hypot(y) * self.elevation_sin;
+        let lever_m = (x * x + y * y).sqrt();
+        let outside = z.abs() * self.elevation_cos - lever_m * self.elevation_sin;
         outside < radius_m
     }
 }

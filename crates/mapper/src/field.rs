@@ -4,6 +4,7 @@ use std::ops::Range;
 
 use echosplat_acoustics::lanes::LANES;
 use echosplat_model::glam::Vec3;
+use rayon::prelude::*;
 
 use crate::evidence::Evidence;
 use crate::fan::Fan;
@@ -74,30 +75,30 @@ impl Field {
     }
 
     fn copy(&mut self, gaussians: &Gaussians) {
-        for numbers in &mut self.numbers {
-            numbers.reserve_exact(self.slots.len() + LANES);
-        }
-        for &slot in &self.slots {
-            let s = slot as usize;
-            let covariance = &gaussians.covariance_m2[s];
-            let strength = &gaussians.strength[s];
-            let triples = [
-                gaussians.mean_m[s],
-                covariance.diagonal,
-                covariance.mixed,
-                strength.ahead,
-                strength.behind,
-            ];
-            for (numbers, triple) in self.numbers.chunks_exact_mut(3).zip(triples) {
-                for (numbers, number) in numbers.iter_mut().zip(triple.to_array()) {
+        let slots = &self.slots;
+        let triple = |which: usize, slot: usize| match which {
+            0 => gaussians.mean_m[slot],
+            1 => gaussians.covariance_m2[slot].diagonal,
+            2 => gaussians.covariance_m2[slot].mixed,
+            3 => gaussians.strength[slot].ahead,
+            _ => gaussians.strength[slot].behind,
+        };
+        let triples = self.numbers.par_chunks_exact_mut(3).enumerate();
+        triples.for_each(|(which, numbers)| {
+            for numbers in &mut *numbers {
+                numbers.reserve_exact(slots.len() + LANES);
+            }
+            for &slot in slots {
+                let triple = triple(which, slot as usize).to_array();
+                for (numbers, number) in numbers.iter_mut().zip(triple) {
                     numbers.push(number);
                 }
             }
-        }
-        // Eight at a time may read beyond the last.
-        for numbers in &mut self.numbers {
-            numbers.resize(self.slots.len() + LANES, 0.0);
-        }
+            // Eight at a time may read beyond the last.
+            for numbers in numbers {
+                numbers.resize(slots.len() + LANES, 0.0);
+            }
+        });
     }
 
     pub(crate) fn numbers(&self) -> &[Vec<f32>; NUMBERS] {

@@ -5,10 +5,11 @@ use std::ops::Range;
 use echosplat_acoustics::lanes::{self, LANES};
 use echosplat_acoustics::{Look, Splat};
 use echosplat_model::glam::Vec3;
-use fearless_simd::f32x8;
 use fearless_simd::prelude::*;
+use fearless_simd::{f32x8, i32x8};
 
 use crate::field::{Field, NUMBERS};
+use crate::visibility::Row;
 
 /// The cuts of [`Look::project`].
 const BEAM_REACH_SIGMAS: f32 = 3.3;
@@ -21,17 +22,6 @@ const FAN_REACH: f32 = 1.333;
 const RANGE_REACH_SIGMAS: f32 = 3.7;
 
 type Triple<S> = [f32x8<S>; 3];
-
-/// A Gaussian that a ping sees.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Seen {
-    pub(crate) place: u32,
-    pub(crate) splat: Splat,
-    /// Strength towards the sensor.
-    pub(crate) strength: f32,
-    pub(crate) first_bin: u32,
-    pub(crate) end_bin: u32,
-}
 
 /// A look in single numbers.
 #[derive(Debug, Clone, Copy)]
@@ -218,20 +208,20 @@ fn times<S: Simd>(diagonal: Triple<S>, mixed: Triple<S>, v: Triple<S>) -> Triple
     ]
 }
 
-/// Projects the Gaussians at `places`, in their order; those that the ping does not see after all
-/// are left out.
+/// Appends the Gaussians at `places` in their order, their energies still to come; those that the ping
+/// does not see after all are left out.
 #[inline(always)]
 pub(crate) fn project<S: Simd>(
     simd: S,
     view: &View,
     field: &Field,
     places: &[u32],
-    seen: &mut Vec<Seen>,
+    rows: &mut Vec<Row>,
 ) {
     for chunk in places.chunks(LANES) {
         let mut eight = [chunk[chunk.len() - 1]; LANES];
         eight[..chunk.len()].copy_from_slice(chunk);
-        project_eight(simd, view, field, eight, chunk.len(), seen);
+        project_eight(simd, view, field, eight, chunk.len(), rows);
     }
 }
 
@@ -243,7 +233,7 @@ fn project_eight<S: Simd>(
     field: &Field,
     places: [u32; LANES],
     count: usize,
-    seen: &mut Vec<Seen>,
+    rows: &mut Vec<Row>,
 ) {
     let numbers = field.numbers();
     let triple = |from: usize| gathered_triple(simd, numbers, from, places);
@@ -295,8 +285,9 @@ fn project_eight<S: Simd>(
     let reach_m = range_sigma_m * RANGE_REACH_SIGMAS;
     let near = (mean_range_m - reach_m - view.range_start_m) * view.bins_per_m;
     let far = (mean_range_m + reach_m - view.range_start_m) * view.bins_per_m;
-    let first = near.max(0.0).min(view.bin_count).floor().to_array();
-    let end = far.max(0.0).min(view.bin_count).ceil().to_array();
+    let first: i32x8<S> = near.max(0.0).min(view.bin_count).floor().to_int();
+    let end: i32x8<S> = far.max(0.0).min(view.bin_count).ceil().to_int();
+    let (first, end) = (first.to_array(), end.to_array());
 
     let is_seen = fan.simd_gt(LEAST_FAN) & range_m.simd_gt(NEAREST_M) & energy.simd_ge(0.0);
     let bits = is_seen.to_bitmask();
@@ -323,12 +314,12 @@ fn project_eight<S: Simd>(
     let [rx, ry, rz] = arrays(range_axis);
     let [ax, ay, az] = arrays(azimuth_axis);
     for lane in 0..count {
-        let (first_bin, end_bin) = (first[lane] as u32, end[lane] as u32);
-        if bits >> lane & 1 == 0 || first_bin >= end_bin {
+        let bins = first[lane] as u32..end[lane] as u32;
+        if bits >> lane & 1 == 0 || bins.is_empty() {
             continue;
         }
-        seen.push(Seen {
-            place: places[lane],
+        rows.push(Row {
+            slot: field.slot(places[lane]),
             splat: Splat {
                 range_m: range[lane],
                 range_sigma_m: sigma[lane],
@@ -341,8 +332,8 @@ fn project_eight<S: Simd>(
                 lever_m: lever[lane],
             },
             strength: strength[lane],
-            first_bin,
-            end_bin,
+            bins,
+            energies_from: 0,
         });
     }
 }
@@ -419,12 +410,12 @@ mod tests {
         let look = look();
         let gaussians = gaussians(&look);
         let (field, view) = (Field::of_all(&gaussians), View::of(&look, true));
-        let (mut places, mut seen) = (Vec::new(), Vec::new());
+        let (mut places, mut rows) = (Vec::new(), Vec::new());
         dispatch!(Level::new(), simd => {
             cull(simd, &view, field.numbers(), 0..gaussians.slot_count(), &mut places);
-            project(simd, &view, &field, &places, &mut seen);
+            project(simd, &view, &field, &places, &mut rows);
         });
-        let mut seen = seen.into_iter().peekable();
+        let mut rows = rows.into_iter().peekable();
         let mut count = 0;
         for slot in gaussians.slots() {
             let splat = look.project(gaussians.mean_m[slot], &gaussians.covariance_m2[slot]);
@@ -432,7 +423,7 @@ mod tests {
                 continue;
             };
             // One at the very edge of a cut may fall to either side.
-            let Some(found) = seen.next_if(|seen| seen.place as usize == slot) else {
+            let Some(found) = rows.next_if(|row| row.slot as usize == slot) else {
                 assert!(splat.energy < 1e-4, "{slot} {splat:?}");
                 continue;
             };
@@ -453,9 +444,9 @@ mod tests {
             let strength = gaussians.strength[slot].seen(-splat.range_axis);
             assert!(near(found.strength, strength, strength), "{slot}");
             let bins = look.bins_of(&splat);
-            assert!(bins.start.abs_diff(found.first_bin as usize) <= 1);
-            assert!(bins.end.abs_diff(found.end_bin as usize) <= 1);
+            assert!(bins.start.abs_diff(found.bins.start as usize) <= 1);
+            assert!(bins.end.abs_diff(found.bins.end as usize) <= 1);
         }
-        assert!(count > 100 && seen.next().is_none(), "{count}");
+        assert!(count > 100 && rows.next().is_none(), "{count}");
     }
 }

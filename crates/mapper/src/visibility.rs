@@ -16,7 +16,7 @@ use crate::field::Field;
 use crate::history::Past;
 use crate::parts::Extent;
 use crate::profile::BinState;
-use crate::splats::{self, Seen, View};
+use crate::splats::{self, View};
 
 /// One Gaussian in one ping.
 #[derive(Debug, Clone)]
@@ -27,7 +27,8 @@ pub(crate) struct Row {
     pub(crate) strength: f32,
     /// Bins it reaches, never empty.
     pub(crate) bins: Range<u32>,
-    energies_from: u32,
+    /// Where its energies begin among those of the ping.
+    pub(crate) energies_from: u32,
 }
 
 /// Everything one ping sees, and what it should measure. Reused from ping to ping.
@@ -35,7 +36,6 @@ pub(crate) struct Row {
 pub(crate) struct Sight {
     near: Vec<Range<usize>>,
     places: Vec<u32>,
-    seen: Vec<Seen>,
     rows: Vec<Row>,
     /// Per row and bin; each row's are filled up with zeros to eights.
     energies: Vec<f32>,
@@ -82,7 +82,7 @@ impl Sight {
         field.in_fan(&past.fan, &mut self.near);
         dispatch!(Level::new(), simd => {
             self.find(simd, &view, field);
-            self.spread(simd, &look, field);
+            self.spread(simd, &look);
             self.compare(simd, scene.at_work.speckle);
         });
     }
@@ -113,7 +113,7 @@ impl Sight {
     #[inline(always)]
     fn find<S: Simd>(&mut self, simd: S, view: &View, field: &Field) {
         self.places.clear();
-        self.seen.clear();
+        self.rows.clear();
         for members in &self.near {
             splats::cull(
                 simd,
@@ -123,23 +123,21 @@ impl Sight {
                 &mut self.places,
             );
         }
-        splats::project(simd, view, field, &self.places, &mut self.seen);
+        splats::project(simd, view, field, &self.places, &mut self.rows);
     }
 
-    /// Rows with their energies, and the sum of all.
+    /// Energies of all rows, and their sum.
     #[inline(always)]
-    fn spread<S: Simd>(&mut self, simd: S, look: &Look, field: &Field) {
-        self.rows.clear();
+    fn spread<S: Simd>(&mut self, simd: S, look: &Look) {
         self.energies.clear();
         self.pair_count = 0;
-        for seen in &self.seen {
-            let bins = seen.first_bin..seen.end_bin;
+        for row in &mut self.rows {
             let energies_from = self.energies.len();
-            let range = bins.start as usize..bins.end as usize;
-            let padded = range.len().next_multiple_of(LANES);
-            self.pair_count += range.len() as u64;
-            let first_bin = range.start;
-            look.spread_with(simd, &seen.splat, range, &mut self.energies);
+            row.energies_from = energies_from as u32;
+            let bins = row.bins.start as usize..row.bins.end as usize;
+            let (first_bin, padded) = (bins.start, bins.len().next_multiple_of(LANES));
+            self.pair_count += bins.len() as u64;
+            look.spread_with(simd, &row.splat, bins, &mut self.energies);
             self.energies.resize(energies_from + padded, 0.0);
             let predicted = &mut self.predicted[first_bin..first_bin + padded];
             let energies = &self.energies[energies_from..];
@@ -147,15 +145,8 @@ impl Sight {
             for (sum, energy) in eights.zip(energies.chunks_exact(LANES)) {
                 let energy = f32x8::from_slice(simd, energy);
                 let before = f32x8::from_slice(simd, sum);
-                energy.mul_add(seen.strength, before).store_slice(sum);
+                energy.mul_add(row.strength, before).store_slice(sum);
             }
-            self.rows.push(Row {
-                slot: field.slot(seen.place),
-                splat: seen.splat,
-                strength: seen.strength,
-                bins,
-                energies_from: energies_from as u32,
-            });
         }
     }
 

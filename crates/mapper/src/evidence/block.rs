@@ -3,7 +3,7 @@
 use echosplat_acoustics::lanes::{self, LANES};
 use echosplat_model::glam::{IVec3, Vec3};
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x8};
+use fearless_simd::{Level, dispatch, f32x8, i32x8};
 
 use super::{BLOCK_EDGE, VOXELS};
 use crate::history::Past;
@@ -235,6 +235,10 @@ impl Block {
     fn add_sides<const N: usize>(&self, totals: &mut Totals, groups: &[[usize; N]], least: f32) {
         let least = (STEPS * least) as i32;
         for group in groups {
+            let is_unseen = |&side: &usize| matches!(self.sides[side], Side::Unseen);
+            if group.iter().all(is_unseen) {
+                continue;
+            }
             let mut together = [0; VOXELS];
             for &side in group {
                 self.sides[side].add_to(&mut together);
@@ -294,6 +298,7 @@ impl<'a> Glance<'a> {
         let (none, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
         let [across_x, across_y, across_z] = step.to_array().map(|step| numbers * step);
         let states = &self.past.profile.state;
+        let bin_count = look.bin_count as f32;
         // Beyond this the beam's middle says nothing of a row, its drift included.
         let margin_m = 3.5 * step.y.abs() + ROW_MARGIN_VOXELS * self.voxel_m;
         let reach = (LOOK_SIGMAS_SQUARED * self.beam_variance).sqrt();
@@ -322,15 +327,18 @@ impl<'a> Glance<'a> {
                 continue;
             }
             let clear = seen.select(one - off, none);
+            // As whole numbers all at once: one by one that took a third of the look. Beyond the last
+            // bin nothing is seen.
+            let bins: i32x8<S> = bin.max(0.0).min(bin_count).to_int();
             let mut ratio = [0.0; LANES];
-            for (ratio, bin) in ratio.iter_mut().zip(bin.to_array()) {
+            for (ratio, bin) in ratio.iter_mut().zip(bins.to_array()) {
                 // Not a closure: those are not compiled for the wide vectors around them.
                 *ratio = self.ratios[states.at(bin as usize) as usize];
             }
             let ratio = f32x8::simd_from(simd, ratio);
-            let told = clear * ratio * STEPS;
+            let told: i32x8<S> = (clear * ratio * STEPS).round_ties_even().to_int();
             for (sum, told) in sums.iter_mut().zip(told.to_array()) {
-                *sum = sum.saturating_add(told.round_ties_even() as i16);
+                *sum = sum.saturating_add(told as i16);
             }
         }
         work

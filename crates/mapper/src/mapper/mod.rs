@@ -336,7 +336,9 @@ impl Mapper {
             .listen(&look, intensity, &profile, strongest, weight);
         self.status.bins_doubted +=
             doubt_multiples(&self.multiples, &look, intensity, &ground, &mut profile);
-        self.seabed.listen(&look, intensity, &profile);
+        let seabed = &mut self.seabed;
+        self.pool
+            .install(|| seabed.listen(&look, intensity, &profile));
         self.learn_unit_strength(&look, intensity, &profile.echoes);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
         self.cues.add(Cue {

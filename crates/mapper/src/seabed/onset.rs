@@ -9,6 +9,7 @@
 //! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 1 ms.
 
 use echosplat_model::glam::Vec3;
+use rayon::prelude::*;
 
 use super::fan_plane::{FanEnergy, FanPlane};
 
@@ -30,6 +31,8 @@ const LEAST_GAIN: f32 = 40.0;
 /// Metres down per metre of range at the fan's lower edge, below which depth cannot be told.
 const LEAST_DESCENT: f32 = 0.15;
 const LEAST_RUNS: usize = 8;
+/// Depths that one thread takes at least.
+const LEAST_ONSETS: usize = 16;
 /// Brightnesses tried, as ratios to the one of late.
 const RATIOS: [f32; 5] = [0.5, 0.71, 1.0, 1.41, 2.0];
 /// As long as none is known: steps of this ratio from the noise on.
@@ -56,8 +59,6 @@ pub(crate) struct Runs {
     log_power: Vec<f32>,
     /// Log likelihood of nothing but noise.
     empty: Vec<f32>,
-    /// Power of the ground per bin of each run, for a brightness of 1.
-    energy: Vec<f32>,
 }
 
 /// A depth and brightness, and how well they explain a ping.
@@ -66,6 +67,16 @@ struct Explanation {
     gain: f32,
     onset: usize,
     brightness: f32,
+}
+
+impl Explanation {
+    /// The better of two, the first if they are as good.
+    fn or(self, other: Self) -> Self {
+        match other.gain > self.gain {
+            true => other,
+            false => self,
+        }
+    }
 }
 
 impl Runs {
@@ -104,7 +115,7 @@ impl Runs {
 
     /// The ground in this ping, if it shows. `brightness` is what it was of late, if it is known.
     pub(crate) fn onset(
-        &mut self,
+        &self,
         plane: &FanPlane,
         fan: &FanEnergy,
         brightness: Option<f32>,
@@ -115,33 +126,16 @@ impl Runs {
         let onsets = self
             .edges_m
             .partition_point(|&edge_m| edge_m * LEAST_EXTENT < *end_m);
-        let mut best: Option<Explanation> = None;
-        for onset in 1..onsets {
-            let range_m = self.edges_m[onset];
-            self.spread_ground(plane, fan, range_m * descent);
-            let enough = self
-                .edges_m
-                .partition_point(|&edge_m| edge_m < LEAST_EXTENT * range_m);
-            let peak = self.energy.iter().copied().fold(0.0, f32::max);
-            let mut attempt = |brightness: f32| {
-                let gain = self.gain(brightness, enough);
-                if best.is_none_or(|best| gain > best.gain) {
-                    best = Some(Explanation {
-                        gain,
-                        onset,
-                        brightness,
-                    });
-                }
-            };
-            match brightness {
-                Some(known) => RATIOS.iter().for_each(|ratio| attempt(known * ratio)),
-                None => {
-                    for step in 1..=STEPS {
-                        attempt(self.noise * STEP_RATIO.powi(step) / peak);
-                    }
-                }
-            }
-        }
+        let at = |energy: &mut Vec<f32>, onset: usize| {
+            self.spread_ground(plane, fan, self.edges_m[onset] * descent, energy);
+            self.explain(onset, energy, brightness)
+        };
+        let tried: Vec<Explanation> = (1..onsets)
+            .into_par_iter()
+            .with_min_len(LEAST_ONSETS)
+            .map_init(Vec::new, at)
+            .collect();
+        let best = tried.into_iter().reduce(Explanation::or);
         let best = best?;
         // An onset at the last depth tried may lie beyond it.
         if !(best.gain > LEAST_GAIN) || best.onset + 1 >= onsets {
@@ -154,21 +148,55 @@ impl Runs {
         })
     }
 
-    /// Energy of flat ground `depth_m` below the sensor.
-    fn spread_ground(&mut self, plane: &FanPlane, fan: &FanEnergy, depth_m: f32) {
+    /// The best brightness of ground of some energy per run.
+    fn explain(&self, onset: usize, energy: &[f32], brightness: Option<f32>) -> Explanation {
+        let enough_m = LEAST_EXTENT * self.edges_m[onset];
+        let enough = self.edges_m.partition_point(|&edge_m| edge_m < enough_m);
+        let attempt = |brightness: f32| Explanation {
+            gain: self.gain(energy, brightness, enough),
+            onset,
+            brightness,
+        };
+        let none = Explanation {
+            gain: f32::MIN,
+            onset,
+            brightness: 0.0,
+        };
+        match brightness {
+            Some(known) => {
+                let tried = RATIOS.iter().map(|ratio| attempt(known * ratio));
+                tried.fold(none, Explanation::or)
+            }
+            None => {
+                let peak = energy.iter().copied().fold(0.0, f32::max);
+                let brightness = |step| self.noise * STEP_RATIO.powi(step) / peak;
+                let tried = (1..=STEPS).map(|step| attempt(brightness(step)));
+                tried.fold(none, Explanation::or)
+            }
+        }
+    }
+
+    /// Energy per bin of each run of flat ground `depth_m` below the sensor, for a brightness of 1.
+    fn spread_ground(
+        &self,
+        plane: &FanPlane,
+        fan: &FanEnergy,
+        depth_m: f32,
+        energy: &mut Vec<f32>,
+    ) {
         let mut before = 0.0;
-        self.energy.clear();
+        energy.clear();
         for &edge_m in &self.edges_m[1..] {
             let upto = fan.below(plane.elevation_of_ground(depth_m, edge_m));
-            self.energy.push((upto - before) / self.bins_per_run);
+            energy.push((upto - before) / self.bins_per_run);
             before = upto;
         }
     }
 
     /// Gain of ground lit from its onset to wherever the sum is best, from run `enough` on.
-    fn gain(&self, brightness: f32, enough: usize) -> f32 {
+    fn gain(&self, energy: &[f32], brightness: f32, enough: usize) -> f32 {
         let (mut sum, mut most) = (0.0, f32::MIN);
-        let runs = self.energy.iter().zip(&self.log_power).zip(&self.empty);
+        let runs = energy.iter().zip(&self.log_power).zip(&self.empty);
         for (run, ((energy, &log_power), empty)) in runs.enumerate() {
             if *energy > 0.0 {
                 let mean = self.noise + brightness * energy;
