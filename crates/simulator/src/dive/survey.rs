@@ -104,7 +104,7 @@ impl Survey {
             [-1.0, 0.0, 1.0].into_iter().all(|side| {
                 let height_m = self.height_m + side * self.heave.amplitude;
                 let position = place.extend(height_m);
-                scene.distance(position) >= CLEARANCE_M && !scene.contains(position, 0.0)
+                scene.distance(position) >= CLEARANCE_M && scene.is_open_water(position)
             })
         })
     }

@@ -32,7 +32,7 @@ fn surveys_of_every_scene_keep_their_speed_and_their_distance() {
                 turn_rps.to_degrees()
             );
             assert!(scene.distance(here.translation_m) > 0.45, "{name} {time_s}");
-            assert!(!scene.contains(here.translation_m, 0.0), "{name} {time_s}");
+            assert!(scene.is_open_water(here.translation_m), "{name} {time_s}");
         }
     }
 }
@@ -126,6 +126,22 @@ fn viewpoints_are_on_four_planes_and_face_the_middle() {
         sides[nearest] += 1;
     }
     assert!(sides.iter().all(|&count| count > 10), "{sides:?}");
+}
+
+#[test]
+fn no_view_is_from_under_the_seabed() {
+    // The pipeline lies on its seabed, so that the planes of views reach below it.
+    let (scene, dive) = plan(DiveKind::Viewpoints, "pipeline", NoiseLevel::None, 1);
+    let under = DVec3::new(0.0, 6.0, -3.6);
+    assert!(!scene.is_open_water(under) && !scene.contains(under, 0.0));
+    for view in 0..dive.pings() / BEAMS_PER_VIEW {
+        let place = at(&dive, dive.transmit_s(view * BEAMS_PER_VIEW)).translation_m;
+        let overhead = scene.cast(place, DVec3::Z, 100.0);
+        assert!(
+            !overhead.is_some_and(|hit| hit.is_seabed),
+            "{view}: {place}"
+        );
+    }
 }
 
 #[test]

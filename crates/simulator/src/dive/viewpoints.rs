@@ -40,7 +40,7 @@ pub(super) fn plan(scene: &Scene, seed: u64, view_share: f64) -> Result<(Motion,
         }
         let position = position(middle, half, standoff_m, &mut random);
         let view = facing(position, middle, &mut random);
-        let is_clear = scene.distance(position) >= CLEARANCE_M && !scene.contains(position, 0.0);
+        let is_clear = scene.distance(position) >= CLEARANCE_M && scene.is_open_water(position);
         if is_clear && (scene.is_empty() || !is_sparse(scene, &view, range_m)) {
             views.push(view);
         }

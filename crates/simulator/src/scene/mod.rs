@@ -259,6 +259,14 @@ impl Scene {
         self.contains(place, BURIED_M)
     }
 
+    /// Whether a vehicle can be at `point`: inside no solid, below no plane, under no seabed. A
+    /// seabed of triangles holds no volume; whoever is under it sees its back straight above.
+    pub(crate) fn is_open_water(&self, point: DVec3) -> bool {
+        let overhead = self.cast(point, DVec3::Z, f64::MAX);
+        let is_under = overhead.is_some_and(|hit| hit.is_seabed && hit.normal.z > 0.0);
+        !is_under && !self.contains(point, 0.0)
+    }
+
     /// Whether `point` lies inside a solid or below a plane, deeper than `margin_m`.
     pub(crate) fn contains(&self, point: DVec3, margin_m: f64) -> bool {
         let below = |plane: &Plane| (point - plane.point).dot(plane.normal) < -margin_m;
