@@ -2,7 +2,8 @@
 
 use echosplat_model::{Snapshot, Switch};
 
-use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births, doubt_multiples};
+use super::intake::doubt_multiples;
+use super::{Mapper, NEWBORN_STRENGTH, TAIL_PART, births};
 use crate::expectation::{localise, maximise, over_pings, pulls};
 use crate::gaussians::{Lobes, Sides, Verdict};
 use crate::history::{Past, every};

@@ -35,9 +35,8 @@ const LEAST_RUNS: usize = 8;
 const LEAST_ONSETS: usize = 16;
 /// Brightnesses tried, as ratios to the one of late.
 const RATIOS: [f32; 5] = [0.5, 0.71, 1.0, 1.41, 2.0];
-/// As long as none is known: steps of this ratio from the noise on.
-const STEP_RATIO: f32 = 1.6;
-const STEPS: i32 = 15;
+/// As long as none is known: steps of 1.6 from the noise on.
+const STEPS: [f32; 15] = powers(1.6);
 
 /// What a ping says of the ground.
 #[derive(Debug, Clone, Copy)]
@@ -162,18 +161,15 @@ impl Runs {
             onset,
             brightness: 0.0,
         };
-        match brightness {
-            Some(known) => {
-                let tried = RATIOS.iter().map(|ratio| attempt(known * ratio));
-                tried.fold(none, Explanation::or)
-            }
+        let (ratios, unit, peak): (&[f32], _, _) = match brightness {
+            Some(known) => (&RATIOS, known, 1.0),
             None => {
                 let peak = energy.iter().copied().fold(0.0, f32::max);
-                let brightness = |step| self.noise * STEP_RATIO.powi(step) / peak;
-                let tried = (1..=STEPS).map(|step| attempt(brightness(step)));
-                tried.fold(none, Explanation::or)
+                (&STEPS, self.noise, peak)
             }
-        }
+        };
+        let tried = ratios.iter().map(|ratio| attempt(unit * ratio / peak));
+        tried.fold(none, Explanation::or)
     }
 
     /// Energy per bin of each run of flat ground `depth_m` below the sensor, for a brightness of 1.
@@ -208,6 +204,17 @@ impl Runs {
         }
         most
     }
+}
+
+/// `ratio` to the power of 1 to 15. The last digit of `powi` would be the compiler's choice.
+const fn powers(ratio: f32) -> [f32; 15] {
+    let mut powers = [ratio; 15];
+    let mut step = 1;
+    while step < powers.len() {
+        powers[step] = powers[step - 1] * ratio;
+        step += 1;
+    }
+    powers
 }
 
 fn log_likelihood(log_power: f32, log_mean: f32) -> f32 {

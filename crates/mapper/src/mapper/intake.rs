@@ -1,0 +1,274 @@
+//! A ping on its way in: whether it can be used, what it measured, and what that is evidence of.
+
+use echosplat_acoustics::{Look, SymmetricMat3};
+use echosplat_model::PosedPing;
+use echosplat_model::glam::{DVec3, Vec3};
+
+use super::status::InsertReport;
+use super::world::{World, voxel_m};
+use super::{Mapper, NEWBORN_STRENGTH, births};
+use crate::MapperConfig;
+use crate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
+use crate::multiples::Multiples;
+use crate::parts::{Cue, Extent};
+use crate::profile::{Backdrop, Profile};
+
+/// On the pings' clock, a slice does not wait longer than this to be complete.
+const LONGEST_SLICE_S: f64 = 0.1;
+/// Of the best evidence beside it, what a place must hold for another try while the dive goes on.
+const LIFTED_PART: f32 = 0.8;
+/// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
+const LEAST_NOVELTY: f32 = 0.5;
+/// No place on Earth is further from any origin in use, and nothing under water as fast: metres, and
+/// metres or radians a second.
+const FURTHEST_M: f64 = 1e9;
+const FASTEST: f64 = 1e3;
+/// A ping whose pose leaves open this part of its range says nothing of any place.
+const UNPLACED_PART: f64 = 0.25;
+/// Voxels from the first ping that can still be counted in 32 bits.
+const MOST_VOXELS: f64 = (1 << 30) as f64;
+
+impl Mapper {
+    /// Takes in one ping. With its slice complete: noise and echoes of each ping in order of time,
+    /// evidence along the arcs, and Gaussians where the evidence now says so. What a slice says does
+    /// not depend on the order in which its pings come.
+    pub fn insert(&mut self, posed: &PosedPing) -> InsertReport {
+        if !is_usable(posed) || !self.is_within_reach(posed) {
+            self.status.pings_rejected += 1;
+            return InsertReport {
+                rejected: true,
+                ..InsertReport::default()
+            };
+        }
+        self.status.pings += 1;
+        if !self.is_evidence(posed) {
+            self.status.pings_deaf += 1;
+            return InsertReport::default();
+        }
+        self.waiting.push(posed.clone());
+        if self.waiting.len() >= self.config.slice_pings || self.is_slice_overdue() {
+            return self.take_in_slice();
+        }
+        InsertReport::default()
+    }
+
+    /// Whether the first ping that waits for a slice has waited long enough.
+    fn is_slice_overdue(&self) -> bool {
+        let time = |posed: &PosedPing| posed.ping.transmit_time();
+        let ends = self.waiting.first().zip(self.waiting.last());
+        ends.is_some_and(|(first, last)| time(last).seconds_since(time(first)) > LONGEST_SLICE_S)
+    }
+
+    /// What a ping must say that the last one taken in did not.
+    fn least_novelty(&self) -> f32 {
+        match self.at_work.redundant {
+            Extent::All => 0.0,
+            Extent::Useful => LEAST_NOVELTY,
+            Extent::None => 1.0,
+        }
+    }
+
+    /// Whether voxels and single precision reach as far as the ping is from the first.
+    fn is_within_reach(&self, posed: &PosedPing) -> bool {
+        let (origin_m, voxel_m) = self.origin_and_voxel_m(posed);
+        let away_m = posed.world_from_sensor.translation_m - origin_m;
+        away_m.abs().max_element() < MOST_VOXELS * f64::from(voxel_m)
+    }
+
+    /// As they are, or as they would be if the first ping that waits, or this one, began the map.
+    fn origin_and_voxel_m(&self, posed: &PosedPing) -> (DVec3, f32) {
+        if let Some(world) = &self.world {
+            return (world.origin_m, world.evidence.voxel_m());
+        }
+        let first = self.waiting.first().unwrap_or(posed);
+        let origin_m = first.world_from_sensor.translation_m;
+        (origin_m, voxel_m(first, &self.config))
+    }
+
+    /// Whether a ping says anything of any place, before it waits for its slice: those that do not
+    /// leave no trace.
+    fn is_evidence(&mut self, posed: &PosedPing) -> bool {
+        let (_, voxel_m) = self.origin_and_voxel_m(posed);
+        let tolerance_m = tolerance_m(voxel_m, range_sigma_m(posed, &self.config));
+        f64::from(tolerance_m) <= UNPLACED_PART * posed.ping.settings().range_length_m
+            && self.levels.hears(&posed.ping, self.config.blanking_m)
+    }
+
+    /// What the ping measured, before anything of the map.
+    fn listen(&mut self, posed: &PosedPing) -> Past {
+        let config = &self.config;
+        let begun = || World::begun_by(posed, config);
+        let world = self.world.get_or_insert_with(begun);
+        let posed = &world.enter(posed);
+        let look = look_of(posed, DVec3::ZERO, config);
+        let blur = pose_blur(posed, config);
+        let range_sigma_m = range_sigma_m(posed, config);
+        let tolerance_m = tolerance_m(world.evidence.voxel_m(), range_sigma_m);
+        let seabed = &mut self.seabed;
+        let brightness = seabed.brightness();
+        let ground = seabed.backdrop(&look, brightness);
+        let mut profile = self
+            .levels
+            .profile(&posed.ping, tolerance_m.into(), &ground, config);
+        let weight = match posed.ping.view() {
+            Some(_) => 1.0,
+            None => novelty(&look, self.last_look.as_ref()),
+        };
+        let (intensity, strongest) = (posed.ping.intensity(), self.levels.strongest());
+        self.multiples
+            .listen(&look, intensity, &profile, strongest, weight);
+        self.status.bins_doubted +=
+            doubt_multiples(&self.multiples, &look, intensity, &ground, &mut profile);
+        let seabed = &mut self.seabed;
+        self.pool
+            .install(|| seabed.listen(&look, intensity, &profile));
+        self.learn_unit_strength(&look, intensity, &profile.echoes);
+        self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
+        self.cues.add(Cue {
+            runs: profile.echoes.len(),
+            weight,
+            quarter: quarter_of(look.pose.axes.x_axis),
+            blur_m: range_sigma_m,
+            jitter_m: jitter_m(posed),
+        });
+        past_of(look, blur, profile, weight, brightness, posed)
+    }
+
+    /// The strength at which a Gaussian of one voxel would make the ping's strongest echo.
+    fn learn_unit_strength(&mut self, look: &Look, intensity: &[f32], echoes: &[(u32, u32)]) {
+        let Some(world) = &self.world else { return };
+        let bins = echoes.iter().flat_map(|&(start, end)| start..end);
+        let strongest =
+            bins.max_by(|&a, &b| intensity[a as usize].total_cmp(&intensity[b as usize]));
+        let Some(bin) = strongest else { return };
+        let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+        let ahead = look.pose.position_m + look.pose.axes.x_axis * range_m;
+        let round = SymmetricMat3::isotropic(0.5 * world.evidence.voxel_m());
+        if let Some(splat) = look.project(ahead, &round) {
+            let needed = intensity[bin as usize] / splat.energy;
+            let before = if self.unit_strength > 0.0 {
+                self.unit_strength
+            } else {
+                needed
+            };
+            self.unit_strength = before + 0.05 * (needed - before);
+        }
+    }
+
+    /// Adds a ping to the history if it says something; whether it does.
+    fn remember(&mut self, posed: &PosedPing) -> bool {
+        let past = self.listen(posed);
+        if past.weight < self.least_novelty() {
+            self.status.pings_redundant += 1;
+            return false;
+        }
+        self.last_look = Some(past.look);
+        self.history.push(past);
+        true
+    }
+
+    pub(super) fn take_in_slice(&mut self) -> InsertReport {
+        let mut slice = std::mem::take(&mut self.waiting);
+        slice.sort_by_key(|posed| (posed.ping.transmit_time(), posed.ping.sequence()));
+        let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
+        let Some(world) = &mut self.world else {
+            return InsertReport::default();
+        };
+        let pings = self.history.pings();
+        let start = pings.len() - fresh.min(pings.len());
+        if pings.len() > 2 * self.bars_lifted_at + 256 {
+            self.bars_lifted_at = pings.len();
+            world.evidence.lift_bars(LIFTED_PART);
+        }
+        let extent = self.at_work.converged;
+        let evidence = &mut world.evidence;
+        let is_put_down = std::mem::take(&mut self.is_evidence_put_down);
+        self.status.voxel_looks += self.pool.install(|| match is_put_down {
+            true => {
+                evidence.expect_glints(false);
+                evidence.integrate_anew(pings, extent)
+            }
+            false => evidence.integrate(pings, start, extent),
+        });
+        let strength = NEWBORN_STRENGTH * self.unit_strength;
+        let (added, pruned) = births::follow_evidence(
+            evidence,
+            &mut self.gaussians,
+            self.config.spawn_evidence,
+            strength,
+        );
+        InsertReport {
+            slice_taken_in: true,
+            added,
+            pruned,
+            rejected: false,
+        }
+    }
+}
+
+/// Tells echoes that may be others heard again, and judges the ping without them. Returns their bins.
+pub(super) fn doubt_multiples(
+    multiples: &Multiples,
+    look: &Look,
+    intensity: &[f32],
+    ground: &Backdrop,
+    profile: &mut Profile,
+) -> u64 {
+    let runs = multiples.runs(look, intensity, profile);
+    if runs.is_empty() {
+        return 0;
+    }
+    let bins = runs
+        .iter()
+        .map(|&(start, end)| u64::from(end - start))
+        .sum();
+    profile.doubted = runs.into();
+    profile.judge(intensity, ground);
+    bins
+}
+
+/// Whether nothing about a ping's pose could make the map not finite.
+fn is_usable(posed: &PosedPing) -> bool {
+    // Lengths, since the largest element of some that are none may be one.
+    let pose = &posed.world_from_sensor;
+    pose.rotation.is_normalized()
+        && pose.translation_m.length() < FURTHEST_M
+        && posed.twist.linear_mps.length() < FASTEST
+        && posed.twist.angular_radps.length() < FASTEST
+        && posed.reference_range_m.is_finite()
+        && [posed.uncertainty, posed.jitter]
+            .into_iter()
+            .flatten()
+            .all(|u| {
+                u.position_m >= 0.0
+                    && u.position_m < 1e3
+                    && u.attitude_rad >= 0.0
+                    && u.attitude_rad < 3.2
+            })
+}
+
+/// One sigma of where its pose's jitter puts the middle of a ping's range, 0 if nobody looked.
+fn jitter_m(posed: &PosedPing) -> f32 {
+    let Some(jitter) = posed.jitter else {
+        return 0.0;
+    };
+    jitter
+        .position_m
+        .hypot(jitter.attitude_rad * posed.reference_range_m) as f32
+}
+
+/// One sigma of an echo's range: pulse and pose.
+fn range_sigma_m(posed: &PosedPing, config: &MapperConfig) -> f32 {
+    let pulse_variance_m2 = pulse_variance_m2(posed.ping.settings());
+    (pulse_variance_m2 + pose_blur(posed, config).range_variance_m2).sqrt()
+}
+
+/// Echoes light places this much nearer and farther.
+fn tolerance_m(voxel_m: f32, range_sigma_m: f32) -> f32 {
+    0.45 * voxel_m + 2.2 * range_sigma_m
+}
+
+/// Quarter of the horizon that a direction is in.
+fn quarter_of(direction: Vec3) -> usize {
+    usize::from(direction.x < 0.0) + 2 * usize::from(direction.y < 0.0)
+}

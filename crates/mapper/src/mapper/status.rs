@@ -1,0 +1,69 @@
+//! What the mapper is allowed, and what it says of itself.
+
+use serde::Serialize;
+
+/// Work allowed, counted in Gaussian–bin pairs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Budget {
+    /// The step that passes this many pairs is the last.
+    pub pairs: u64,
+}
+
+/// What one ping did.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct InsertReport {
+    /// Whether a slice of pings was taken in with this one.
+    pub slice_taken_in: bool,
+    /// Gaussians born.
+    pub added: u64,
+    /// Gaussians that darkness took.
+    pub pruned: u64,
+    /// Whether the ping was left out since its pose or settings are not finite.
+    pub rejected: bool,
+}
+
+/// What an optimisation did.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct OptimizeReport {
+    /// Multiplicative steps made.
+    pub iterations: u64,
+    /// What was taken of the budget: pairs done, and at least a thousand for each ping looked at,
+    /// since finding that there is nothing to see costs as much.
+    pub pairs: u64,
+}
+
+/// Where the mapper stands.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct MapperStatus {
+    /// Pings taken in.
+    pub pings: u64,
+    /// Pings left out as not finite, or as beyond all reach.
+    pub pings_rejected: u64,
+    /// Pings that are evidence of nothing: a receiver at its stop, nothing beyond the
+    /// blanking, a pose that leaves everything open.
+    pub pings_deaf: u64,
+    /// Pings left out since the one before said nearly all of it.
+    pub pings_redundant: u64,
+    /// Pings let go from memory to make room.
+    pub pings_thinned: u64,
+    /// Gaussians that the map asserts as surface, as of the last snapshot.
+    pub confident: u64,
+    /// Gaussians published as ambiguous, as of the last snapshot.
+    pub ambiguous: u64,
+    /// Bins of echoes taken for others heard again at a fixed multiple of their range.
+    pub bins_doubted: u64,
+    /// All Gaussians held, published or not.
+    pub candidates: u64,
+    /// Blocks of evidence held.
+    pub evidence_blocks: u64,
+    /// Edge of an evidence voxel, metres.
+    pub voxel_m: f32,
+    /// Voxel looks done so far.
+    pub voxel_looks: u64,
+    /// Gaussian–bin pairs done so far.
+    pub pairs: u64,
+    /// Multiplicative steps made so far.
+    pub iterations: u64,
+    /// Mean power of the noise in the newest ping over the strongest echo, decibels.
+    pub noise_db: f32,
+}
