@@ -2,10 +2,11 @@
 
 #![allow(clippy::unwrap_used)]
 
-use std::sync::Arc;
+use std::sync::{Arc, mpsc};
+use std::time::Duration;
 
 use echosplat_mapper::{Budget, Mapper, MapperConfig};
-use echosplat_model::{PosedPing, Snapshot, Standing};
+use echosplat_model::{Ping, PosedPing, Snapshot, Standing, Switch};
 use echosplat_simulator::{Dive, DiveKind, DiveOptions, NoiseLevel, Scene, SimulatedSonar};
 
 fn dive(scene: &str, kind: DiveKind, duration_s: f64) -> (Arc<Scene>, Vec<PosedPing>) {
@@ -117,6 +118,35 @@ fn poses_of_another_moment_do_not_make_this_map() {
 fn open_water_is_an_empty_map() {
     let (_, pings) = dive("empty", DiveKind::Survey, 20.0);
     assert_eq!(map(&pings, config(0)).gaussians, []);
+}
+
+#[test]
+fn silence_after_a_structure_does_not_keep_the_mapper() {
+    let (_, mut pings) = dive("fence", DiveKind::Survey, 40.0);
+    for posed in &mut pings[1200..] {
+        let ping = &posed.ping;
+        let settings = *ping.settings();
+        let noise = (0..settings.bin_count).map(|bin| 1e-9 * (1 + bin * 37 % 97) as f32);
+        let (sequence, time) = (ping.sequence(), ping.transmit_time());
+        let silent = Ping::new(sequence, time, settings, noise.collect()).unwrap();
+        posed.ping = Arc::new(silent);
+        posed.world_from_sensor.translation_m.x += 100.0;
+    }
+    for reservoir in [Switch::Off, Switch::On] {
+        let mut config = config(1);
+        config.parts.reservoir = reservoir;
+        let (done, is_done) = mpsc::channel();
+        let pings = pings.clone();
+        std::thread::spawn(move || {
+            let mut mapper = Mapper::new(config).unwrap();
+            pings.iter().for_each(|ping| _ = mapper.insert(ping));
+            let held = mapper.status().candidates;
+            let _ = done.send((held, mapper.optimize(Budget { pairs: 1 }).pairs));
+        });
+        let (held, pairs) = is_done.recv_timeout(Duration::from_secs(60)).unwrap();
+        assert!(held > 0);
+        assert_eq!(pairs > 0, reservoir == Switch::On);
+    }
 }
 
 #[test]

@@ -27,12 +27,17 @@ const PART_STEP: f32 = 0.35;
 
 impl Mapper {
     /// Refines the map on the newest pings and some of the older ones, step by step, until the
-    /// budget is used.
+    /// budget is used or a step finds nothing to look at.
     pub fn optimize(&mut self, budget: Budget) -> OptimizeReport {
         let mut report = OptimizeReport::default();
         while report.pairs < budget.pairs && self.gaussians.alive_count() > 0 {
-            report.pairs += self.step();
+            let pairs = self.step();
+            report.pairs += pairs;
             report.iterations += 1;
+            // No ping of use to look at: until new ones come, another step finds no more.
+            if pairs == 0 {
+                break;
+            }
         }
         self.status.iterations += report.iterations;
         report
