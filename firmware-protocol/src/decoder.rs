@@ -2,7 +2,8 @@
 
 use core::fmt;
 
-use crate::frame::{Frame, MAX_FRAME_BYTES, START, Verdict, judge};
+use crate::frame::{Frame, MAX_FRAME_BYTES, START, Verdict, claimed, judge};
+use crate::long_frame::{self, ProfileSearch, is_long};
 use crate::skip::{SkipLedger, SkipReason, Skipped};
 
 /// What the decoder found next in its stream.
@@ -21,7 +22,8 @@ pub enum Event<'a> {
 /// checksum when it is whole. A candidate that fails is given up by its first byte only, and the
 /// search goes on at its second; until then every byte of it is kept. So an intact frame is lost
 /// to no damage beside it, unless damage by chance makes a candidate with a right checksum around
-/// it. A frame inside the payload of an intact frame is payload.
+/// it. A frame inside the payload of an intact frame is payload; but a candidate of more than 2048
+/// payload bytes that is no profile and has an intact profile within is none, its sum right or not.
 ///
 /// The events depend on the bytes and on where [`expire`](Self::expire) falls among them, not on
 /// how the bytes are cut into pieces. Every byte fed is in exactly one event, or still in
@@ -31,14 +33,16 @@ pub enum Event<'a> {
 /// by the end of a piece is copied once. Each byte is summed once per candidate that covers it:
 /// once on a clean stream, and in a stream made to hurt at most once for every 6 bytes of
 /// [`MAX_FRAME_BYTES`]. Latency: a frame is yielded with its last byte, unless a false header
-/// stands before it, whose claimed bytes (at most [`MAX_FRAME_BYTES`], 8254 for a profile's id)
-/// must come first or be given up by `expire`.
+/// stands before it. Then it waits for what that claims, at most 8254 bytes, or for the next
+/// profile; a false header before a stream without profiles for at most [`MAX_FRAME_BYTES`]; or
+/// for `expire`.
 #[derive(Clone)]
 pub struct Decoder {
     /// The unfinished candidate and what follows it, at `held_start..held_end`.
     buffer: [u8; MAX_FRAME_BYTES],
     held_start: usize,
     held_end: usize,
+    profiles: ProfileSearch,
     skipped: SkipLedger,
 }
 
@@ -51,6 +55,7 @@ impl Decoder {
             buffer: [0; MAX_FRAME_BYTES],
             held_start: 0,
             held_end: 0,
+            profiles: ProfileSearch::new(),
             skipped: SkipLedger::new(),
         }
     }
@@ -61,7 +66,7 @@ impl Decoder {
         while !rest.is_empty() {
             let missing = self.missing_byte_count();
             if missing == 0 {
-                let scanned = scan(rest, &mut self.skipped, sink);
+                let scanned = scan(rest, &mut self.profiles, &mut self.skipped, sink);
                 self.hold(&rest[scanned..]);
                 return;
             }
@@ -122,7 +127,7 @@ impl Decoder {
 
     fn scan_held(&mut self, sink: &mut dyn FnMut(Event<'_>)) {
         let held = &self.buffer[self.held_start..self.held_end];
-        self.held_start += scan(held, &mut self.skipped, sink);
+        self.held_start += scan(held, &mut self.profiles, &mut self.skipped, sink);
         if self.held_start == self.held_end {
             (self.held_start, self.held_end) = (0, 0);
         }
@@ -135,6 +140,7 @@ impl Decoder {
         self.skipped.blame(self.held().len(), SkipReason::TimedOut);
         self.skipped.skip(1, sink);
         self.held_start += 1;
+        self.profiles.advance(1);
         self.scan_held(sink);
     }
 }
@@ -156,18 +162,23 @@ impl fmt::Debug for Decoder {
 
 /// Reports what `bytes` hold up to the first unfinished candidate; returns where that begins, or
 /// the length of `bytes`.
-fn scan(bytes: &[u8], skipped: &mut SkipLedger, sink: &mut dyn FnMut(Event<'_>)) -> usize {
+fn scan(
+    bytes: &[u8],
+    profiles: &mut ProfileSearch,
+    skipped: &mut SkipLedger,
+    sink: &mut dyn FnMut(Event<'_>),
+) -> usize {
     let mut at = 0;
     while at < bytes.len() {
         let candidate = &bytes[at..];
-        match judge(candidate) {
+        match judge_long(bytes, at, profiles) {
             Verdict::Intact { byte_count } => {
                 skipped.end_stretch(sink);
                 sink(Event::Frame(Frame::judged_intact(&candidate[..byte_count])));
                 at += byte_count;
                 continue;
             }
-            Verdict::Unfinished { .. } => return at,
+            Verdict::Unfinished { .. } => break,
             Verdict::BadLength { byte_count, .. } => skipped.blame(byte_count, SkipReason::Length),
             Verdict::BadChecksum { byte_count } => skipped.blame(byte_count, SkipReason::Checksum),
             Verdict::NoStart => {}
@@ -176,7 +187,30 @@ fn scan(bytes: &[u8], skipped: &mut SkipLedger, sink: &mut dyn FnMut(Event<'_>))
         skipped.skip(step, sink);
         at += step;
     }
+    profiles.advance(at);
     at
+}
+
+/// The verdict on the candidate at `bytes[at]`, with what its claimed bytes say of a long one:
+/// it is believed if its sum is right and no intact profile lies within.
+fn judge_long(bytes: &[u8], at: usize, profiles: &mut ProfileSearch) -> Verdict {
+    let candidate = &bytes[at..];
+    let verdict = judge(candidate);
+    let is_false = match verdict {
+        Verdict::Intact { byte_count } | Verdict::Unfinished { byte_count } => {
+            is_long(candidate) && profiles.is_within(bytes, at, at + byte_count)
+        }
+        Verdict::BadChecksum { .. } => is_long(candidate),
+        Verdict::NoStart | Verdict::BadLength { .. } => false,
+    };
+    match claimed(candidate) {
+        Some((message_id, payload_bytes)) if is_false => Verdict::BadLength {
+            message_id,
+            payload_bytes,
+            byte_count: long_frame::BLAMED_BYTES,
+        },
+        _ => verdict,
+    }
 }
 
 /// Distance from the first byte to the next that could start a frame, or to the end.

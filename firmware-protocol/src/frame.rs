@@ -140,6 +140,13 @@ pub(crate) enum Verdict {
     Intact { byte_count: usize },
 }
 
+/// Message id and payload length that a header claims, once both are there.
+pub(crate) fn claimed(bytes: &[u8]) -> Option<(u16, usize)> {
+    let header = bytes.get(..LENGTH_AND_ID_BYTES)?;
+    let payload_bytes = usize::from(u16_at(header, field::PAYLOAD_LENGTH));
+    Some((u16_at(header, field::MESSAGE_ID), payload_bytes))
+}
+
 /// Judges the candidate that begins at `bytes[0]`.
 pub(crate) fn judge(bytes: &[u8]) -> Verdict {
     let start_bytes = bytes.len().min(START.len());

@@ -33,6 +33,7 @@ mod decoder;
 mod error;
 mod frame;
 pub mod id;
+mod long_frame;
 mod message;
 mod payload_lengths;
 mod skip;

@@ -6,19 +6,6 @@ use crate::frame::MAX_PAYLOAD_BYTES;
 use crate::id;
 use crate::message;
 
-/// Longest payload of an id that is not in the tables; the largest profile of a sister product
-/// (Ping360, 1214 bytes) fits.
-const UNKNOWN_MAX_BYTES: usize = 2048;
-
-/// Longest text a device sends.
-const DEVICE_TEXT_MAX_BYTES: usize = 1024;
-
-/// Longest wrapped NMEA text: a dozen sentences of 82 bytes.
-const NMEA_MAX_BYTES: usize = 1024;
-
-/// Longest wrapped `MAVLink` message: 255 payload bytes as a JSON list, with room for layout.
-const MAVLINK_MAX_BYTES: usize = 8192;
-
 /// The payload lengths of one message id, in bytes: `min`, `min + step`, … up to `max`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct PayloadLengths {
@@ -31,22 +18,18 @@ pub struct PayloadLengths {
 }
 
 impl PayloadLengths {
-    /// The lengths `message_id` allows. Ids outside the tables may have up to 2048 bytes.
+    /// The lengths `message_id` allows. Texts, wrappers and ids outside the tables may have any
+    /// that a header can say: nobody documents how long they get.
     #[must_use]
     pub const fn of(message_id: u16) -> Self {
         match message_id {
             id::NOP => Self::exactly(0),
             id::ACK | id::GENERAL_REQUEST => Self::exactly(2),
-            id::NACK => Self::between(2, 2 + DEVICE_TEXT_MAX_BYTES),
-            id::ASCII_TEXT => Self::between(0, DEVICE_TEXT_MAX_BYTES),
+            id::NACK => Self::between(2, MAX_PAYLOAD_BYTES),
             id::DEVICE_INFORMATION => Self::exactly(message::DEVICE_INFORMATION_BYTES),
             id::PROTOCOL_VERSION => Self::exactly(message::PROTOCOL_VERSION_BYTES),
-            // Hosts write these into logs, and nobody documents how long they get.
-            id::JSON | id::VIEW_CONFIGURATION => Self::between(0, MAX_PAYLOAD_BYTES),
             id::SET_DEVICE_ID => Self::exactly(1),
-            id::NMEA => Self::between(0, NMEA_MAX_BYTES),
             id::SET_SPEED_OF_SOUND => Self::exactly(4),
-            id::MAVLINK => Self::between(0, MAVLINK_MAX_BYTES),
             id::SYNC_CHANNEL_NUMBER | id::SET_SYNC_CHANNEL_NUMBER => {
                 Self::exactly(message::SYNC_CHANNEL_BYTES)
             }
@@ -62,7 +45,7 @@ impl PayloadLengths {
                 max: message::OS_MONO_PROFILE_FIXED_BYTES + 2 * message::MAX_RESULT_COUNT,
                 step: 2,
             },
-            _ => Self::between(0, UNKNOWN_MAX_BYTES),
+            _ => Self::between(0, MAX_PAYLOAD_BYTES),
         }
     }
 
@@ -118,7 +101,7 @@ mod tests {
     fn lengths_read_as_a_sentence() {
         let text = |message_id| PayloadLengths::of(message_id).to_string();
         assert_eq!(text(id::ACK), "2");
-        assert_eq!(text(id::ASCII_TEXT), "0 to 1024");
+        assert_eq!(text(id::ASCII_TEXT), "0 to 65535");
         assert_eq!(text(id::OS_PING_PARAMS), "34 to 36 in steps of 2");
     }
 }

@@ -9,8 +9,8 @@ pub enum SkipReason {
     Noise,
     /// A whole candidate frame whose sum is wrong: damaged, cut short, or no frame at all.
     Checksum,
-    /// A header whose length cannot be right for its message id, or a profile whose count of
-    /// results does not fit its length.
+    /// A header whose length cannot be right: for its message id, for a profile's count of
+    /// results, or since a long frame's sum is wrong or an intact profile lies within it.
     Length,
     /// A candidate whose remaining bytes did not come in time.
     TimedOut,

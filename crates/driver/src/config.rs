@@ -21,6 +21,8 @@ pub struct DriverConfig {
     pub silence_timeout_s: f64,
     /// Times real time for `file://`; 0 is as fast as the events are taken.
     pub rate: f64,
+    /// A tape's bytes are those of a log, with its session packets, and not of a link.
+    pub tape_is_log: bool,
 }
 
 impl DriverConfig {
@@ -35,6 +37,7 @@ impl DriverConfig {
             reconnect_max_s: 0.5,
             silence_timeout_s: 5.0,
             rate: 0.0,
+            tape_is_log: false,
         }
     }
 
@@ -91,6 +94,17 @@ pub enum DriverError {
         path: String,
         /// What the system says.
         source: std::io::Error,
+    },
+    /// The path of a serial line leads to something else.
+    #[error(
+        "{path} is {what}, not a serial line: give the device, as in \
+         serial:///dev/ttyUSB0?baudrate=115200"
+    )]
+    NoLine {
+        /// Of the URL.
+        path: String,
+        /// What is there.
+        what: &'static str,
     },
     /// The system gives no thread.
     #[error("the thread for the sonar could not be started: {0}")]

@@ -1,7 +1,8 @@
 //! The thread of one sonar, and its owner's handle.
 
 use std::fs::File;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::io;
+use std::path::Path;
 use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
@@ -13,14 +14,15 @@ use crate::event::{DriverEvent, DriverStatus};
 use crate::link::Link;
 use crate::log_reader::LogReader;
 use crate::outlet::Outlet;
+use crate::status::SharedStatus;
 use crate::stop::{Stopper, stop_pair};
+use crate::tap::{RawTap, Tape};
+use crate::tape_reader::TapeReader;
+use crate::transport;
 use crate::url::SonarUrl;
 
-/// Called with the time of arrival and the bytes, before they are decoded.
-pub type RawTap = Box<dyn FnMut(Timestamp, &[u8]) + Send>;
-
 /// A stop takes at most this long; a thread that then still hangs in a system call is left alone.
-const STOP_WAIT: Duration = Duration::from_secs(5);
+const STOP_WAIT: Duration = Duration::from_secs(2);
 
 /// A running driver. Dropping it stops the thread without waiting.
 #[derive(Debug)]
@@ -39,33 +41,65 @@ pub struct DriverHandle {
 /// is left out and counted.
 ///
 /// # Errors
-/// If the configuration is out of range, a log cannot be opened, or the URL is `sim://`.
+/// If the configuration is out of range, a log cannot be opened or is no file, a serial line's path
+/// leads to something else, or the URL is `sim://`.
 pub fn spawn(
     config: DriverConfig,
     raw: Option<RawTap>,
     events: Sender<DriverEvent>,
 ) -> Result<DriverHandle, DriverError> {
     config.check()?;
-    let (stopper, stop) = stop_pair();
-    let status = SharedStatus::default();
-    let outlet = Outlet::new(&config, events, stop, status.clone());
-    let work: Box<dyn FnOnce() + Send> = match &config.url {
-        SonarUrl::Sim(scene) => {
-            return Err(DriverError::Simulated {
-                scene: scene.clone(),
-            });
-        }
+    match &config.url {
+        SonarUrl::Sim(scene) => Err(DriverError::Simulated {
+            scene: scene.clone(),
+        }),
         SonarUrl::File(path) => {
-            let file = File::open(path).map_err(|source| DriverError::Log {
-                path: path.display().to_string(),
-                source,
-            })?;
-            Box::new(move || LogReader::new(&config, raw, outlet).run(file))
+            let file = open_log(path)?;
+            start(&config.clone(), events, |outlet| {
+                Box::new(move || LogReader::new(&config, raw, outlet).run(file))
+            })
         }
         SonarUrl::Tcp(_) | SonarUrl::Udp(_) | SonarUrl::Serial { .. } => {
-            Box::new(move || Link::new(config, raw, outlet).run())
+            refuse_what_is_no_line(&config.url)?;
+            start(&config.clone(), events, |outlet| {
+                Box::new(move || Link::new(config, raw, outlet).run())
+            })
         }
-    };
+    }
+}
+
+/// Starts the thread `sonar` on a recording in place of a link. It is read once, at `config.rate`
+/// times the pace of its recorded times, and gives the same pings, bit for bit, as the live
+/// session did whose [`RawTap`] it was made by, if `config.session` is that session's. `raw` is
+/// shown everything again, at the host's time now. `config.url` only names it.
+///
+/// What the tape cannot give ends it with a warning. The driver waits for room in `events`.
+///
+/// # Errors
+/// If the configuration is out of range.
+pub fn spawn_tape(
+    config: DriverConfig,
+    tape: Tape,
+    raw: Option<RawTap>,
+    events: Sender<DriverEvent>,
+) -> Result<DriverHandle, DriverError> {
+    config.check()?;
+    start(&config.clone(), events, |outlet| {
+        let outlet = outlet.waiting_for_room();
+        Box::new(move || TapeReader::new(&config, raw, outlet).run(tape))
+    })
+}
+
+type Work = Box<dyn FnOnce() + Send>;
+
+fn start(
+    config: &DriverConfig,
+    events: Sender<DriverEvent>,
+    work: impl FnOnce(Outlet) -> Work,
+) -> Result<DriverHandle, DriverError> {
+    let (stopper, stop) = stop_pair();
+    let status = SharedStatus::default();
+    let work = work(Outlet::new(config, events, stop, status.clone()));
     let (alive, ended) = bounded(0);
     thread::Builder::new()
         .name("sonar".to_owned())
@@ -79,6 +113,34 @@ pub fn spawn(
         status,
         ended,
     })
+}
+
+/// A path that will never be a serial line is not waited for; one that is not there yet is.
+fn refuse_what_is_no_line(url: &SonarUrl) -> Result<(), DriverError> {
+    let SonarUrl::Serial { path, .. } = url else {
+        return Ok(());
+    };
+    match transport::what_else_than_a_line(path) {
+        Some(what) => Err(DriverError::NoLine {
+            path: path.display().to_string(),
+            what,
+        }),
+        None => Ok(()),
+    }
+}
+
+/// Opens a log. Only files are: a fifo that nobody writes to would be waited for, for ever.
+fn open_log(path: &Path) -> Result<File, DriverError> {
+    let refused = |source| DriverError::Log {
+        path: path.display().to_string(),
+        source,
+    };
+    let metadata = std::fs::metadata(path).map_err(refused)?;
+    if !metadata.is_file() {
+        let words = "it is no file; copy it to one first";
+        return Err(refused(io::Error::new(io::ErrorKind::InvalidInput, words)));
+    }
+    File::open(path).map_err(refused)
 }
 
 impl DriverHandle {
@@ -103,23 +165,6 @@ impl DriverHandle {
         // Nothing is ever sent: this waits for the thread to drop its end.
         let _ = self.ended.recv_timeout(STOP_WAIT);
         self.status.read()
-    }
-}
-
-/// The driver's state, written by its thread, read by anyone.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct SharedStatus(Arc<Mutex<DriverStatus>>);
-
-impl SharedStatus {
-    pub(crate) fn read(&self) -> DriverStatus {
-        self.0
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .clone()
-    }
-
-    pub(crate) fn update(&self, change: impl FnOnce(&mut DriverStatus)) {
-        change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
     }
 }
 

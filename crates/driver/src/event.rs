@@ -36,15 +36,19 @@ pub enum DriverEvent {
     Configured,
     /// The device was restarted.
     Rebooted,
+    /// The clock that pings are on stepped by more than a second.
+    ClockStepped,
     /// The device refused a request.
     Nack {
         /// Message id of the request.
         id: u16,
-        /// The device's words.
+        /// The device's words, cut, with control characters escaped.
         text: String,
     },
-    /// Something a person should know; each is said once.
+    /// Something a person should know, said once or rarely.
     Warning(String),
+    /// A tape is at this mark.
+    Mark(u64),
     /// The log of a `file://` is at its end.
     Ended,
 }
@@ -89,4 +93,17 @@ pub struct DriverStatus {
     pub bytes_after_stop: u64,
     /// Whether the device was told to stop, and the link took it.
     pub stop_sent: bool,
+    /// What the first profile refused says, and what is allowed, as in `speed of sound 0 m/s;
+    /// allowed is 1300 to 1700 m/s`.
+    pub first_refusal: Option<String>,
+    /// Seconds since the last byte came, by the host's monotonic clock; `None` before the first.
+    /// Bytes without frames are noise, or another baud rate.
+    pub since_byte_s: Option<f64>,
+    /// Seconds since the last good frame. Frames without profiles: the device lives, and does not
+    /// ping.
+    pub since_frame_s: Option<f64>,
+    /// Seconds since the last profile, whether or not it became a ping.
+    pub since_profile_s: Option<f64>,
+    /// Seconds since the last ping.
+    pub since_ping_s: Option<f64>,
 }

@@ -3,12 +3,14 @@
 use std::io;
 use std::time::{Duration, Instant};
 
+use echosplat_model::{RateLimit, Timestamp};
 use echosplat_session::Session;
 
 use crate::config::DriverConfig;
-use crate::driver::{RawTap, host_time};
+use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
 use crate::outlet::{Flow, Outlet};
+use crate::tap::{RawTap, Tapped};
 use crate::transport::{self, READ_BYTES, Received, Transport};
 use crate::url::SonarUrl;
 
@@ -31,6 +33,10 @@ pub(crate) struct Link {
     /// Whether the last open link brought nothing.
     was_silent: bool,
     buffer: Vec<u8>,
+    /// A link that flaps must not fill the log.
+    ups_said: RateLimit,
+    downs_said: RateLimit,
+    restarts_said: RateLimit,
 }
 
 /// Why a link is no longer talked on.
@@ -50,6 +56,9 @@ impl Link {
             state: LinkState::Connecting,
             was_silent: false,
             buffer: vec![0; READ_BYTES],
+            ups_said: RateLimit::new(),
+            downs_said: RateLimit::new(),
+            restarts_said: RateLimit::new(),
         }
     }
 
@@ -60,6 +69,7 @@ impl Link {
         }
         let mut wait_s = self.config.reconnect_min_s;
         while !self.outlet.stop.is_set() {
+            let frames_before = self.session.counters().frames_good;
             let reason = match transport::open(&self.config, self.was_silent) {
                 Ok(mut link) => match self.talk(&mut *link) {
                     End::Stopped => {
@@ -70,7 +80,8 @@ impl Link {
                 },
                 Err(error) => error.to_string(),
             };
-            if self.state == LinkState::Up {
+            // Being let in is no success: one that accepts and closes is asked ever more slowly.
+            if self.session.counters().frames_good > frames_before {
                 wait_s = self.config.reconnect_min_s;
             }
             if self.lost(reason) == Flow::Ends {
@@ -114,12 +125,15 @@ impl Link {
                     self.take(byte_count);
                 }
                 Ok(Received::Nothing) if heard.elapsed() > silence => {
-                    return End::Lost(format!("nothing came for {:.1} s", silence.as_secs_f64()));
+                    return End::Lost(silence_words(&self.config.url, silence));
                 }
                 Ok(Received::Nothing) => {}
                 Err(error) => return End::Lost(error.to_string()),
             }
-            self.session.handle_timeout(host_time());
+            let now = host_time();
+            if self.session.handle_timeout(now) {
+                self.tap(now, Tapped::HalfFrameExpired);
+            }
             let flow = self.deliver();
             self.publish();
             if flow == Flow::Ends {
@@ -132,9 +146,15 @@ impl Link {
         let now = host_time();
         let bytes = &self.buffer[..byte_count];
         if let Some(raw) = &mut self.raw {
-            raw(now, bytes);
+            raw(now, Tapped::Bytes(bytes));
         }
         self.session.receive(bytes, now);
+    }
+
+    fn tap(&mut self, now: Timestamp, tapped: Tapped<'_>) {
+        if let Some(raw) = &mut self.raw {
+            raw(now, tapped);
+        }
     }
 
     fn send_requests(&mut self, link: &mut dyn Transport) -> io::Result<()> {
@@ -145,12 +165,20 @@ impl Link {
     }
 
     fn deliver(&mut self) -> Flow {
+        let mut flow = Flow::GoesOn;
+        self.outlet.status.count(&self.session);
         while let Some(event) = self.session.poll_event() {
-            if self.tell(event.into()) == Flow::Ends {
-                return Flow::Ends;
+            flow = self.tell(event.into());
+            if flow == Flow::Ends {
+                break;
             }
         }
-        Flow::GoesOn
+        for sequence in self.outlet.take_shed() {
+            if let Some(raw) = &mut self.raw {
+                raw(host_time(), Tapped::PingShed(sequence));
+            }
+        }
+        flow
     }
 
     fn tell(&mut self, event: DriverEvent) -> Flow {
@@ -159,7 +187,11 @@ impl Link {
             DriverEvent::Nack { id, text } => {
                 tracing::warn!(url = %self.config.url, id, "sonar refused a request: {text}");
             }
-            DriverEvent::Rebooted => tracing::warn!(url = %self.config.url, "sonar was restarted"),
+            DriverEvent::Rebooted => {
+                if let Some(more) = self.restarts_said.admit(host_time()) {
+                    tracing::warn!(url = %self.config.url, unsaid = more, "sonar was restarted");
+                }
+            }
             _ => {}
         }
         self.outlet.send(event)
@@ -169,7 +201,10 @@ impl Link {
         if self.state == LinkState::Up {
             return Flow::GoesOn;
         }
-        tracing::info!(url = %self.config.url, "sonar link is up");
+        if let Some(more) = self.ups_said.admit(host_time()) {
+            tracing::info!(url = %self.config.url, unsaid = more, "sonar link is up");
+        }
+        self.tap(host_time(), Tapped::LinkUp);
         self.state = LinkState::Up;
         self.outlet.status.update(|status| status.connects += 1);
         self.publish();
@@ -177,9 +212,13 @@ impl Link {
     }
 
     fn lost(&mut self, reason: String) -> Flow {
-        self.session.link_lost(host_time());
-        let flow = self.deliver();
         let was_up = self.state == LinkState::Up;
+        let now = host_time();
+        if was_up {
+            self.tap(now, Tapped::LinkDown);
+        }
+        self.session.link_lost(now);
+        let flow = self.deliver();
         let is_news = self.state != LinkState::Down;
         self.state = LinkState::Down;
         self.outlet.status.update(|status| {
@@ -190,16 +229,15 @@ impl Link {
         if flow == Flow::Ends || !is_news {
             return flow;
         }
-        tracing::warn!(url = %self.config.url, "sonar link is down, trying again: {reason}");
+        if let Some(more) = self.downs_said.admit(now) {
+            let url = &self.config.url;
+            tracing::warn!(%url, unsaid = more, "sonar link is down, trying again: {reason}");
+        }
         self.outlet.send(DriverEvent::LinkDown { reason })
     }
 
     fn publish(&self) {
-        let session = self.session.counters();
-        self.outlet.status.update(|status| {
-            status.link = self.state;
-            status.session = session;
-        });
+        self.outlet.status.publish(self.state, Some(&self.session));
     }
 
     /// Stopped while the link is down: the unit may still be pinging, so one more try.
@@ -253,6 +291,18 @@ impl Link {
         Duration::try_from_secs_f64(self.config.silence_timeout_s.max(intervals_s))
             .unwrap_or(Duration::from_secs(600))
     }
+}
+
+/// What a silent link may lack.
+fn silence_words(url: &SonarUrl, silence: Duration) -> String {
+    let advice = match url {
+        SonarUrl::Serial { baudrate, .. } => {
+            format!(": is the unit powered, wired, and at {baudrate} baud?")
+        }
+        SonarUrl::Udp(_) => ": is the unit powered, and is this its address?".to_owned(),
+        _ => String::new(),
+    };
+    format!("nothing came for {:.1} s{advice}", silence.as_secs_f64())
 }
 
 /// Says so if a serial line cannot carry what is asked for.

@@ -7,10 +7,11 @@ use std::time::Instant;
 use echosplat_session::{Session, SessionEvent};
 
 use crate::config::DriverConfig;
-use crate::driver::{RawTap, host_time};
+use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
 use crate::outlet::{Flow, Outlet};
 use crate::pace::Pace;
+use crate::tap::{RawTap, Tapped};
 use crate::transport::READ_BYTES;
 
 /// Longer pauses in a log, as between sessions, are not waited for.
@@ -63,7 +64,7 @@ impl LogReader {
     fn take(&mut self, bytes: &[u8]) -> Flow {
         let now = host_time();
         if let Some(raw) = &mut self.raw {
-            raw(now, bytes);
+            raw(now, Tapped::Bytes(bytes));
         }
         self.session.receive(bytes, now);
         let flow = self.deliver();
@@ -75,6 +76,7 @@ impl LogReader {
     }
 
     fn deliver(&mut self) -> Flow {
+        self.outlet.status.count(&self.session);
         while let Some(event) = self.session.poll_event() {
             if let SessionEvent::Ping { ping, .. } = &event {
                 let wait = self.pace.wait(ping.transmit_time(), Instant::now());
@@ -98,10 +100,6 @@ impl LogReader {
     }
 
     fn publish(&self, link: LinkState) {
-        let session = self.session.counters();
-        self.outlet.status.update(|status| {
-            status.link = link;
-            status.session = session;
-        });
+        self.outlet.status.publish(link, Some(&self.session));
     }
 }

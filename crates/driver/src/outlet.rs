@@ -1,11 +1,13 @@
 //! The way out of a driver's thread: events to their channel, by one rule for a full one.
 
+use std::sync::{Mutex, PoisonError};
+
 use crossbeam_channel::{Sender, TrySendError, select};
 use echosplat_session::{ClockSource, SessionEvent};
 
 use crate::config::DriverConfig;
-use crate::driver::SharedStatus;
 use crate::event::DriverEvent;
+use crate::status::SharedStatus;
 use crate::stop::Stop;
 use crate::url::SonarUrl;
 
@@ -22,6 +24,8 @@ pub(crate) struct Outlet {
     pub(crate) stop: Stop,
     pub(crate) status: SharedStatus,
     waits_for_room: bool,
+    /// Sequences of pings dropped since they were last asked for.
+    shed: Mutex<Vec<u64>>,
 }
 
 impl Outlet {
@@ -37,11 +41,29 @@ impl Outlet {
             stop,
             status,
             waits_for_room: is_log || config.session.clock == ClockSource::Device,
+            shed: Mutex::default(),
+        }
+    }
+
+    /// The pings dropped since the last call, for whoever records that they were.
+    pub(crate) fn take_shed(&self) -> Vec<u64> {
+        std::mem::take(&mut *self.shed.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Whatever the clock: what comes from a file is never dropped.
+    pub(crate) fn waiting_for_room(self) -> Self {
+        Self {
+            waits_for_room: true,
+            ..self
         }
     }
 
     pub(crate) fn send(&self, event: DriverEvent) -> Flow {
-        let is_ping = matches!(event, DriverEvent::Ping { .. });
+        let ping = match &event {
+            DriverEvent::Ping { ping, .. } => Some(ping.sequence()),
+            _ => None,
+        };
+        let is_ping = ping.is_some();
         match self.events.try_send(event) {
             Ok(()) => self.was_sent(is_ping),
             Err(TrySendError::Full(event)) if self.waits_for_room => select! {
@@ -50,12 +72,12 @@ impl Outlet {
                     Err(_) => Flow::Ends,
                 },
                 recv(self.stop.channel()) -> _ => {
-                    self.was_dropped(is_ping);
+                    self.was_dropped(ping);
                     Flow::Ends
                 }
             },
             Err(TrySendError::Full(_)) => {
-                self.was_dropped(is_ping);
+                self.was_dropped(ping);
                 Flow::GoesOn
             }
             Err(TrySendError::Disconnected(_)) => Flow::Ends,
@@ -69,11 +91,13 @@ impl Outlet {
         Flow::GoesOn
     }
 
-    fn was_dropped(&self, is_ping: bool) {
-        self.status.update(|status| match is_ping {
-            true => status.pings_dropped += 1,
-            false => status.events_dropped += 1,
+    fn was_dropped(&self, ping: Option<u64>) {
+        self.status.update(|status| match ping {
+            Some(_) => status.pings_dropped += 1,
+            None => status.events_dropped += 1,
         });
+        let mut shed = self.shed.lock().unwrap_or_else(PoisonError::into_inner);
+        shed.extend(ping);
     }
 }
 
@@ -92,6 +116,7 @@ impl From<SessionEvent> for DriverEvent {
             },
             SessionEvent::Configured => Self::Configured,
             SessionEvent::Rebooted => Self::Rebooted,
+            SessionEvent::ClockStepped => Self::ClockStepped,
             SessionEvent::Nack { id, text } => Self::Nack { id, text },
             SessionEvent::Warning(text) => Self::Warning(text),
         }

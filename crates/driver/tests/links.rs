@@ -4,8 +4,9 @@
 mod common;
 
 use std::io::{Read, Write};
-use std::net::TcpStream;
+use std::net::{TcpListener, TcpStream};
 use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
 
 use common::{
     PATIENCE, Scripted, append, config, connect, next, next_is, next_ping, profile, serve_at,
@@ -13,8 +14,8 @@ use common::{
 };
 use crossbeam_channel::bounded;
 use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, LinkState, ListenUrl, ServeError, ServeOptions, serve,
-    spawn,
+    DriverConfig, DriverError, DriverEvent, LinkState, ListenUrl, ServeError, ServeOptions,
+    TapeItem, Tapped, serve, spawn, spawn_tape,
 };
 use echosplat_firmware_protocol::{Decoder, Event, Message, OsPingParams, Text, id};
 use echosplat_model::Timestamp;
@@ -126,7 +127,8 @@ fn on_the_device_clock_the_driver_waits_for_room_and_nothing_is_lost() {
     let (sender, events) = bounded(2);
     let bytes = Arc::new(Mutex::new((0, 0)));
     let tapped = Arc::clone(&bytes);
-    let tap = Box::new(move |_: Timestamp, bytes: &[u8]| {
+    let tap = Box::new(move |_: Timestamp, shown: Tapped<'_>| {
+        let Tapped::Bytes(bytes) = shown else { return };
         let mut sum = tapped.lock().unwrap();
         *sum = (sum.0 + 1, sum.1 + bytes.len() as u64);
     });
@@ -218,9 +220,9 @@ fn every_client_hears_everything_but_one_that_does_not_listen_loses_whole_frames
     let mut good = bare_client(server.url(), 1_200);
     let mut decoder = Decoder::new();
     let mut before: Option<u32> = None;
-    let deadline = std::time::Instant::now() + PATIENCE;
+    let deadline = Instant::now() + PATIENCE;
     while server.status().frames_dropped == 0 {
-        assert!(std::time::Instant::now() < deadline);
+        assert!(Instant::now() < deadline);
         for number in numbers(&mut good, &mut decoder, 1) {
             assert!(before.is_none_or(|before| number == before + 1));
             before = Some(number);
@@ -315,4 +317,188 @@ fn what_cannot_be_driven_is_refused_at_once() {
     odd.session.bin_count = 7;
     let error = spawn(odd, None, sender.clone()).unwrap_err().to_string();
     assert!(error.contains("bin_count") && error.contains("200 to 1200"));
+}
+
+#[test]
+fn a_tape_of_a_dive_with_faults_gives_the_same_pings_again() {
+    let (sender, events) = bounded(10_000);
+    let tape = Arc::new(Mutex::new(Vec::new()));
+    let taped = Arc::clone(&tape);
+    let tap = Box::new(move |time: Timestamp, shown: Tapped<'_>| {
+        let item = TapeItem::of(shown).map(|item| (time, item));
+        taped.lock().unwrap().extend(item);
+    });
+    let first = serve_at("tcp://127.0.0.1:0", Scripted::new(0).0, 5.0);
+    let url = first.url().to_owned();
+    let driver = spawn(config(&url, ClockSource::Host), Some(tap), sender).unwrap();
+    let mut live = Vec::new();
+    let mut server = Some(first);
+    for _ in 0..3 {
+        for _ in 0..30 {
+            live.push(next_ping(&events));
+        }
+        if let Some(server) = server.take() {
+            let _ = server.stop();
+        }
+        next(&events, |event| match event {
+            DriverEvent::Ping { ping, .. } => {
+                live.push(ping);
+                None
+            }
+            DriverEvent::LinkDown { .. } => Some(()),
+            _ => None,
+        });
+        server = Some(serve_at(&url, Scripted::new(0).0, 5.0));
+    }
+    let status = driver.stop();
+    live.extend(events.try_iter().filter_map(|event| match event {
+        DriverEvent::Ping { ping, .. } => Some(ping),
+        _ => None,
+    }));
+    let tape = std::mem::take(&mut *tape.lock().unwrap());
+    let links = tape.iter().filter(|(_, item)| *item == TapeItem::LinkDown);
+    assert_eq!(links.count(), 3);
+    assert_eq!(live.len() as u64, status.session.pings);
+    for rate in [0.0, 50.0] {
+        let config = DriverConfig {
+            rate,
+            ..config("file://dive.mcap", ClockSource::Host)
+        };
+        let (sender, events) = bounded(3);
+        let items = tape.clone().into_iter().map(Ok);
+        let driver = spawn_tape(config, Box::new(items), None, sender).unwrap();
+        let mut again = Vec::new();
+        next(&events, |event| match event {
+            DriverEvent::Ping { ping, .. } => {
+                again.push(ping);
+                None
+            }
+            DriverEvent::Ended => Some(()),
+            _ => None,
+        });
+        assert!(again == live, "{} of {}", again.len(), live.len());
+        let replayed = driver.stop();
+        assert_eq!(replayed.link, LinkState::Ended);
+        assert_eq!(
+            replayed.session.profiles_rejected,
+            status.session.profiles_rejected
+        );
+    }
+    drop(server);
+}
+
+#[test]
+fn a_tape_that_breaks_off_says_so_and_ends() {
+    let mut bytes = Vec::new();
+    profile(7, 100, 3_000, 200, &mut bytes);
+    let tape = vec![
+        Ok((Timestamp::ZERO, TapeItem::LinkUp)),
+        Ok((Timestamp::ZERO, TapeItem::Bytes(bytes.into()))),
+        Err("it is cut at byte 99".to_owned()),
+    ];
+    let (sender, events) = bounded(10);
+    let config = config("file://dive.mcap", ClockSource::Device);
+    let driver = spawn_tape(config, Box::new(tape.into_iter()), None, sender).unwrap();
+    assert_eq!(next_ping(&events).sequence(), 7);
+    let words = next(&events, |event| match event {
+        DriverEvent::Warning(text) => Some(text),
+        _ => None,
+    });
+    assert!(words.contains("cut at byte 99"), "{words}");
+    next_is(&events, &DriverEvent::Ended);
+    let _ = driver.stop();
+}
+
+#[test]
+fn one_that_accepts_and_closes_is_asked_ever_more_slowly() {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("tcp://{}", listener.local_addr().unwrap());
+    let mut config = config(&url, ClockSource::Host);
+    // Doubled from 10 ms: by the eighth attempt 1.27 s have passed.
+    (config.reconnect_min_s, config.reconnect_max_s) = (0.01, 60.0);
+    let (sender, _events) = bounded(1_000);
+    let begin = Instant::now();
+    let driver = spawn(config, None, sender).unwrap();
+    for _ in 0..8 {
+        drop(listener.accept().unwrap());
+    }
+    assert!(begin.elapsed() > Duration::from_millis(1_200));
+    let status = driver.stop();
+    assert_eq!(status.since_frame_s, None);
+    assert!(status.connects >= 7 && status.disconnects >= 7);
+}
+
+#[test]
+fn what_comes_and_what_does_not_is_told_by_ages_and_words() {
+    let server = serve_at("tcp://127.0.0.1:0", Scripted::new(0).0, 1.0);
+    let (driver, events) = connect(server.url(), ClockSource::Host);
+    next_ping(&events);
+    let status = driver.status();
+    for age_s in [
+        status.since_byte_s,
+        status.since_frame_s,
+        status.since_profile_s,
+        status.since_ping_s,
+    ] {
+        assert!(age_s.is_some_and(|age_s| (0.0..20.0).contains(&age_s)));
+    }
+    let _ = driver.stop();
+    let _ = server.stop();
+
+    // Noise: bytes, but no frame. Then a profile that no sonar makes.
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let url = format!("tcp://{}", listener.local_addr().unwrap());
+    let (driver, _events) = connect(&url, ClockSource::Host);
+    let (mut stream, _) = listener.accept().unwrap();
+    stream.write_all(&[0x55; 500]).unwrap();
+    wait_until("noise is received", || {
+        driver.status().since_byte_s.is_some()
+    });
+    assert_eq!(driver.status().since_frame_s, None);
+    let mut frame = Vec::new();
+    profile(1, 10, 0, 200, &mut frame);
+    stream.write_all(&frame).unwrap();
+    wait_until("the profile is refused", || {
+        driver.status().first_refusal.is_some()
+    });
+    let status = driver.status();
+    assert!(status.since_profile_s.is_some() && status.since_ping_s.is_none());
+    let words = status.first_refusal.unwrap();
+    assert_eq!(words, "length of range 0 m; allowed is 0.01 to 300 m");
+    drop(stream);
+    let _ = driver.stop();
+}
+
+#[cfg(unix)]
+#[test]
+fn paths_that_are_no_line_and_no_log_are_refused_at_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let fifo = folder.path().join("fifo");
+    assert!(
+        std::process::Command::new("mkfifo")
+            .arg(&fifo)
+            .status()
+            .unwrap()
+            .success()
+    );
+    let file = folder.path().join("file");
+    std::fs::write(&file, "x").unwrap();
+    let (sender, _events) = bounded(1);
+    let refused = |url: String| {
+        let config = config(&url, ClockSource::Host);
+        spawn(config, None, sender.clone()).unwrap_err().to_string()
+    };
+    for (path, what) in [
+        (file.as_path(), "a file"),
+        (folder.path(), "a directory"),
+        (fifo.as_path(), "a fifo"),
+    ] {
+        let words = refused(format!("serial://{}", path.display()));
+        assert!(
+            words.contains(what) && words.contains("/dev/ttyUSB0"),
+            "{words}"
+        );
+    }
+    let words = refused(format!("file://{}", fifo.display()));
+    assert!(words.contains("no file"), "{words}");
 }

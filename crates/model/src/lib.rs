@@ -9,6 +9,7 @@
 mod gaussian;
 mod ping;
 mod pose;
+mod rate_limit;
 mod smoothing;
 mod snapshot;
 mod switch;
@@ -17,7 +18,10 @@ mod trajectory;
 
 pub use gaussian::{Gaussian, GaussianId, Standing};
 pub use ping::{MAX_BIN_COUNT, Ping, PingError, PingSettings, PosedPing};
-pub use pose::{Pose, Twist, enu_from_ned, flu_from_frd};
+pub use pose::{
+    HALF_TURN_ABOUT_X, Pose, Twist, enu_from_flu, enu_from_ned, flu_from_flu, flu_from_frd,
+};
+pub use rate_limit::RateLimit;
 pub use snapshot::{Delta, Snapshot, TileKey};
 pub use switch::Switch;
 pub use time::Timestamp;

@@ -174,7 +174,9 @@ impl Ping {
         self
     }
 
-    /// Counts the pings of one stream, never going back.
+    /// The ping's number in its stream, across restarts of the device; no two pings share one. A
+    /// ping that comes late, as datagrams and blocks of a log do, has its own right number, which
+    /// is then less than that of a ping received before it.
     #[must_use]
     pub fn sequence(&self) -> u64 {
         self.sequence

@@ -1,5 +1,7 @@
 //! Rigid transforms, and the two conversions from the aircraft conventions.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -111,11 +113,30 @@ pub fn enu_from_ned(vector: DVec3) -> DVec3 {
     DVec3::new(vector.y, vector.x, -vector.z)
 }
 
-/// Body axes: forward-right-down to forward-left-up.
+/// Body axes: forward-right-down to forward-left-up. Also of a world with x anywhere level, y to
+/// its right and z down, to x, left and up.
 #[must_use]
 pub fn flu_from_frd(vector: DVec3) -> DVec3 {
     DVec3::new(vector.x, -vector.y, -vector.z)
 }
+
+/// The rotation of the vehicle as this program uses it, from that of an autopilot: [`enu_from_ned`]
+/// after `ned_from_frd` after the inverse of [`flu_from_frd`], which is its own inverse.
+#[must_use]
+pub fn enu_from_flu(ned_from_frd: DQuat) -> DQuat {
+    // Half a turn about the level diagonal swaps x and y and turns z round.
+    let enu_from_ned = DQuat::from_xyzw(FRAC_1_SQRT_2, FRAC_1_SQRT_2, 0.0, 0.0);
+    enu_from_ned * ned_from_frd * HALF_TURN_ABOUT_X
+}
+
+/// The same for a world that is forward-right-down too: a local frame without north.
+#[must_use]
+pub fn flu_from_flu(frd_from_frd: DQuat) -> DQuat {
+    HALF_TURN_ABOUT_X * frd_from_frd * HALF_TURN_ABOUT_X
+}
+
+/// [`flu_from_frd`] as a rotation.
+pub const HALF_TURN_ABOUT_X: DQuat = DQuat::from_xyzw(1.0, 0.0, 0.0, 0.0);
 
 #[cfg(test)]
 mod tests {
@@ -173,5 +194,39 @@ mod tests {
             flu_from_frd(DVec3::new(1.0, 2.0, 3.0)),
             DVec3::new(1.0, -2.0, -3.0)
         );
+    }
+
+    #[test]
+    fn an_autopilots_rotation_becomes_ours() {
+        let same = |a: DVec3, b: DVec3| assert!((a - b).length() < 1e-12, "{a} {b}");
+        // Level and heading north: the nose points along ENU's y, the left wing along -x.
+        let north = enu_from_flu(DQuat::IDENTITY);
+        same(north * DVec3::X, DVec3::Y);
+        same(north * DVec3::Y, DVec3::NEG_X);
+        same(north * DVec3::Z, DVec3::Z);
+        // A heading of 90 degrees is east, which is no rotation at all in ENU.
+        let east = enu_from_flu(DQuat::from_rotation_z(FRAC_PI_2));
+        same(east * DVec3::X, DVec3::X);
+        same(east * DVec3::Y, DVec3::Y);
+        // Nose up is positive pitch there: it points above the horizon.
+        let up = enu_from_flu(DQuat::from_rotation_y(0.1));
+        assert!((up * DVec3::X).z > 0.09);
+        // Positive roll lowers the right wing there, so the left one rises.
+        let rolled = enu_from_flu(DQuat::from_rotation_x(0.1));
+        assert!((rolled * DVec3::Y).z > 0.09);
+        // Without north the nose keeps x, and a turn to the right is one to -y.
+        let right = flu_from_flu(DQuat::from_rotation_z(FRAC_PI_2));
+        same(right * DVec3::X, DVec3::NEG_Y);
+    }
+
+    #[test]
+    fn rotations_agree_with_the_vectors_they_turn() {
+        let ned_from_frd = DQuat::from_euler(glam::EulerRot::ZYX, 0.7, -0.3, 0.2);
+        let point_frd = DVec3::new(1.0, 2.0, 3.0);
+        let ned = enu_from_ned(ned_from_frd * point_frd);
+        let enu = enu_from_flu(ned_from_frd) * flu_from_frd(point_frd);
+        assert!((ned - enu).length() < 1e-12);
+        let flu = flu_from_flu(ned_from_frd) * flu_from_frd(point_frd);
+        assert!((flu_from_frd(ned_from_frd * point_frd) - flu).length() < 1e-12);
     }
 }

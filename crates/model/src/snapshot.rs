@@ -29,7 +29,8 @@ pub struct Snapshot {
     pub time: Timestamp,
     /// Sequence of that ping.
     pub through_ping: u64,
-    /// Added to every mean gives the world's coordinates; fixed for an epoch.
+    /// Added to every mean gives the world's coordinates; fixed for an epoch. 0 0 0 for a map that
+    /// begins within 10 km of the poses' origin: its means are in the poses' own frame.
     pub origin_m: DVec3,
     /// Intensity per steradian, in the pings' own unit, that αρ = 1 sends back; positive.
     pub intensity_unit: f32,

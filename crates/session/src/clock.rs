@@ -4,7 +4,7 @@ use std::collections::VecDeque;
 
 use echosplat_model::Timestamp;
 
-use crate::continuity::{Break, Stamp};
+use crate::continuity::{Advance, Break, Stamp};
 
 const NANOS_PER_MILLI: i64 = 1_000_000;
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
@@ -18,6 +18,11 @@ pub(crate) struct DeviceClock {
 }
 
 impl DeviceClock {
+    /// Whether there was a profile yet.
+    pub(crate) fn is_running(&self) -> bool {
+        self.is_running
+    }
+
     /// The stream's sequence and device time in nanoseconds at the profile taken, and the number
     /// of pings between it and the one before.
     pub(crate) fn advance(&mut self, how: Break, stamp: &Stamp) -> DeviceTime {
@@ -31,6 +36,16 @@ impl DeviceClock {
         self.sequence = self.sequence.saturating_add(pings.max(1).unsigned_abs());
         self.millis = self.millis.saturating_add(millis.max(0));
         self.now(pings - 1)
+    }
+
+    /// Of a profile that comes late, `step` from the newest; nothing moves on.
+    pub(crate) fn late(&self, step: Advance) -> DeviceTime {
+        let millis = self.millis.saturating_add(step.millis);
+        DeviceTime {
+            sequence: self.sequence.saturating_add_signed(step.pings),
+            nanos: millis.saturating_mul(NANOS_PER_MILLI),
+            missing: 0,
+        }
     }
 
     /// A stream begins: device time is the device's own, the sequence goes on.
@@ -135,6 +150,15 @@ impl HostClock {
         HostTime {
             time: Timestamp::from_nanos(nanos),
             stepped: stepped.is_some() || went_back,
+        }
+    }
+
+    /// Where `device_nanos` lies by what is known already; nothing is learnt from a profile that
+    /// came late, nor is it put in order.
+    pub(crate) fn place(&self, device_nanos: i64, arrival: Timestamp) -> Timestamp {
+        match self.least() {
+            Some(least) => Timestamp::from_nanos(device_nanos.saturating_add(least)),
+            None => arrival,
         }
     }
 

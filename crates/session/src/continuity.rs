@@ -4,6 +4,12 @@
 //! breaks with it (a gap, other settings, a reboot) is held until the next goes on from it; if the
 //! next goes on from the last one instead, the held one was damage. So an intact profile is never
 //! lost to the check, only one that breaks comes one interval late.
+//!
+//! One from before the last one is late if there is a place for it: its number is free, and its
+//! time lies between those of its neighbours. On a link disorder is a few datagrams, in a log
+//! whole blocks, anywhere since the first ping.
+
+use crate::seen::Seen;
 
 /// What a profile says of when and how it was made.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -80,15 +86,20 @@ pub(crate) struct Verdict {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Fate {
     Taken(Break),
+    /// Taken: it was made before the last one, by so much.
+    Late(Advance),
     /// Kept for the next to confirm.
     Held,
     Duplicate,
-    Late,
+    /// From before the last one, and there is no place for it among those taken.
+    Misplaced,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum HeldFate {
     Taken(Break),
+    /// As [`Fate::Late`].
+    Late(Advance),
     Dropped,
 }
 
@@ -108,22 +119,32 @@ pub(crate) enum Break {
 /// How far back a live stream's number and time may be put down to the link's order.
 const LATE_PINGS: i64 = 256;
 const LATE_MILLIS: i64 = 10_000;
-/// So many late profiles on end that go on from one another are a reboot, not disorder: live
-/// links disorder a few datagrams, log files whole blocks.
-const LATE_RUN_LIVE: u32 = 16;
-const LATE_RUN_LOG: u32 = 1024;
+/// So far before the first one of a stream, and only while it is young: later it is a restart.
+const LATE_BEFORE_FIRST: i64 = 16;
+const YOUNG_PINGS: i64 = 64;
+/// So many on end without a place, that go on from one another, are a restart and not disorder.
+const MISPLACED_RUN: u32 = 16;
 /// The longest wait between the first two profiles that needs no confirmation.
 const FIRST_INTERVAL_MILLIS: i64 = 10_000;
+/// Kinds of settings that are remembered, the newest.
+const MOST_SETTINGS: usize = 8;
 
 /// One stream of profiles of one channel.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Continuity {
     is_log: bool,
-    first: Option<Stamp>,
     last: Option<Stamp>,
+    /// Numbers of the first and the last one since the device started, across the wrap.
+    first_number: i64,
+    last_number: i64,
+    /// Whether no pings were counted before `first_number`, so that lower ones are free.
+    is_first_life: bool,
+    seen: Seen,
+    /// One stamp of each kind of settings that were confirmed.
+    settings: Vec<Stamp>,
     pace_ms: Option<f64>,
     held: Option<Held>,
-    late: Option<(Stamp, u32)>,
+    misplaced: Option<(Stamp, u32)>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -131,22 +152,38 @@ struct Held {
     stamp: Stamp,
     /// From the one before, if time went forward from it.
     pace_ms: Option<f64>,
+    /// It has a place before the last one; only its settings are new.
+    is_late: bool,
+}
+
+/// Where a profile from before the last one belongs.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Place {
+    /// Between two that were taken.
+    Free,
+    /// The same number was taken, with another time or in another order.
+    Conflict,
+    /// So far back that it is not known any more.
+    Forgotten,
 }
 
 impl Continuity {
-    pub(crate) fn new(is_log: bool) -> Self {
+    /// `is_first` if no pings were counted before this stream.
+    pub(crate) fn new(is_log: bool, is_first: bool) -> Self {
         Self {
             is_log,
+            is_first_life: is_first,
             ..Self::default()
         }
     }
 
     pub(crate) fn judge(&mut self, stamp: Stamp) -> Verdict {
         let Some(last) = self.last else {
-            self.first = Some(stamp);
-            self.last = Some(stamp);
-            return Verdict::this(Fate::Taken(Break::First));
+            return Verdict::this(Fate::Taken(self.take(stamp)));
         };
+        if self.is_again(&last, &stamp) {
+            return self.judge_again(stamp);
+        }
         if let Some(verdict) = self.judge_by_held(&last, stamp) {
             return verdict;
         }
@@ -165,6 +202,22 @@ impl Continuity {
         Some(HeldFate::Taken(self.take(held.stamp)))
     }
 
+    /// Number and time are those of one that was taken, or all of it is the one held.
+    fn is_again(&self, last: &Stamp, stamp: &Stamp) -> bool {
+        let number = self.number_of(Advance::between(last, stamp));
+        self.seen.millis_of(number) == Some(stamp.timestamp_ms)
+            || self.held.is_some_and(|held| held.stamp == *stamp)
+    }
+
+    /// A log may hold a block twice; a live unit whose numbers and times all come again was
+    /// restarted.
+    fn judge_again(&mut self, stamp: Stamp) -> Verdict {
+        match self.is_log {
+            true => Verdict::this(Fate::Duplicate),
+            false => self.judge_misplaced(stamp, Fate::Duplicate),
+        }
+    }
+
     fn judge_by_held(&mut self, last: &Stamp, stamp: Stamp) -> Option<Verdict> {
         let held = self.held?;
         let step = Advance::between(&held.stamp, &stamp);
@@ -177,22 +230,25 @@ impl Continuity {
             return None;
         }
         if stamp.is_like(&held.stamp) {
-            let held_break = self.take(held.stamp);
-            let this = Fate::Taken(self.take(stamp));
+            let held_fate = self.confirm(last, &held);
+            let this = match held_fate {
+                HeldFate::Late(_) => self.judge_by_last(last, stamp).this,
+                _ => Fate::Taken(self.take(stamp)),
+            };
             return Some(Verdict {
                 this,
-                held: Some(HeldFate::Taken(held_break)),
+                held: Some(held_fate),
             });
         }
         if stamp.is_like(last) {
             return None;
         }
         // A third set of settings: they do change from ping to ping.
-        let held_break = self.take(held.stamp);
-        self.hold(stamp, Some(step));
+        let held_fate = self.confirm(last, &held);
+        self.hold(stamp, Some(step), held.is_late);
         Some(Verdict {
             this: Fate::Held,
-            held: Some(HeldFate::Taken(held_break)),
+            held: Some(held_fate),
         })
     }
 
@@ -209,62 +265,123 @@ impl Continuity {
                 held: dropped,
             };
         }
-        if (step.pings, step.millis) == (0, 0) {
-            return Verdict::this(Fate::Duplicate);
+        match step.is_behind() && self.may_be_late(step) {
+            true => self.judge_behind(step, stamp),
+            false => self.hold_on(step, stamp, false),
         }
-        if step.is_behind() && self.may_be_late(step, &stamp) {
-            return self.judge_late(stamp);
+    }
+
+    /// One from before the last one, `step` from it.
+    fn judge_behind(&mut self, step: Advance, stamp: Stamp) -> Verdict {
+        match self.place_of(step, &stamp) {
+            Place::Free if self.knows_settings_of(&stamp) => {
+                self.misplaced = None;
+                self.note(&stamp, step);
+                Verdict::this(Fate::Late(step))
+            }
+            Place::Free => self.hold_on(step, stamp, true),
+            Place::Forgotten => Verdict::this(Fate::Misplaced),
+            Place::Conflict => self.judge_misplaced(stamp, Fate::Misplaced),
         }
+    }
+
+    /// The next shall confirm this one; one that was held before it is not confirmed by it.
+    fn hold_on(&mut self, step: Advance, stamp: Stamp, is_late: bool) -> Verdict {
         let dropped = self.held.map(|_| HeldFate::Dropped);
         let from_held = self
             .held
             .map(|held| Advance::between(&held.stamp, &stamp))
             .filter(|step| step.is_forward());
-        self.hold(stamp, from_held.or(Some(step)));
+        self.hold(stamp, from_held.or(Some(step)), is_late);
         Verdict {
             this: Fate::Held,
             held: dropped,
         }
     }
 
-    fn may_be_late(&self, step: Advance, stamp: &Stamp) -> bool {
-        let since_first = self.first.map(|first| Advance::between(&first, stamp));
-        let within_log = self.is_log && since_first.is_some_and(|a| a.pings >= 0 && a.millis >= 0);
+    /// Whether disorder can be so large: in a log any since the first, on a link some datagrams.
+    fn may_be_late(&self, step: Advance) -> bool {
+        let within_log = self.is_log && self.number_of(step) >= self.first_number;
         within_log || (step.pings >= -LATE_PINGS && step.millis >= -LATE_MILLIS)
     }
 
-    fn judge_late(&mut self, stamp: Stamp) -> Verdict {
+    /// Where it belongs: its number must be free, and its time lie between its neighbours'.
+    fn place_of(&self, step: Advance, stamp: &Stamp) -> Place {
+        let number = self.number_of(step);
+        if number >= self.first_number && !self.seen.remembers(number) {
+            return Place::Forgotten;
+        }
+        let is_order = |earlier: u32, later: u32| later.wrapping_sub(earlier).cast_signed() >= 0;
+        let millis = stamp.timestamp_ms;
+        let before = self.seen.millis_before(number);
+        let after = self.seen.millis_after(number);
+        let is_free = self.seen.millis_of(number).is_none()
+            && before.is_none_or(|before| is_order(before, millis))
+            && after.is_none_or(|after| is_order(millis, after))
+            && (number >= self.first_number || self.may_precede_first(step));
+        match is_free {
+            true => Place::Free,
+            false => Place::Conflict,
+        }
+    }
+
+    /// The first datagrams of a link change places like any others.
+    fn may_precede_first(&self, step: Advance) -> bool {
+        let number = self.number_of(step);
+        let backwards = Advance {
+            pings: -step.pings,
+            millis: -step.millis,
+        };
+        self.is_first_life
+            && number >= 0
+            && number >= self.first_number - LATE_BEFORE_FIRST
+            && self.last_number - self.first_number <= YOUNG_PINGS
+            && self.pace_ms.is_none_or(|pace_ms| backwards.keeps(pace_ms))
+    }
+
+    /// Left out as `fate`, unless it is one of a row that only a restart explains.
+    fn judge_misplaced(&mut self, stamp: Stamp, fate: Fate) -> Verdict {
         let goes_on = |before: &Stamp| Advance::between(before, &stamp).is_forward();
-        let run = match self.late {
+        let run = match self.misplaced {
             Some((before, run)) if goes_on(&before) => run + 1,
             _ => 1,
         };
-        let limit = if self.is_log {
-            LATE_RUN_LOG
-        } else {
-            LATE_RUN_LIVE
-        };
-        if run < limit {
-            self.late = Some((stamp, run));
-            return Verdict::this(Fate::Late);
+        if run < MISPLACED_RUN {
+            self.misplaced = Some((stamp, run));
+            return Verdict::this(fate);
         }
         let dropped = self.held.take().map(|_| HeldFate::Dropped);
         Verdict {
-            this: Fate::Taken(self.take(stamp)),
+            this: Fate::Taken(self.restart(stamp)),
             held: dropped,
         }
     }
 
-    fn hold(&mut self, stamp: Stamp, step: Option<Advance>) {
+    fn hold(&mut self, stamp: Stamp, step: Option<Advance>, is_late: bool) {
         let pace_ms = step.and_then(Advance::pace);
-        self.held = Some(Held { stamp, pace_ms });
+        self.held = Some(Held {
+            stamp,
+            pace_ms,
+            is_late,
+        });
+    }
+
+    /// The held one is taken, at its place.
+    fn confirm(&mut self, last: &Stamp, held: &Held) -> HeldFate {
+        if !held.is_late {
+            return HeldFate::Taken(self.take(held.stamp));
+        }
+        self.held = None;
+        let step = Advance::between(last, &held.stamp);
+        self.note(&held.stamp, step);
+        HeldFate::Late(step)
     }
 
     /// Goes on from `stamp`.
     fn take(&mut self, stamp: Stamp) -> Break {
-        self.held = None;
-        self.late = None;
-        let Some(last) = self.last.replace(stamp) else {
+        let Some(last) = self.last else {
+            self.begin(&stamp);
+            self.last = Some(stamp);
             return Break::First;
         };
         let advance = Advance::between(&last, &stamp);
@@ -275,17 +392,62 @@ impl Continuity {
                 nearer_ms.clamp(known_ms / 1.5, known_ms.max(1.0) * 1.5)
             }));
         }
-        match advance {
-            _ if advance.millis < 0 => {
-                self.first = Some(stamp);
-                Break::Restart
-            }
-            _ if advance.pings < 1 => {
-                self.first = Some(stamp);
-                Break::Renumbered(advance)
-            }
-            _ => Break::Forward(advance),
+        if advance.millis < 0 {
+            return self.restart(stamp);
         }
+        self.held = None;
+        self.misplaced = None;
+        self.last = Some(stamp);
+        if advance.pings < 1 {
+            self.is_first_life = false;
+            self.begin(&stamp);
+            return Break::Renumbered(advance);
+        }
+        self.note(&stamp, advance);
+        self.last_number = self.number_of(advance);
+        Break::Forward(advance)
+    }
+
+    /// The device was restarted: `stamp` is the first of its new life.
+    fn restart(&mut self, stamp: Stamp) -> Break {
+        self.held = None;
+        self.misplaced = None;
+        self.is_first_life = false;
+        self.begin(&stamp);
+        self.last = Some(stamp);
+        Break::Restart
+    }
+
+    fn begin(&mut self, stamp: &Stamp) {
+        let number = i64::from(stamp.ping_number);
+        (self.first_number, self.last_number) = (number, number);
+        self.seen = Seen::from(number);
+        let no_step = Advance {
+            pings: 0,
+            millis: 0,
+        };
+        self.note(stamp, no_step);
+    }
+
+    /// Remembers one that is taken, `step` from the last.
+    fn note(&mut self, stamp: &Stamp, step: Advance) {
+        let number = self.number_of(step);
+        self.seen.insert(number, stamp.timestamp_ms, self.is_log);
+        if !self.knows_settings_of(stamp) {
+            if self.settings.len() == MOST_SETTINGS {
+                self.settings.remove(0);
+            }
+            self.settings.push(*stamp);
+        }
+    }
+
+    fn knows_settings_of(&self, stamp: &Stamp) -> bool {
+        self.settings.iter().any(|known| stamp.is_like(known))
+    }
+
+    /// Across the wrap.
+    fn number_of(&self, step: Advance) -> i64 {
+        self.last_number.saturating_add(step.pings)
     }
 }
 
@@ -296,167 +458,4 @@ impl Verdict {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-
-    fn stamp(ping_number: u32, timestamp_ms: u32) -> Stamp {
-        Stamp {
-            ping_number,
-            timestamp_ms,
-            start_mm: 0,
-            length_mm: 10_000,
-            bin_count: 600,
-            sos_dmps: 15_000,
-            ping_hz: 451_127,
-            pulse_duration_s: 2e-5,
-        }
-    }
-
-    fn running(is_log: bool) -> Continuity {
-        let mut continuity = Continuity::new(is_log);
-        for i in 0..20 {
-            let verdict = continuity.judge(stamp(100 + i, 5_000 + 25 * i));
-            assert!(matches!(verdict.this, Fate::Taken(_)));
-        }
-        continuity
-    }
-
-    fn forward(pings: i64, millis: i64) -> Break {
-        Break::Forward(Advance { pings, millis })
-    }
-
-    #[test]
-    fn lost_profiles_and_a_long_outage_go_on_at_once() {
-        let mut c = running(false);
-        let after_loss = c.judge(stamp(124, 5_600));
-        assert_eq!(after_loss.this, Fate::Taken(forward(5, 125)));
-        let after_outage = c.judge(stamp(10_124, 255_600));
-        assert_eq!(after_outage.this, Fate::Taken(forward(10_000, 250_000)));
-    }
-
-    #[test]
-    fn a_pause_is_held_and_confirmed_by_the_next() {
-        let mut c = running(false);
-        assert_eq!(c.judge(stamp(120, 70_000)).this, Fate::Held);
-        let next = c.judge(stamp(121, 70_025));
-        assert_eq!(next.held, Some(HeldFate::Taken(forward(1, 64_525))));
-        assert_eq!(next.this, Fate::Taken(forward(1, 25)));
-        assert_eq!(
-            c.judge(stamp(122, 70_050)).this,
-            Fate::Taken(forward(1, 25))
-        );
-    }
-
-    #[test]
-    fn damage_in_number_time_or_settings_is_dropped_and_its_neighbours_kept() {
-        let mut damaged = [stamp(120, 5_500); 4];
-        damaged[0].ping_number ^= 1 << 14;
-        damaged[1].timestamp_ms ^= 1 << 12;
-        damaged[2].length_mm ^= 1 << 9;
-        damaged[3].timestamp_ms &= !0xfff;
-        for bad in damaged {
-            let mut c = running(false);
-            assert_eq!(c.judge(bad).this, Fate::Held, "{bad:?}");
-            let next = c.judge(stamp(121, 5_525));
-            assert_eq!(next.held, Some(HeldFate::Dropped), "{bad:?}");
-            assert_eq!(next.this, Fate::Taken(forward(2, 50)));
-        }
-    }
-
-    #[test]
-    fn new_settings_are_confirmed_by_the_next_with_the_same_or_yet_others() {
-        let mut c = running(false);
-        let with_length = |n: u32, length_mm| Stamp {
-            length_mm,
-            ..stamp(100 + n, 5_000 + 25 * n)
-        };
-        assert_eq!(c.judge(with_length(20, 20_000)).this, Fate::Held);
-        let third = c.judge(with_length(21, 30_000));
-        assert_eq!(
-            (third.this, third.held),
-            (Fate::Held, Some(HeldFate::Taken(forward(1, 25))))
-        );
-        let same = c.judge(with_length(22, 30_000));
-        assert_eq!(same.held, Some(HeldFate::Taken(forward(1, 25))));
-        assert_eq!(same.this, Fate::Taken(forward(1, 25)));
-    }
-
-    #[test]
-    fn falling_back_in_both_is_a_reboot_even_at_another_pace() {
-        let mut c = running(false);
-        c.judge(stamp(50_000, 1_252_500));
-        assert_eq!(c.judge(stamp(0, 2_000)).this, Fate::Held);
-        assert_eq!(c.judge(stamp(1, 2_200)).held, Some(HeldFate::Dropped));
-        let third = c.judge(stamp(2, 2_400));
-        assert_eq!(third.held, Some(HeldFate::Taken(Break::Restart)));
-        assert_eq!(third.this, Fate::Taken(forward(1, 200)));
-    }
-
-    #[test]
-    fn a_reboot_soon_after_power_up_is_told_from_disorder_by_going_on() {
-        let mut c = Continuity::new(false);
-        for i in 0..20 {
-            c.judge(stamp(i, 25 * i));
-        }
-        let fates: Vec<Fate> = (0..19)
-            .map(|i| c.judge(stamp(i, 10 + 25 * i)).this)
-            .collect();
-        assert!(fates[..15].iter().all(|&fate| fate == Fate::Late));
-        assert_eq!(fates[15], Fate::Taken(Break::Restart));
-        assert_eq!(fates[16], Fate::Taken(forward(1, 25)));
-    }
-
-    #[test]
-    fn late_and_repeated_ones_are_left_out() {
-        let mut c = running(false);
-        assert_eq!(c.judge(stamp(119, 5_475)).this, Fate::Duplicate);
-        assert_eq!(c.judge(stamp(112, 5_300)).this, Fate::Late);
-        assert_eq!(c.judge(stamp(120, 5_500)).this, Fate::Taken(forward(1, 25)));
-    }
-
-    #[test]
-    fn a_block_out_of_order_in_a_log_is_late_however_far_back() {
-        let mut c = running(true);
-        c.judge(stamp(40_100, 1_005_000));
-        for i in 20..600 {
-            assert_eq!(c.judge(stamp(100 + i, 5_000 + 25 * i)).this, Fate::Late);
-        }
-        let next = c.judge(stamp(40_101, 1_005_025)).this;
-        assert_eq!(next, Fate::Taken(forward(1, 25)));
-    }
-
-    #[test]
-    fn uneven_intervals_lose_nothing() {
-        let mut c = running(false);
-        let mut taken = 0;
-        let mut millis = 5_475;
-        for (i, interval) in (120..).zip([100, 12, 60, 9, 90, 25, 25, 14, 120, 25, 25]) {
-            millis += interval;
-            let verdict = c.judge(stamp(i, millis));
-            taken += u32::from(matches!(verdict.this, Fate::Taken(_)));
-            taken += u32::from(matches!(verdict.held, Some(HeldFate::Taken(_))));
-        }
-        assert_eq!(taken, 11);
-    }
-
-    #[test]
-    fn both_counters_wrap() {
-        let mut c = Continuity::new(false);
-        for i in 0..40u32 {
-            let verdict = c.judge(stamp(
-                (u32::MAX - 10).wrapping_add(i),
-                (u32::MAX - 300).wrapping_add(25 * i),
-            ));
-            assert!(matches!(verdict.this, Fate::Taken(_)));
-            assert!(i == 0 || verdict.this == Fate::Taken(forward(1, 25)));
-        }
-    }
-
-    #[test]
-    fn the_last_one_of_a_log_is_not_lost_for_being_far() {
-        let mut c = running(true);
-        assert_eq!(c.judge(stamp(120, 70_000)).this, Fate::Held);
-        assert_eq!(c.release(), Some(HeldFate::Taken(forward(1, 64_525))));
-        assert_eq!(c.release(), None);
-    }
-}
+mod tests;

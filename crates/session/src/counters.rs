@@ -9,13 +9,24 @@ pub struct ProfilesRejected {
     pub payload: u64,
     /// Of another channel than the one listened to.
     pub other_channel: u64,
-    /// Start, length, bins, speed of sound, frequency or pulse outside what a sonar can have.
-    pub settings: u64,
+    /// Start or length of the range outside 0 to 300 m, or length 0.
+    pub range: u64,
+    /// No bins.
+    pub bins: u64,
+    /// Speed of sound that no water has.
+    pub speed_of_sound: u64,
+    /// Carrier frequency above 10 MHz.
+    pub frequency: u64,
+    /// Pulse duration that is negative, longer than 0.1 s, or no number.
+    pub pulse: u64,
+    /// Gain index above 15.
+    pub gain: u64,
     /// Decibel scale that is not finite, upside down or beyond ±200 dB.
     pub scale: u64,
     /// Ping number and time that were already there.
     pub duplicate: u64,
-    /// Ping number or time older than what was already there.
+    /// Older than what was already there, and without a place there: further back than a link's
+    /// disorder, or the number of another ping.
     pub late: u64,
     /// A jump in number, time or settings that the next profile did not confirm.
     pub unconfirmed: u64,
@@ -28,13 +39,33 @@ impl ProfilesRejected {
         let Self {
             payload,
             other_channel,
-            settings,
-            scale,
             duplicate,
             late,
             unconfirmed,
+            ..
         } = *self;
-        payload + other_channel + settings + scale + duplicate + late + unconfirmed
+        payload + other_channel + self.implausible() + duplicate + late + unconfirmed
+    }
+
+    /// Whole profiles that say what no sonar can have: settings or decibel scale.
+    #[must_use]
+    pub fn implausible(&self) -> u64 {
+        self.settings() + self.scale
+    }
+
+    /// Settings outside what a sonar can have, of any kind.
+    #[must_use]
+    pub fn settings(&self) -> u64 {
+        let Self {
+            range,
+            bins,
+            speed_of_sound,
+            frequency,
+            pulse,
+            gain,
+            ..
+        } = *self;
+        range + bins + speed_of_sound + frequency + pulse + gain
     }
 }
 
@@ -59,7 +90,9 @@ pub struct SessionCounters {
     pub pings: u64,
     /// Profiles left out.
     pub profiles_rejected: ProfilesRejected,
-    /// Ping numbers that were skipped over.
+    /// Of these, pings that came after one that was made later. They are pings like any others.
+    pub pings_late: u64,
+    /// Ping numbers that were skipped over and have not come late since.
     pub pings_missing: u64,
     /// Profiles that did not show the settings asked for.
     pub settings_mismatched: u64,

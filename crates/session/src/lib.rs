@@ -18,8 +18,10 @@ mod handshake;
 mod iso8601;
 mod log_header;
 mod profile;
+mod seen;
 mod session;
 mod stream;
+mod words;
 
 pub use config::{ClockSource, SessionConfig, SessionConfigError, Spreading};
 pub use counters::{ProfilesRejected, SessionCounters};

@@ -1,10 +1,13 @@
 //! A profile's meaning: is it one that a sonar can make, and what are its settings and powers.
 
+use std::fmt;
+
 use echosplat_firmware_protocol::OsMonoProfile;
 use echosplat_model::PingSettings;
 
 use crate::config::{SessionConfig, Spreading};
 use crate::continuity::Stamp;
+use crate::counters::ProfilesRejected;
 
 /// Farther than any unit of the family hears (120 m), by a margin for odd speeds of sound.
 const MAX_RANGE_MM: u32 = 300_000;
@@ -19,33 +22,109 @@ const MAX_POWER_DB: f32 = 200.0;
 /// Corrections for range start here, where ring-down hides all echoes anyway.
 const MIN_CORRECTED_RANGE_M: f64 = 0.1;
 
-/// Why a profile is none that a sonar can make.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+/// Why a profile is none that a sonar can make. Shown as what it says and what is allowed, as in
+/// `speed of sound 0 m/s; allowed is 1300 to 1700 m/s`.
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) enum Implausible {
-    Settings,
-    Scale,
+    /// In millimetres.
+    RangeStart(u32),
+    /// In millimetres.
+    RangeLength(u32),
+    Bins,
+    /// In dm/s.
+    SpeedOfSound(u16),
+    /// In Hz.
+    Frequency(u32),
+    /// In seconds.
+    Pulse(f32),
+    Gain(u16),
+    /// Least and most, in dB.
+    Scale(f32, f32),
+}
+
+impl Implausible {
+    /// The counter of such profiles.
+    pub(crate) fn counter(self, rejected: &mut ProfilesRejected) -> &mut u64 {
+        match self {
+            Self::RangeStart(_) | Self::RangeLength(_) => &mut rejected.range,
+            Self::Bins => &mut rejected.bins,
+            Self::SpeedOfSound(_) => &mut rejected.speed_of_sound,
+            Self::Frequency(_) => &mut rejected.frequency,
+            Self::Pulse(_) => &mut rejected.pulse,
+            Self::Gain(_) => &mut rejected.gain,
+            Self::Scale(..) => &mut rejected.scale,
+        }
+    }
+}
+
+impl fmt::Display for Implausible {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let metres = |millimetres: u32| f64::from(millimetres) * 1e-3;
+        let most_m = metres(MAX_RANGE_MM);
+        match *self {
+            Self::RangeStart(start_mm) => {
+                let start_m = metres(start_mm);
+                write!(f, "start of range {start_m} m; allowed is 0 to {most_m} m")
+            }
+            Self::RangeLength(length_mm) => {
+                let (length_m, least_m) = (metres(length_mm), metres(MIN_LENGTH_MM));
+                write!(
+                    f,
+                    "length of range {length_m} m; allowed is {least_m} to {most_m} m"
+                )
+            }
+            Self::Bins => f.write_str("0 bins; there must be 1 at least"),
+            Self::SpeedOfSound(dmps) => {
+                let speed_mps = f64::from(dmps) * 0.1;
+                let (low, high) = (SOUND_DMPS.start() / 10, SOUND_DMPS.end() / 10);
+                write!(
+                    f,
+                    "speed of sound {speed_mps} m/s; allowed is {low} to {high} m/s"
+                )
+            }
+            Self::Frequency(hz) => {
+                write!(f, "frequency {hz} Hz; allowed is 0 to {MAX_PING_HZ} Hz")
+            }
+            Self::Pulse(pulse_s) => {
+                write!(f, "pulse of {pulse_s} s; allowed is 0 to {MAX_PULSE_S} s")
+            }
+            Self::Gain(index) => {
+                write!(f, "gain index {index}; allowed is 0 to {MAX_GAIN_INDEX}")
+            }
+            Self::Scale(low, high) => write!(
+                f,
+                "power from {low} to {high} dB; allowed is -{MAX_POWER_DB} to {MAX_POWER_DB} dB, \
+                 the lower first"
+            ),
+        }
+    }
 }
 
 /// Checks every field that is used. Headings and analog gain are not, and may hold anything.
 pub(crate) fn check(profile: &OsMonoProfile<'_>) -> Result<(), Implausible> {
-    let length = profile.length_mm;
-    let range_is_real =
-        profile.start_mm <= MAX_RANGE_MM && (MIN_LENGTH_MM..=MAX_RANGE_MM).contains(&length);
-    let pulse_is_real = (0.0..=MAX_PULSE_S).contains(&profile.pulse_duration_sec);
-    let settings_are_real = range_is_real
-        && pulse_is_real
-        && !profile.pwr_results.is_empty()
-        && SOUND_DMPS.contains(&profile.sos_dmps)
-        && profile.ping_hz <= MAX_PING_HZ
-        && profile.gain_index <= MAX_GAIN_INDEX;
-    if !settings_are_real {
-        return Err(Implausible::Settings);
-    }
+    let &OsMonoProfile {
+        start_mm,
+        length_mm,
+        sos_dmps,
+        ping_hz,
+        gain_index,
+        pulse_duration_sec,
+        ..
+    } = profile;
+    let require = |is_real: bool, otherwise| if is_real { Ok(()) } else { Err(otherwise) };
+    let has_length = (MIN_LENGTH_MM..=MAX_RANGE_MM).contains(&length_mm);
+    let has_pulse = (0.0..=MAX_PULSE_S).contains(&pulse_duration_sec);
+    let has_sound = SOUND_DMPS.contains(&sos_dmps);
+    require(start_mm <= MAX_RANGE_MM, Implausible::RangeStart(start_mm))?;
+    require(has_length, Implausible::RangeLength(length_mm))?;
+    require(!profile.pwr_results.is_empty(), Implausible::Bins)?;
+    require(has_sound, Implausible::SpeedOfSound(sos_dmps))?;
+    require(ping_hz <= MAX_PING_HZ, Implausible::Frequency(ping_hz))?;
+    require(has_pulse, Implausible::Pulse(pulse_duration_sec))?;
+    require(gain_index <= MAX_GAIN_INDEX, Implausible::Gain(gain_index))?;
     let (low, high) = (profile.min_pwr_db, profile.max_pwr_db);
-    if !(-MAX_POWER_DB <= low && low <= high && high <= MAX_POWER_DB) {
-        return Err(Implausible::Scale);
-    }
-    Ok(())
+    let has_scale = -MAX_POWER_DB <= low && low <= high && high <= MAX_POWER_DB;
+    require(has_scale, Implausible::Scale(low, high))
 }
 
 pub(crate) fn stamp(profile: &OsMonoProfile<'_>) -> Stamp {
@@ -205,26 +284,39 @@ mod tests {
         let results = [0; 4];
         let good = profile(&results);
         assert_eq!(check(&good), Ok(()));
-        let settings = Err(Implausible::Settings);
-        let zero_length = OsMonoProfile {
-            length_mm: 0,
-            ..good
+        let refused = |change: fn(&mut OsMonoProfile<'_>)| {
+            let mut bad = good;
+            change(&mut bad);
+            let reason = check(&bad).unwrap_err();
+            let mut rejected = ProfilesRejected::default();
+            *reason.counter(&mut rejected) += 1;
+            assert_eq!(rejected.implausible(), 1);
+            (reason.to_string(), rejected)
         };
-        let far = OsMonoProfile {
-            start_mm: u32::MAX,
-            ..good
-        };
-        let silent = OsMonoProfile {
-            sos_dmps: 0,
-            ..good
-        };
-        let endless = OsMonoProfile {
-            pulse_duration_sec: f32::NAN,
-            ..good
-        };
-        for bad in [zero_length, far, silent, endless, profile(&[])] {
-            assert_eq!(check(&bad), settings);
+        let (words, rejected) = refused(|bad| bad.sos_dmps = 0);
+        assert_eq!(words, "speed of sound 0 m/s; allowed is 1300 to 1700 m/s");
+        assert_eq!(rejected.speed_of_sound, 1);
+        for (change, words) in [
+            (
+                (|bad| bad.length_mm = 0) as fn(&mut OsMonoProfile<'_>),
+                "length of range 0 m; allowed is 0.01 to 300 m",
+            ),
+            (
+                |bad| bad.start_mm = u32::MAX,
+                "start of range 4294967.295 m",
+            ),
+            (|bad| bad.pulse_duration_sec = f32::NAN, "pulse of NaN s"),
+            (
+                |bad| bad.gain_index = 16,
+                "gain index 16; allowed is 0 to 15",
+            ),
+            (|bad| bad.ping_hz = u32::MAX, "10000000 Hz"),
+        ] {
+            let (said, rejected) = refused(change);
+            assert!(said.contains(words), "{said}");
+            assert_eq!((rejected.settings(), rejected.scale), (1, 0));
         }
+        assert_eq!(check(&profile(&[])), Err(Implausible::Bins));
         for (low, high) in [
             (1.0, 0.0),
             (f32::NAN, 0.0),
@@ -237,7 +329,7 @@ mod tests {
                 max_pwr_db: high,
                 ..good
             };
-            assert_eq!(check(&bad), Err(Implausible::Scale));
+            assert!(matches!(check(&bad), Err(Implausible::Scale(..))));
         }
     }
 }

@@ -4,15 +4,17 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use echosplat_firmware_protocol::{
-    Decoder, DeviceInformation, Event, Frame, Message, OsMonoProfile, SkipReason, Skipped, id,
+    Decoder, DeviceInformation, Event, Frame, Message, OsMonoProfile, ParseError, SkipReason,
+    Skipped, id,
 };
-use echosplat_model::{Ping, Timestamp};
+use echosplat_model::{Ping, RateLimit, Timestamp};
 
 use crate::config::SessionConfig;
 use crate::counters::SessionCounters;
 use crate::handshake::{Confirmation, Handshake};
 use crate::log_header::{self, LogJson};
 use crate::stream::Stream;
+use crate::words::{printable, with_count};
 
 /// A half frame that has not grown for so long will not be completed.
 const HALF_FRAME_S: f64 = 0.25;
@@ -20,8 +22,6 @@ const HALF_FRAME_S: f64 = 0.25;
 const MAX_OUTGOING: usize = 16;
 /// Device types seen on real units and in the vendor's list.
 const KNOWN_DEVICE_TYPES: [u8; 2] = [101, 104];
-/// A device's own words are cut to so many characters.
-const MAX_TEXT_CHARS: usize = 200;
 
 /// What happened.
 #[derive(Debug, Clone, PartialEq)]
@@ -46,15 +46,29 @@ pub enum SessionEvent {
     },
     /// The device was restarted: its numbers and its clock begin anew, sequence and time go on.
     Rebooted,
-    /// The device refused a request.
+    /// The clock that pings are on stepped by more than a second: those that follow are on another
+    /// time than those before.
+    ClockStepped,
+    /// The device refused a request. Of many only some are told; the counters have them all.
     Nack {
         /// Message id of the request.
         id: u16,
-        /// The device's words, at most 200 characters.
+        /// The device's words, at most 200 characters, with control characters escaped.
         text: String,
     },
-    /// Something a person should know; each is said once.
+    /// Something a person should know, said once, or the device's own words, said rarely.
     Warning(String),
+}
+
+/// Where the bytes of a session come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// A device that is asked and answers.
+    Live,
+    /// A log that names its own base of time.
+    Log,
+    /// What a live session was given, given again.
+    Replay,
 }
 
 /// What has been warned of.
@@ -78,6 +92,7 @@ pub struct Session {
 /// All but the decoder, which lends its frames while this handles them.
 #[derive(Debug)]
 struct Core {
+    kind: Kind,
     config: SessionConfig,
     /// None when only listening.
     handshake: Option<Handshake>,
@@ -88,6 +103,10 @@ struct Core {
     identity: Option<DeviceInformation>,
     newest_log_time: Option<Timestamp>,
     warned: Vec<Warned>,
+    first_refusal: Option<String>,
+    nacks_told: RateLimit,
+    texts_told: RateLimit,
+    identities_told: RateLimit,
     /// When bytes last came, and the latest time told.
     last_bytes: Timestamp,
     now: Timestamp,
@@ -98,7 +117,7 @@ impl Session {
     #[must_use]
     pub fn new(config: SessionConfig, now: Timestamp) -> Self {
         let handshake = Handshake::new(&config, now);
-        let mut session = Self::with(config, Some(handshake), now);
+        let mut session = Self::with(Kind::Live, config, Some(handshake), now);
         session.core.send_what_is_due(now);
         session
     }
@@ -108,14 +127,29 @@ impl Session {
     /// session gives no time, they are the device's own.
     #[must_use]
     pub fn listening(config: SessionConfig, now: Timestamp) -> Self {
-        Self::with(config, None, now)
+        Self::with(Kind::Log, config, None, now)
     }
 
-    fn with(config: SessionConfig, handshake: Option<Handshake>, now: Timestamp) -> Self {
-        let stream = Stream::new(&config, handshake.is_none());
+    /// What a live session was given, given again: the same bytes at the same times, the same
+    /// links lost and restored, and [`Session::expire_half_frame`] where the live one said that
+    /// it gave one up. Then the pings are the same, bit for bit, and so are the warnings about
+    /// them. Sends nothing, and gives up no half frame by itself.
+    #[must_use]
+    pub fn replaying(config: SessionConfig, now: Timestamp) -> Self {
+        Self::with(Kind::Replay, config, None, now)
+    }
+
+    fn with(
+        kind: Kind,
+        config: SessionConfig,
+        handshake: Option<Handshake>,
+        now: Timestamp,
+    ) -> Self {
+        let stream = Stream::new(&config, kind == Kind::Log);
         Self {
             decoder: Box::default(),
             core: Core {
+                kind,
                 config,
                 handshake,
                 stream,
@@ -125,6 +159,10 @@ impl Session {
                 identity: None,
                 newest_log_time: None,
                 warned: Vec::new(),
+                first_refusal: None,
+                nacks_told: RateLimit::new(),
+                texts_told: RateLimit::new(),
+                identities_told: RateLimit::new(),
                 last_bytes: now,
                 now,
             },
@@ -143,22 +181,30 @@ impl Session {
     }
 
     /// Does what is due at `now`: asks again, gives up a half frame. May be called at any time.
-    pub fn handle_timeout(&mut self, now: Timestamp) {
+    /// Says whether it gave up a half frame, which whoever wants to replay the session must know.
+    pub fn handle_timeout(&mut self, now: Timestamp) -> bool {
+        self.core.clock_is(now);
+        let is_due = self.half_frame_expires_at().is_some_and(|due| due <= now);
+        if is_due {
+            self.expire_half_frame(now);
+        }
+        self.core.send_what_is_due(now);
+        is_due
+    }
+
+    /// Gives up the half frame that is pending, if there is one: its rest did not come.
+    pub fn expire_half_frame(&mut self, now: Timestamp) {
         let core = &mut self.core;
         core.clock_is(now);
-        if self.decoder.pending_byte_count() > 0 && core.half_frame_expires_at() <= now {
-            core.last_bytes = now;
-            self.decoder.expire(&mut |event| core.handle(&event, now));
-        }
-        core.send_what_is_due(now);
+        core.last_bytes = now;
+        self.decoder.expire(&mut |event| core.handle(&event, now));
     }
 
     /// When [`Session::handle_timeout`] next has something to do.
     #[must_use]
     pub fn poll_timeout(&self) -> Option<Timestamp> {
         let core = &self.core;
-        let half_frame =
-            (self.decoder.pending_byte_count() > 0).then(|| core.half_frame_expires_at());
+        let half_frame = self.half_frame_expires_at();
         let handshake = core.handshake.as_ref();
         let asking = handshake.and_then(|handshake| handshake.poll_timeout(&core.config));
         half_frame.into_iter().chain(asking).min()
@@ -222,6 +268,19 @@ impl Session {
         self.core.identity
     }
 
+    /// What the first profile refused for its settings or scale says, and what is allowed, as in
+    /// `speed of sound 0 m/s; allowed is 1300 to 1700 m/s`.
+    #[must_use]
+    pub fn first_refusal(&self) -> Option<&str> {
+        self.core.first_refusal.as_deref()
+    }
+
+    /// `None` if there is none, or if giving up is not for this session to decide.
+    fn half_frame_expires_at(&self) -> Option<Timestamp> {
+        let may_expire = self.core.kind != Kind::Replay && self.decoder.pending_byte_count() > 0;
+        may_expire.then(|| self.core.last_bytes.offset_by(HALF_FRAME_S))
+    }
+
     fn end_stream(&mut self, now: Timestamp) {
         let core = &mut self.core;
         core.clock_is(now);
@@ -241,10 +300,6 @@ impl Core {
             }
         }
         self.now = now;
-    }
-
-    fn half_frame_expires_at(&self) -> Timestamp {
-        self.last_bytes.offset_by(HALF_FRAME_S)
     }
 
     fn send_what_is_due(&mut self, now: Timestamp) {
@@ -279,25 +334,35 @@ impl Core {
 
     fn handle_frame(&mut self, frame: &Frame<'_>, now: Timestamp) {
         self.counters.frames_good += 1;
-        let Ok(message) = Message::parse(frame) else {
-            let is_profile = frame.message_id() == id::OS_MONO_PROFILE;
-            self.counters.profiles += u64::from(is_profile);
-            self.counters.profiles_rejected.payload += u64::from(is_profile);
-            self.counters.frames_unknown += u64::from(!is_profile);
-            return;
+        let message = match Message::parse(frame) {
+            Ok(message) => message,
+            Err(error) => return self.malformed(frame, &error),
         };
         match message {
             Message::OsMonoProfile(profile) => self.handle_profile(&profile, frame, now),
-            Message::DeviceInformation(information) => self.identified(information),
+            Message::DeviceInformation(information) => self.identified(information, now),
             Message::Ack { .. } => self.counters.acks += 1,
-            Message::Nack { nacked_id, text } => self.refused(nacked_id, &text.to_string()),
-            Message::Json(text) if self.handshake.is_none() => self.log_json(text.as_bytes()),
+            Message::Nack { nacked_id, text } => {
+                self.refused(nacked_id, &text.to_string(), now);
+            }
+            Message::Json(text) if self.kind == Kind::Log => self.log_json(text.as_bytes()),
+            Message::AsciiText(text) => self.said(&text.to_string(), now),
             Message::Nmea(_) => self.counters.nmea += 1,
             Message::Mavlink(_) => self.counters.mavlink += 1,
             Message::Status(_) => self.counters.status += 1,
             Message::Unknown { .. } => self.counters.frames_unknown += 1,
             _ => self.counters.frames_unused += 1,
         }
+    }
+
+    fn malformed(&mut self, frame: &Frame<'_>, error: &ParseError) {
+        if frame.message_id() != id::OS_MONO_PROFILE {
+            self.counters.frames_unknown += 1;
+            return;
+        }
+        self.counters.profiles += 1;
+        self.counters.profiles_rejected.payload += 1;
+        self.first_refusal.get_or_insert_with(|| error.to_string());
     }
 
     fn handle_profile(&mut self, profile: &OsMonoProfile<'_>, frame: &Frame<'_>, now: Timestamp) {
@@ -322,16 +387,19 @@ impl Core {
             }
         }
         let events = &mut self.events;
-        self.stream.insert(
+        let taken = self.stream.insert(
             profile,
             frame,
             (&self.config, now),
             &mut self.counters,
             &mut |event| events.push_back(event),
         );
+        if let Err(reason) = taken {
+            self.first_refusal.get_or_insert_with(|| reason.to_string());
+        }
     }
 
-    fn identified(&mut self, information: DeviceInformation) {
+    fn identified(&mut self, information: DeviceInformation, now: Timestamp) {
         self.identity = Some(information);
         let DeviceInformation {
             device_type,
@@ -348,6 +416,10 @@ impl Core {
             );
             self.warn_once(Warned::UnknownType, text);
         }
+        // Asked for at each link; a device that says it unasked is told rarely.
+        if self.identities_told.admit(now).is_none() {
+            return;
+        }
         self.events.push_back(SessionEvent::Identified {
             device_type,
             device_revision,
@@ -355,16 +427,29 @@ impl Core {
         });
     }
 
-    fn refused(&mut self, nacked_id: u16, text: &str) {
+    fn refused(&mut self, nacked_id: u16, text: &str, now: Timestamp) {
         self.counters.nacks += 1;
         let is_identity = matches!(nacked_id, id::GENERAL_REQUEST | id::DEVICE_INFORMATION);
         if let Some(handshake) = self.handshake.as_mut().filter(|_| is_identity) {
             handshake.identity_answered();
         }
+        let Some(left_out) = self.nacks_told.admit(now) else {
+            return;
+        };
         self.events.push_back(SessionEvent::Nack {
             id: nacked_id,
-            text: text.chars().take(MAX_TEXT_CHARS).collect(),
+            text: with_count(printable(text), left_out),
         });
+    }
+
+    /// The device's own words: some are worth reading, none may fill the log.
+    fn said(&mut self, text: &str, now: Timestamp) {
+        self.counters.frames_unused += 1;
+        if let Some(left_out) = self.texts_told.admit(now) {
+            let text = with_count(printable(text), left_out);
+            let warning = SessionEvent::Warning(format!("the device says: {text}"));
+            self.events.push_back(warning);
+        }
     }
 
     fn log_json(&mut self, json: &[u8]) {

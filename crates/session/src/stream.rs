@@ -7,7 +7,7 @@ use echosplat_model::{Ping, Timestamp};
 
 use crate::clock::{DeviceClock, DeviceTime, HostClock};
 use crate::config::{ClockSource, SessionConfig};
-use crate::continuity::{Break, Continuity, Fate, HeldFate};
+use crate::continuity::{Advance, Break, Continuity, Fate, HeldFate};
 use crate::counters::SessionCounters;
 use crate::profile::{self, Implausible};
 use crate::session::SessionEvent;
@@ -23,7 +23,19 @@ pub(crate) struct Stream {
     device_clock: DeviceClock,
     host_clock: HostClock,
     base: Base,
+    /// Time of the newest ping over device time.
+    offset_nanos: Option<i64>,
 }
+
+/// A profile that is taken, as it came.
+struct Origin<'a> {
+    profile: &'a OsMonoProfile<'a>,
+    frame: Arc<[u8]>,
+    arrival: Timestamp,
+}
+
+/// No link's delay changes by more.
+const STEP_NANOS: u64 = 1_000_000_000;
 
 /// What is added to device time.
 #[derive(Debug, Clone, Copy)]
@@ -37,12 +49,13 @@ impl Stream {
     pub(crate) fn new(config: &SessionConfig, is_log: bool) -> Self {
         Self {
             is_log,
-            continuity: Continuity::new(is_log),
+            continuity: Continuity::new(is_log, true),
             held: None,
             channel: config.channel,
             device_clock: DeviceClock::default(),
             host_clock: HostClock::default(),
             base: Base::Nanos(0),
+            offset_nanos: None,
         }
     }
 
@@ -52,7 +65,8 @@ impl Stream {
         timestamp: Option<Timestamp>,
         config: &SessionConfig,
     ) {
-        self.continuity = Continuity::new(true);
+        let is_first = !self.device_clock.is_running();
+        self.continuity = Continuity::new(true, is_first);
         self.channel = config.channel;
         self.base = timestamp.map_or(Base::Nanos(0), Base::SessionStart);
     }
@@ -64,6 +78,9 @@ impl Stream {
     }
 
     /// Takes, holds or leaves out one profile.
+    ///
+    /// # Errors
+    /// What it says that no sonar can have; it is counted.
     pub(crate) fn insert(
         &mut self,
         profile: &OsMonoProfile<'_>,
@@ -71,28 +88,28 @@ impl Stream {
         (config, now): (&SessionConfig, Timestamp),
         counters: &mut SessionCounters,
         emit: &mut dyn FnMut(SessionEvent),
-    ) {
+    ) -> Result<(), Implausible> {
         if let Err(reason) = profile::check(profile) {
-            match reason {
-                Implausible::Settings => counters.profiles_rejected.settings += 1,
-                Implausible::Scale => counters.profiles_rejected.scale += 1,
-            }
-            return;
+            *reason.counter(&mut counters.profiles_rejected) += 1;
+            return Err(reason);
         }
         // Without one configured, the first that makes sense.
         self.channel.get_or_insert(profile.channel_number);
         let verdict = self.continuity.judge(profile::stamp(profile));
         self.settle_held(verdict.held, config, counters, emit);
-        let rejected = &mut counters.profiles_rejected;
+        let origin = || Origin {
+            profile,
+            frame: Arc::from(frame.bytes()),
+            arrival: now,
+        };
         match verdict.this {
-            Fate::Taken(how) => {
-                let frame = Arc::from(frame.bytes());
-                self.take(how, profile, (frame, now), config, counters, emit);
-            }
+            Fate::Taken(how) => self.take(how, origin(), config, counters, emit),
+            Fate::Late(step) => self.take_late(step, origin(), config, counters, emit),
             Fate::Held => self.held = Some((Arc::from(frame.bytes()), now)),
-            Fate::Duplicate => rejected.duplicate += 1,
-            Fate::Late => rejected.late += 1,
+            Fate::Duplicate => counters.profiles_rejected.duplicate += 1,
+            Fate::Misplaced => counters.profiles_rejected.late += 1,
         }
+        Ok(())
     }
 
     /// Nothing more comes of this stream for now: the held profile is taken or left out.
@@ -119,20 +136,26 @@ impl Stream {
         };
         let frame = Frame::from_bytes(&bytes).ok();
         let message = frame.and_then(|frame| Message::parse(&frame).ok());
-        match (fate, message) {
-            (HeldFate::Taken(how), Some(Message::OsMonoProfile(profile))) => {
-                let origin = (Arc::clone(&bytes), arrival);
-                self.take(how, &profile, origin, config, counters, emit);
-            }
-            _ => counters.profiles_rejected.unconfirmed += 1,
+        let Some(Message::OsMonoProfile(profile)) = message else {
+            counters.profiles_rejected.unconfirmed += 1;
+            return;
+        };
+        let origin = Origin {
+            profile: &profile,
+            frame: Arc::clone(&bytes),
+            arrival,
+        };
+        match fate {
+            HeldFate::Taken(how) => self.take(how, origin, config, counters, emit),
+            HeldFate::Late(step) => self.take_late(step, origin, config, counters, emit),
+            HeldFate::Dropped => counters.profiles_rejected.unconfirmed += 1,
         }
     }
 
     fn take(
         &mut self,
         how: Break,
-        profile: &OsMonoProfile<'_>,
-        (frame, arrival): (Arc<[u8]>, Timestamp),
+        origin: Origin<'_>,
         config: &SessionConfig,
         counters: &mut SessionCounters,
         emit: &mut dyn FnMut(SessionEvent),
@@ -142,21 +165,59 @@ impl Stream {
             self.host_clock.forget();
             emit(SessionEvent::Rebooted);
         }
-        let stamp = profile::stamp(profile);
+        let stamp = profile::stamp(origin.profile);
         let device = self.device_clock.advance(how, &stamp);
-        let transmit_time = self.transmit_time(&device, arrival, config, counters);
-        let settings = profile::settings(profile, config);
-        let intensity = profile::intensity(profile, &settings, config);
-        match Ping::new(device.sequence, transmit_time, settings, intensity) {
-            Ok(ping) => {
-                counters.pings += 1;
-                counters.pings_missing += device.missing;
-                let ping = Arc::new(ping);
-                emit(SessionEvent::Ping { ping, frame });
-            }
-            // What `check` lets through a ping can hold; were it not so, it is counted.
-            Err(_) => counters.profiles_rejected.settings += 1,
+        let transmit_time = self.transmit_time(&device, origin.arrival, config, counters);
+        if self.has_clock_stepped(how, &device, transmit_time) {
+            emit(SessionEvent::ClockStepped);
         }
+        counters.pings_missing += device.missing;
+        finish(origin, &device, transmit_time, config, counters, emit);
+    }
+
+    /// One made before the newest, at its own place in number and time.
+    fn take_late(
+        &mut self,
+        step: Advance,
+        origin: Origin<'_>,
+        config: &SessionConfig,
+        counters: &mut SessionCounters,
+        emit: &mut dyn FnMut(SessionEvent),
+    ) {
+        let device = self.device_clock.late(step);
+        let transmit_time = match self.is_on_device_clock(config) {
+            true => self.on_device_clock(&device),
+            false => {
+                let sent = origin.arrival.offset_by(-config.link_latency_s);
+                self.host_clock.place(device.nanos, sent)
+            }
+        };
+        counters.pings_late += 1;
+        counters.pings_missing = counters.pings_missing.saturating_sub(1);
+        finish(origin, &device, transmit_time, config, counters, emit);
+    }
+
+    /// Whether the time of pings went on by another amount than the device's own, and not by what a
+    /// link's delay explains.
+    fn has_clock_stepped(&mut self, how: Break, device: &DeviceTime, time: Timestamp) -> bool {
+        let offset = time.nanos().saturating_sub(device.nanos);
+        let before = self.offset_nanos.replace(offset);
+        let is_on = how != Break::Restart && how != Break::First;
+        let step = before.map_or(0, |before| offset.saturating_sub(before));
+        is_on && step.unsigned_abs() > STEP_NANOS
+    }
+
+    fn is_on_device_clock(&self, config: &SessionConfig) -> bool {
+        self.is_log || config.clock == ClockSource::Device
+    }
+
+    fn on_device_clock(&mut self, device: &DeviceTime) -> Timestamp {
+        let base = match self.base {
+            Base::Nanos(nanos) => nanos,
+            Base::SessionStart(start) => start.nanos().saturating_sub(device.nanos),
+        };
+        self.base = Base::Nanos(base);
+        Timestamp::from_nanos(device.nanos.saturating_add(base))
     }
 
     fn transmit_time(
@@ -166,17 +227,35 @@ impl Stream {
         config: &SessionConfig,
         counters: &mut SessionCounters,
     ) -> Timestamp {
-        if self.is_log || config.clock == ClockSource::Device {
-            let base = match self.base {
-                Base::Nanos(nanos) => nanos,
-                Base::SessionStart(start) => start.nanos().saturating_sub(device.nanos),
-            };
-            self.base = Base::Nanos(base);
-            return Timestamp::from_nanos(device.nanos.saturating_add(base));
+        if self.is_on_device_clock(config) {
+            return self.on_device_clock(device);
         }
         let sent = arrival.offset_by(-config.link_latency_s);
         let mapped = self.host_clock.map(device.nanos, sent);
         counters.clock_steps += u64::from(mapped.stepped);
         mapped.time
+    }
+}
+
+/// Makes the ping of a profile whose number and time are known.
+fn finish(
+    origin: Origin<'_>,
+    device: &DeviceTime,
+    transmit_time: Timestamp,
+    config: &SessionConfig,
+    counters: &mut SessionCounters,
+    emit: &mut dyn FnMut(SessionEvent),
+) {
+    let Origin { profile, frame, .. } = origin;
+    let settings = profile::settings(profile, config);
+    let intensity = profile::intensity(profile, &settings, config);
+    match Ping::new(device.sequence, transmit_time, settings, intensity) {
+        Ok(ping) => {
+            counters.pings += 1;
+            let ping = Arc::new(ping);
+            emit(SessionEvent::Ping { ping, frame });
+        }
+        // What `check` lets through a ping can hold; were it not so, it is counted.
+        Err(_) => counters.profiles_rejected.range += 1,
     }
 }

@@ -40,16 +40,13 @@ pub(crate) fn length_is_allowed(message_id: u16, payload_bytes: usize) -> bool {
         }
         id::PROTOCOL_VERSION | id::SET_SPEED_OF_SOUND => payload_bytes == 4,
         id::DEVICE_INFORMATION => payload_bytes == 6,
-        id::NACK => (2..=1026).contains(&payload_bytes),
-        id::ASCII_TEXT | id::NMEA => payload_bytes <= 1024,
-        id::JSON | id::VIEW_CONFIGURATION => payload_bytes <= 65535,
-        id::MAVLINK => payload_bytes <= 8192,
+        id::NACK => (2..=65535).contains(&payload_bytes),
         id::STATUS => (16..=64).contains(&payload_bytes),
         id::OS_PING_PARAMS => payload_bytes == 34 || payload_bytes == 36,
         id::OS_MONO_PROFILE => {
             payload_bytes.is_multiple_of(2) && (52..=52 + 2 * 4096).contains(&payload_bytes)
         }
-        _ => payload_bytes <= 2048,
+        _ => payload_bytes <= 65535,
     }
 }
 
@@ -84,6 +81,11 @@ pub(crate) fn candidate(bytes: &[u8]) -> Candidate {
             return Candidate::Failed(SkipReason::Length, 10 + payload_bytes);
         }
     }
+    let is_long = message_id != usize::from(id::OS_MONO_PROFILE) && payload_bytes > 2048;
+    let false_header = Candidate::Failed(SkipReason::Length, 8);
+    if is_long && holds_profile(bytes, 10 + payload_bytes) {
+        return false_header;
+    }
     if bytes.len() < 10 + payload_bytes {
         return timed_out;
     }
@@ -93,9 +95,32 @@ pub(crate) fn candidate(bytes: &[u8]) -> Candidate {
         .sum();
     if sum % 65536 == u16_at(8 + payload_bytes) as u64 {
         Candidate::Intact(10 + payload_bytes)
+    } else if is_long {
+        false_header
     } else {
         Candidate::Failed(SkipReason::Checksum, 10 + payload_bytes)
     }
+}
+
+/// Whether an intact profile lies within the first `byte_count` bytes. If not all of them are
+/// there, those behind a profile whose end is missing are not looked at.
+fn holds_profile(bytes: &[u8], byte_count: usize) -> bool {
+    let is_whole = bytes.len() >= byte_count;
+    for at in 1..byte_count.min(bytes.len()) {
+        let inner = &bytes[at..];
+        let is_other = inner.len() >= 6 && inner[4..6] != id::OS_MONO_PROFILE.to_le_bytes();
+        if inner[0] != b'B' || is_other {
+            continue;
+        }
+        match candidate(inner) {
+            Candidate::Intact(inner_bytes) if at + inner_bytes <= byte_count => return true,
+            Candidate::Intact(_) | Candidate::Failed(SkipReason::TimedOut, _) if !is_whole => {
+                return false;
+            }
+            _ => {}
+        }
+    }
+    false
 }
 
 /// What the decoder should find in `stream`.

@@ -159,6 +159,111 @@ fn the_longest_frame_passes_and_a_false_one_gives_back_its_bytes() {
     }
 }
 
+fn unknown(message_id: u16, payload: &[u8]) -> Vec<u8> {
+    let mut bytes = vec![0; 10 + payload.len()];
+    let message = Message::Unknown {
+        message_id,
+        payload,
+    };
+    message.encode(3, 0, &mut bytes).unwrap();
+    bytes
+}
+
+fn small_profile(ping_number: u32) -> Vec<u8> {
+    DamagedStream::new(u64::from(ping_number), 8, 100, &[])
+        .frames
+        .into_iter()
+        .find(|frame| frame[4..6] == id::OS_MONO_PROFILE.to_le_bytes())
+        .unwrap()
+}
+
+#[test]
+fn packets_of_other_products_and_texts_of_any_length_are_frames() {
+    let text = "$GPGGA,".repeat(9_000);
+    let mut nmea = vec![0; 10 + text.len()];
+    let message = Message::Nmea(text.as_str().into());
+    message.encode(0, 0, &mut nmea).unwrap();
+    let mut points = vec![0; 65_535];
+    ChaCha8Rng::seed_from_u64(9).fill(points.as_mut_slice());
+    let stream = [
+        small_profile(1),
+        unknown(3009, &points),
+        small_profile(2),
+        nmea,
+        unknown(3012, &points[..30_000]),
+        small_profile(3),
+    ];
+    let whole: Vec<Found> = stream.iter().cloned().map(Found::Frame).collect();
+    let bytes = stream.concat();
+    for size in [1, 700, 65_536, bytes.len()] {
+        assert_eq!(decode(bytes.chunks(size)), whole, "pieces of {size} bytes");
+    }
+    assert_eq!(expected(&bytes), whole);
+}
+
+#[test]
+fn a_false_header_of_any_length_is_found_out_with_the_next_profile() {
+    for message_id in [3, 10, 109, 150, 3009, 65_535] {
+        for claimed in [2_049_u16, 5_000, 60_000] {
+            let mut stream = b"BR".to_vec();
+            stream.extend(claimed.to_le_bytes());
+            stream.extend((message_id as u16).to_le_bytes());
+            stream.extend([0, 0]);
+            let profile = small_profile(4);
+            stream.extend(&profile);
+            let mut decoder = Decoder::new();
+            let mut found: Vec<Found> = Vec::new();
+            for piece in stream.chunks(50) {
+                decoder.feed(piece, &mut |event| found.push(event.into()));
+            }
+            assert_eq!(skipped(&found), [(8, SkipReason::Length)]);
+            assert_eq!(found.last(), Some(&Found::Frame(profile)));
+        }
+    }
+}
+
+#[test]
+fn no_sum_right_by_chance_makes_a_long_frame_swallow_profiles() {
+    let inner = [small_profile(5), small_profile(6), vec![0; 3_000]].concat();
+    let stream = unknown(4_000, &inner);
+    for size in [1, 333, stream.len()] {
+        let found = decode(stream.chunks(size));
+        assert_eq!(frame_count(&found), 2, "pieces of {size} bytes");
+        assert_eq!(found, expected(&stream));
+    }
+}
+
+#[test]
+fn long_frames_false_and_true_give_the_events_of_the_slow_twin_however_cut() {
+    let mut rng = ChaCha8Rng::seed_from_u64(11);
+    for seed in 0..150 {
+        let mut stream = Vec::new();
+        for _ in 0..rng.random_range(1..6) {
+            let payload_bytes: usize = rng.random_range(2_000..6_000);
+            let mut payload = vec![0; payload_bytes];
+            rng.fill(payload.as_mut_slice());
+            let profile = small_profile(rng.random_range(0..4));
+            for _ in 0..rng.random_range(0..3) {
+                // Whole, cut by the end, or only a header.
+                let at = rng.random_range(0..payload_bytes);
+                let length = rng.random_range(1..=profile.len()).min(payload_bytes - at);
+                payload[at..at + length].copy_from_slice(&profile[..length]);
+            }
+            let mut frame = unknown(3009, &payload);
+            if rng.random_ratio(1, 3) {
+                frame.truncate(rng.random_range(1..frame.len()));
+            }
+            stream.extend(frame);
+            stream.extend(profile);
+        }
+        let events = expected(&stream);
+        for _ in 0..6 {
+            let size = rng.random_range(1..=stream.len().min(4_000));
+            assert_eq!(decode(stream.chunks(size)), events, "seed {seed}, {size}");
+        }
+    }
+}
+
 #[test]
 fn a_profile_says_its_power_in_decibels() {
     let raw: Vec<u8> = [0_u16, 13107, 65535]
@@ -199,7 +304,7 @@ fn what_no_reader_would_take_is_not_written() {
     let mut out = vec![0; 70000];
     let long = "x".repeat(65536);
     let too_long = [
-        Message::AsciiText(long[..1025].into()),
+        Message::AsciiText(long.as_str().into()),
         Message::Json(long.as_str().into()),
         Message::Unknown {
             message_id: id::ACK,

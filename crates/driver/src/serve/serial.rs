@@ -27,7 +27,7 @@ pub(super) fn open_line(path: &Path, baudrate: u32) -> io::Result<Box<dyn Port>>
     let line = serialport::new(path.to_string_lossy(), baudrate)
         .timeout(LINE_WAIT)
         .open()
-        .map_err(io::Error::from)?;
+        .map_err(|error| crate::transport::in_words(path, error))?;
     Ok(Box::new(Serial {
         client: Client::new(line, LINE_CHUNK_BYTES),
         url: format!("serial://{}?baudrate={baudrate}", path.display()),

@@ -7,6 +7,8 @@ mod udp;
 use std::io;
 use std::time::Duration;
 
+pub(crate) use serial::{in_words, what_else_than_a_line};
+
 use crate::config::DriverConfig;
 use crate::url::SonarUrl;
 

@@ -454,19 +454,23 @@ fn order_duplicates_channels_and_nonsense_are_told_apart_and_add_up() {
         number: 9_000,
         ..Shot::nth(10)
     };
-    for shot in [other, loud, far, Shot::nth(9), Shot::nth(4), jumped] {
+    let moved = Shot {
+        millis: 1_090,
+        ..Shot::nth(4)
+    };
+    for shot in [other, loud, far, Shot::nth(9), Shot::nth(4), moved, jumped] {
         session.receive(&shot.frame(), POWER_UP);
     }
     stream(&mut session, 10..14);
     let counters = session.counters();
     let rejected = counters.profiles_rejected;
     assert_eq!(
-        (rejected.other_channel, rejected.scale, rejected.settings),
+        (rejected.other_channel, rejected.scale, rejected.range),
         (1, 1, 1)
     );
     assert_eq!(
         (rejected.duplicate, rejected.late, rejected.unconfirmed),
-        (1, 1, 1)
+        (2, 1, 1)
     );
     assert_eq!(counters.pings, 14);
     assert_eq!(counters.profiles, counters.pings + rejected.total());
@@ -521,7 +525,7 @@ fn a_log_without_time_is_on_device_time() {
 }
 
 #[test]
-fn a_log_out_of_order_and_cut_off_gives_what_is_whole_and_in_order() {
+fn a_log_out_of_order_and_cut_off_gives_what_is_whole() {
     let mut session = Session::listening(config(), POWER_UP);
     let mut log = log_header("\"1970-01-01T00:00:00Z\"");
     let numbers = [0, 1, 2, 5, 3, 4, 6, 7, 20, 21, 8, 9, 22, 23];
@@ -535,9 +539,10 @@ fn a_log_out_of_order_and_cut_off_gives_what_is_whole_and_in_order() {
     }
     session.finish(POWER_UP);
     let sequences: Vec<_> = pings(&mut session).iter().map(|p| p.sequence()).collect();
-    assert_eq!(sequences, [0, 1, 2, 5, 6, 7, 20, 21, 22, 23]);
+    assert_eq!(sequences, numbers.map(u64::from));
     let counters = session.counters();
-    assert_eq!(counters.profiles_rejected.late, 4);
+    assert_eq!(counters.profiles_rejected.total(), 0);
+    assert_eq!((counters.pings_late, counters.pings_missing), (4, 10));
     assert_eq!(counters.bytes_skipped, last.len() as u64 - 1);
     assert_eq!((counters.frames_bad, counters.profiles), (1, 14));
 }
@@ -635,4 +640,256 @@ fn of_damaged_frames_hardly_one_in_two_thousand_is_taken_with_wrong_settings_tim
         println!("{rate}: {damaged} damaged, {damaged_taken} taken, {wrong} of them wrong");
         assert!(wrong * 2_000 <= damaged, "{rate}: {wrong} of {damaged}");
     }
+}
+
+#[test]
+fn blocks_of_a_log_in_another_order_are_all_pings_each_at_its_own_time() {
+    let mut order: Vec<u32> = (0..8)
+        .flat_map(|block| match block {
+            0 => 0..100,
+            _ => (8 - block) * 100..(9 - block) * 100,
+        })
+        .collect();
+    assert_eq!(order.len(), 800);
+    let mut session = Session::listening(config(), POWER_UP);
+    let mut log = log_header("\"1970-01-01T00:00:00Z\"");
+    for &number in &order {
+        // The sonar was set to another range for the third block.
+        let length_mm = if number / 100 == 3 { 20_000 } else { 12_000 };
+        log.extend(
+            Shot {
+                length_mm,
+                ..Shot::nth(number)
+            }
+            .frame(),
+        );
+    }
+    for piece in log.chunks(10_000) {
+        session.receive(piece, POWER_UP);
+    }
+    session.finish(POWER_UP);
+    let pings = pings(&mut session);
+    for ping in &pings {
+        let time_s = 0.025 * ping.sequence() as f64;
+        assert!((ping.transmit_time().as_secs_f64() - time_s).abs() < 1e-9);
+    }
+    let mut sequences: Vec<u32> = pings.iter().map(|ping| ping.sequence() as u32).collect();
+    sequences.sort_unstable();
+    order.sort_unstable();
+    assert_eq!(sequences, order);
+    let counters = session.counters();
+    assert_eq!((counters.pings_late, counters.pings_missing), (600, 0));
+    assert_eq!(
+        (counters.reboots, counters.profiles_rejected.total()),
+        (0, 0)
+    );
+}
+
+#[test]
+fn two_pings_in_one_millisecond_are_two_and_the_same_one_twice_is_one() {
+    for order in [[0, 1, 2, 3, 4, 5], [0, 1, 3, 2, 5, 4]] {
+        let mut session = Session::new(device_config(), POWER_UP);
+        stream(&mut session, 0..10);
+        for i in order {
+            // 10 and 11, 12 and 13, 14 and 15 within one millisecond each.
+            let shot = Shot {
+                millis: 1_250 + i / 2 * 50,
+                ..Shot::nth(10 + i)
+            };
+            session.receive(&shot.frame(), POWER_UP);
+            session.receive(&shot.frame(), POWER_UP);
+        }
+        stream(&mut session, 16..18);
+        let counters = session.counters();
+        assert_eq!(
+            (counters.pings, counters.profiles_rejected.duplicate),
+            (18, 6)
+        );
+        assert_eq!(counters.profiles_rejected.total(), 6);
+    }
+}
+
+#[test]
+fn a_late_ping_of_a_live_link_has_its_own_time_on_the_hosts_clock() {
+    let mut session = Session::new(config(), POWER_UP);
+    stream(&mut session, 0..50);
+    stream(&mut session, 53..60);
+    pings(&mut session);
+    let arrival = after_ms(Shot::nth(60).millis.into());
+    session.receive(&Shot::nth(51).frame(), arrival);
+    let late = pings(&mut session).pop().unwrap();
+    let truth = after_ms(Shot::nth(51).millis.into());
+    assert_eq!(late.sequence(), 51);
+    assert!(late.transmit_time().seconds_since(truth).abs() < 1e-3);
+    let counters = session.counters();
+    assert_eq!((counters.pings_late, counters.pings_missing), (1, 2));
+}
+
+#[test]
+fn a_flood_of_refusals_is_told_rarely_and_forges_no_line() {
+    let mut session = Session::new(config(), POWER_UP);
+    let text = "no\n2026-01-01 ERROR all is lost \u{1b}[2J\u{202e}".repeat(20);
+    let nack = frame_of(&Message::Nack {
+        nacked_id: 7,
+        text: Text::from(text.as_str()),
+    });
+    let said = frame_of(&Message::AsciiText(Text::from(text.as_str())));
+    let mut told = Vec::new();
+    for i in 0..20_000 {
+        session.receive(&nack, after_ms(i));
+        session.receive(&said, after_ms(i));
+        told.extend(events(&mut session));
+    }
+    assert_eq!(session.counters().nacks, 20_000);
+    assert!((2..12).contains(&told.len()), "{}", told.len());
+    for event in &told {
+        let (SessionEvent::Nack { text, .. } | SessionEvent::Warning(text)) = event else {
+            panic!("{event:?}");
+        };
+        assert!(text.chars().count() < 260 && text.contains("no\\n"));
+        assert!(!text.contains(|c: char| c.is_control() || c == '\u{202e}'));
+    }
+    let last = format!("{:?}", told.last());
+    assert!(last.contains("more before this"), "{last}");
+}
+
+#[test]
+fn the_first_refusal_is_kept_in_words() {
+    let mut session = Session::new(config(), POWER_UP);
+    assert_eq!(session.first_refusal(), None);
+    let odd = |max_db| Shot {
+        max_db,
+        ..Shot::nth(0)
+    };
+    session.receive(&odd(f32::NAN).frame(), POWER_UP);
+    session.receive(&odd(900.0).frame(), POWER_UP);
+    let words = session.first_refusal().unwrap();
+    assert!(
+        words.contains("NaN") && words.contains("-200 to 200 dB"),
+        "{words}"
+    );
+    assert_eq!(session.counters().profiles_rejected.scale, 2);
+}
+
+/// What a session was given, as its tape has it.
+#[derive(Debug)]
+enum Given {
+    Bytes(Vec<u8>),
+    HalfFrameExpired,
+    LinkDown,
+    LinkUp,
+}
+
+/// Pings and what is told of them; what only a session that asks can tell is left out.
+fn told_of_pings(session: &mut Session) -> Vec<SessionEvent> {
+    let is_asking = |event: &SessionEvent| *event == SessionEvent::Configured;
+    events(session)
+        .into_iter()
+        .filter(|event| !is_asking(event))
+        .collect()
+}
+
+#[test]
+fn a_replay_of_all_that_was_given_gives_the_same_pings_bit_for_bit() {
+    for seed in 1..=20_u64 {
+        for clock in [ClockSource::Host, ClockSource::Device] {
+            let config = SessionConfig { clock, ..config() };
+            let (tape, expected, counters) = faulty_dive(&config, seed);
+            assert!(
+                expected.len() > 300 && counters.reboots >= 1,
+                "{counters:?}"
+            );
+            assert!(counters.pings_late > 0 && counters.frames_bad > 0);
+            let expiries = tape
+                .iter()
+                .filter(|(_, given)| matches!(given, Given::HalfFrameExpired));
+            assert!(expiries.count() > 0);
+            let mut replay = Session::replaying(config, tape[0].0);
+            let mut told = Vec::new();
+            for (time, given) in &tape {
+                match given {
+                    Given::Bytes(bytes) => replay.receive(bytes, *time),
+                    Given::HalfFrameExpired => replay.expire_half_frame(*time),
+                    Given::LinkDown => replay.link_lost(*time),
+                    Given::LinkUp => replay.link_restored(*time),
+                }
+                // However often it is asked, a replay gives up nothing by itself.
+                assert!(!replay.handle_timeout(time.offset_by(5.0)));
+                told.extend(told_of_pings(&mut replay));
+            }
+            replay.finish(tape[tape.len() - 1].0);
+            told.extend(told_of_pings(&mut replay));
+            assert_eq!(told.len(), expected.len(), "seed {seed}");
+            assert!(told == expected, "seed {seed}");
+            let again = replay.counters();
+            assert_eq!(again.pings, counters.pings);
+            assert_eq!(again.profiles_rejected, counters.profiles_rejected);
+            assert_eq!(again.bytes_skipped, counters.bytes_skipped);
+            assert_eq!(
+                (replay.poll_transmit(), replay.poll_timeout()),
+                (None, None)
+            );
+        }
+    }
+}
+
+/// A live session through cut frames, disorder, lost links, reboots and steps of the host's clock;
+/// what it was given, what it told, and its counters.
+fn faulty_dive(
+    config: &SessionConfig,
+    seed: u64,
+) -> (Vec<(Timestamp, Given)>, Vec<SessionEvent>, SessionCounters) {
+    let mut state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) | 1;
+    let mut one_in = move |n: u64| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state >> 33).is_multiple_of(n)
+    };
+    let mut session = Session::new(config.clone(), POWER_UP);
+    let (mut tape, mut told) = (vec![(POWER_UP, Given::LinkUp)], Vec::new());
+    session.link_restored(POWER_UP);
+    let (mut now, mut number, mut waiting) = (POWER_UP, 1_000_u32, Vec::new());
+    for i in 0..600 {
+        number += 1;
+        if i == 300 {
+            number = 0;
+        }
+        now = now.offset_by(0.025 + if one_in(5) { 0.012 } else { 0.0 });
+        if one_in(150) {
+            now = now.offset_by(if one_in(2) { 3_600.0 } else { -3_600.0 });
+        }
+        let mut frame = Shot::nth(number).frame();
+        if one_in(12) {
+            frame.truncate(frame.len() / 2);
+        }
+        if one_in(10) {
+            waiting = frame;
+            continue;
+        }
+        frame.extend(std::mem::take(&mut waiting));
+        for piece in frame.chunks(if one_in(2) { 97 } else { 5_000 }) {
+            session.receive(piece, now);
+            tape.push((now, Given::Bytes(piece.to_vec())));
+        }
+        if one_in(4) {
+            now = now.offset_by(0.3);
+        }
+        if session.handle_timeout(now) {
+            tape.push((now, Given::HalfFrameExpired));
+        }
+        if one_in(60) {
+            session.link_lost(now);
+            tape.push((now, Given::LinkDown));
+            now = now.offset_by(1.0);
+            session.link_restored(now);
+            tape.push((now, Given::LinkUp));
+        }
+        while session.poll_transmit().is_some() {}
+        told.extend(told_of_pings(&mut session));
+    }
+    session.stop(now);
+    session.finish(now);
+    told.extend(told_of_pings(&mut session));
+    (tape, told, session.counters())
 }

@@ -27,7 +27,7 @@ impl SimulatedPing {
             sos_dmps: (settings.speed_of_sound_mps * 10.0).round() as u16,
             channel_number: 0,
             pulse_duration_sec: settings.pulse_duration_s as f32,
-            analog_gain: 3.0 * f32::from(settings.gain_index.max(0)),
+            analog_gain: analog_gain(settings.gain_index),
             max_pwr_db: self.profile.max_pwr_db,
             min_pwr_db: self.profile.min_pwr_db,
             transducer_heading_deg: 0.0,
@@ -38,10 +38,29 @@ impl SimulatedPing {
     }
 }
 
+/// Factor on amplitude by gain index. 0 and 4 to 7 as units of this family reported them; 1 to 3,
+/// which none was seen to use, in equal ratios between.
+fn analog_gain(gain_index: i16) -> f32 {
+    const BY_INDEX: [f32; 8] = [5.25, 10.19, 19.78, 38.4, 74.55, 142.8, 242.0, 464.6];
+    BY_INDEX[usize::from(gain_index.clamp(0, 7).unsigned_abs())]
+}
+
 /// The message as a frame from `device_id` to any host.
 pub(crate) fn encoded(message: &Message<'_>, device_id: u8) -> Option<Vec<u8>> {
     let mut bytes = vec![0; message.encoded_byte_count()];
     let written = message.encode(device_id, 0, &mut bytes).ok()?;
     bytes.truncate(written);
     Some(bytes)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::analog_gain;
+
+    #[test]
+    fn gains_are_those_of_real_units() {
+        let gains = [-1, 0, 4, 7, 8].map(analog_gain).map(f32::to_bits);
+        let expected = [5.25, 5.25, 74.55, 464.6, 464.6_f32].map(f32::to_bits);
+        assert_eq!(gains, expected);
+    }
 }

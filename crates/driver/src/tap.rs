@@ -1,0 +1,74 @@
+//! What a session is given, shown to whoever records it, and given again from a recording.
+
+use std::sync::Arc;
+
+use echosplat_model::Timestamp;
+
+/// What a session is about to be given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Tapped<'a> {
+    /// The link is there.
+    LinkUp,
+    /// Bytes as they came, before they are decoded.
+    Bytes(&'a [u8]),
+    /// The rest of a half frame did not come; it is given up.
+    HalfFrameExpired,
+    /// The link is gone, and with it what was half received.
+    LinkDown,
+    /// This ping, by its sequence, found no room in the channel. No tape gives it again: who replays
+    /// one leaves these pings out.
+    PingShed(u64),
+}
+
+/// Called on the driver's thread with the time that the session is given: before bytes are decoded,
+/// and before the next thing is given to it. A tape of all of these replays to the same pings, bit
+/// for bit: see [`crate::spawn_tape`].
+pub type RawTap = Box<dyn FnMut(Timestamp, Tapped<'_>) + Send>;
+
+/// One [`Tapped`] as a recording holds it.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum TapeItem {
+    /// The link was there.
+    LinkUp,
+    /// Bytes as they came.
+    Bytes(Arc<[u8]>),
+    /// A half frame was given up.
+    HalfFrameExpired,
+    /// The link was gone.
+    LinkDown,
+    /// Something else was recorded here: it is told as [`crate::DriverEvent::Mark`], so that whoever
+    /// reads the rest of the recording keeps step.
+    Mark(u64),
+}
+
+impl TapeItem {
+    /// As a tap is shown it.
+    #[must_use]
+    pub fn tapped(&self) -> Option<Tapped<'_>> {
+        Some(match self {
+            Self::LinkUp => Tapped::LinkUp,
+            Self::Bytes(bytes) => Tapped::Bytes(bytes),
+            Self::HalfFrameExpired => Tapped::HalfFrameExpired,
+            Self::LinkDown => Tapped::LinkDown,
+            Self::Mark(_) => return None,
+        })
+    }
+}
+
+impl TapeItem {
+    /// What a tape keeps of what a tap was shown.
+    #[must_use]
+    pub fn of(tapped: Tapped<'_>) -> Option<Self> {
+        Some(match tapped {
+            Tapped::LinkUp => Self::LinkUp,
+            Tapped::Bytes(bytes) => Self::Bytes(Arc::from(bytes)),
+            Tapped::HalfFrameExpired => Self::HalfFrameExpired,
+            Tapped::LinkDown => Self::LinkDown,
+            Tapped::PingShed(_) => return None,
+        })
+    }
+}
+
+/// What a recording holds, in order, each with the host's time then; or words that say why it
+/// cannot be read further, which end it.
+pub type Tape = Box<dyn Iterator<Item = Result<(Timestamp, TapeItem), String>> + Send>;
