@@ -1,4 +1,10 @@
-//! The map in formats of other programs: `.splat` for web viewers, PCD for point cloud tools.
+//! The map in formats of other programs: `.splat` for web viewers, PCD for point cloud tools, npz for
+//! numpy, and PLY in one file.
+//!
+//! All in world coordinates. `.splat` and PLY have single precision, which keeps a millimetre up to
+//! 10 km from the world's origin; [`in_world`] leaves a map beyond that relative to its own origin.
+
+mod npz;
 
 use std::io::{self, Write};
 
@@ -7,14 +13,41 @@ use echosplat_model::glam::DVec3;
 
 use crate::ply::MapFile;
 use crate::ramp::color_of_reflectivity;
+pub use npz::write_npz;
+
+/// Furthest that single precision keeps a millimetre.
+pub const SINGLE_PRECISION_M: f64 = 10_000.0;
+
+/// The map with its origin added to every mean, where single precision allows it; else as it is.
+#[must_use]
+pub fn in_world(mut map: MapFile) -> MapFile {
+    if map.origin_m.length() > SINGLE_PRECISION_M {
+        return map;
+    }
+    for gaussian in &mut map.gaussians {
+        gaussian.mean_m = world_m(map.origin_m, gaussian).as_vec3();
+    }
+    map.origin_m = DVec3::ZERO;
+    map
+}
+
+fn world_m(origin_m: DVec3, gaussian: &Gaussian) -> DVec3 {
+    origin_m + gaussian.mean_m.as_dvec3()
+}
+
+/// Those that are finite, as every format has them.
+fn sound(map: &MapFile) -> impl Iterator<Item = &Gaussian> {
+    map.gaussians.iter().filter(|gaussian| gaussian.is_sound())
+}
 
 /// Writes `.splat`: 32-byte records of position (f32 × 3), scale (f32 × 3), colour and opacity
-/// (u8 × 4) and rotation (w x y z, u8 × 4, 128 + 128·q), relative to the map's origin.
+/// (u8 × 4) and rotation (w x y z, u8 × 4, 128 + 128·q), relative to the map's origin: give it a map
+/// that is [`in_world`].
 ///
 /// # Errors
 /// Of the writer.
 pub fn write_splat(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
-    for gaussian in map.gaussians.iter().filter(|g| g.is_sound()) {
+    for gaussian in sound(map) {
         let (mean, scale) = (gaussian.mean_m.to_array(), gaussian.scale_m.to_array());
         for value in mean.into_iter().chain(scale) {
             writer.write_all(&value.to_le_bytes())?;
@@ -33,8 +66,7 @@ pub fn write_splat(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
 /// # Errors
 /// Of the writer.
 pub fn write_pcd(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
-    let sound = || map.gaussians.iter().filter(|g| g.is_sound());
-    let count = sound().count();
+    let count = sound(map).count();
     writeln!(
         writer,
         "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n\
@@ -42,9 +74,8 @@ pub fn write_pcd(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
          COUNT 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n\
          POINTS {count}\nDATA binary"
     )?;
-    for gaussian in sound() {
-        let world_m: DVec3 = map.origin_m + gaussian.mean_m.as_dvec3();
-        for value in world_m.to_array() {
+    for gaussian in sound(map) {
+        for value in world_m(map.origin_m, gaussian).to_array() {
             writer.write_all(&value.to_le_bytes())?;
         }
         for value in [
@@ -68,7 +99,7 @@ mod tests {
     use echosplat_model::Standing;
     use echosplat_model::glam::{Quat, Vec3};
 
-    fn map() -> MapFile {
+    pub(super) fn map() -> MapFile {
         let gaussian = Gaussian {
             id: 0,
             mean_m: Vec3::new(1.0, 2.0, 3.0),
@@ -81,8 +112,8 @@ mod tests {
         };
         MapFile {
             origin_m: DVec3::new(1e6, 0.0, 0.0),
-            intensity_unit: 1.0,
             gaussians: vec![gaussian],
+            ..MapFile::default()
         }
     }
 
@@ -105,5 +136,15 @@ mod tests {
         assert_eq!(bytes.len() - at, 3 * 8 + 3 * 4);
         assert_eq!(bytes[at..at + 8], 1_000_001.0_f64.to_le_bytes());
         assert_eq!(bytes[at + 24..at + 28], (-10.0_f32).to_le_bytes());
+    }
+
+    #[test]
+    fn a_map_near_the_worlds_origin_is_moved_there() {
+        let mut near = map();
+        near.origin_m = DVec3::new(0.0, -9_000.0, 20.0);
+        let near = in_world(near);
+        assert_eq!(near.origin_m, DVec3::ZERO);
+        assert_eq!(near.gaussians[0].mean_m, Vec3::new(1.0, -8_998.0, 23.0));
+        assert_eq!(in_world(map()), map());
     }
 }

@@ -11,5 +11,6 @@ pub mod export;
 pub mod mcap;
 pub mod ply;
 mod ramp;
+pub mod replace;
 pub mod svlog;
 pub mod tum;

@@ -16,8 +16,12 @@ const MAX_LINE_BYTES: u64 = 4096;
 pub struct TumFile {
     /// Poses in strictly increasing time, without uncertainty, all of epoch 0.
     pub poses: Vec<StampedPose>,
-    /// Lines left out because their time was not after the line before.
-    pub not_increasing_count: usize,
+    /// Poses that stood after a later one; they were put in their place.
+    pub out_of_order_count: usize,
+    /// Poses left out because another one of the same time says the same.
+    pub duplicate_count: usize,
+    /// Poses left out because an earlier line of the same time says something else.
+    pub contradicting_count: usize,
 }
 
 /// Why a trajectory was refused.
@@ -50,14 +54,27 @@ pub fn read(mut reader: impl BufRead) -> Result<TumFile, TumError> {
             break;
         }
         let pose = parse_line(&bytes).map_err(|what| TumError::Line { line, what })?;
-        let Some(pose) = pose else { continue };
-        if file.poses.last().is_some_and(|last| last.time >= pose.time) {
-            file.not_increasing_count += 1;
-        } else {
-            file.poses.push(pose);
-        }
+        file.poses.extend(pose);
     }
+    put_in_order(&mut file);
     Ok(file)
+}
+
+/// By time; of several poses of one time the first in the file stays.
+fn put_in_order(file: &mut TumFile) {
+    let later = |pair: &&[StampedPose]| pair[1].time < pair[0].time;
+    file.out_of_order_count = file.poses.windows(2).filter(later).count();
+    file.poses.sort_by_key(|pose| pose.time);
+    let (duplicates, contradicting) = (&mut file.duplicate_count, &mut file.contradicting_count);
+    file.poses.dedup_by(|pose, kept| {
+        let same_time = pose.time == kept.time;
+        if same_time && pose.world_from_vehicle == kept.world_from_vehicle {
+            *duplicates += 1;
+        } else if same_time {
+            *contradicting += 1;
+        }
+        same_time
+    });
 }
 
 /// Writes poses so that [`read`] gives back the same bits; uncertainty and epoch are not kept.
@@ -229,12 +246,18 @@ mod tests {
     }
 
     #[test]
-    fn times_that_do_not_increase_are_skipped_and_counted() {
-        let line = |t: f64| format!("{t} 0 0 0 0 0 0 1\n");
-        let text: String = [1.0, 2.0, 2.0, 1.5, 3.0].map(line).concat();
-        let file = read_str(&text).unwrap();
-        assert_eq!(file.poses.len(), 3);
-        assert_eq!(file.not_increasing_count, 2);
+    fn any_order_is_put_right_and_what_is_left_out_is_counted() {
+        let line = |(t, x): (f64, i32)| format!("{t} {x} 0 0 0 0 0 1\n");
+        let lines = [(1.0, 1), (2.0, 2), (2.0, 2), (1.5, 3), (3.0, 4), (3.0, 5)];
+        let file = read_str(&lines.map(line).concat()).unwrap();
+        let found = file.poses.iter().map(|pose| {
+            let place = pose.world_from_vehicle.translation_m.x;
+            (pose.time.as_secs_f64(), place as i32)
+        });
+        let expected = vec![(1.0, 1), (1.5, 3), (2.0, 2), (3.0, 4)];
+        assert_eq!(found.collect::<Vec<_>>(), expected);
+        assert_eq!(file.out_of_order_count, 1);
+        assert_eq!((file.duplicate_count, file.contradicting_count), (1, 1));
     }
 
     #[test]

@@ -1,24 +1,83 @@
-//! The recording of a dive: an MCAP file of raw received bytes with host time, poses, settings,
-//! events and map deltas.
+//! The recording of a dive: an MCAP file of raw received bytes with host time, link news, poses,
+//! settings, events, status and map deltas.
 //!
-//! Unchunked, and every message handed to the operating system whole before the call returns, so
-//! that a killed process loses nothing. The caller's timer says when to sync to disk. A cut or
-//! damaged file is read up to the cut and around the damage.
+//! | channel | message | what |
+//! |---|---|---|
+//! | `/sonar/raw` | CDR `echosplat_msgs/msg/ReceivedBytes` | bytes before decoding |
+//! | `/sonar/link` | JSON | link up, down, half a frame given up |
+//! | `/pose` | CDR `nav_msgs/msg/Odometry` | as it came; MCAP's sequence is its epoch |
+//! | `/settings` | JSON `{"toml": …}` | the configuration in force |
+//! | `/events`, `/status` | JSON | |
+//! | `/map/delta` | CDR `sensor_msgs/msg/PointCloud2` | as published |
+//! | `/map/delta_info` | JSON | of the delta before |
+//! | `/tf_static` | CDR `tf2_msgs/msg/TFMessage` | |
+//!
+//! Each has a schema, so that other programs read it. Unchunked, and every message handed to the
+//! operating system whole before the call returns, so that a killed process loses nothing. The
+//! caller's timer says when to sync to disk. A cut or damaged file is read up to the cut and
+//! around the damage.
 //!
 //! Deliberately absent: compression and chunks (write-through is the point; a finished file may be
 //! compressed by any MCAP tool), threads and clocks.
 
-mod pose;
+mod message;
 mod reader;
 mod records;
+mod scan;
+mod topic;
 mod writer;
 
-pub use reader::{Recorded, RecordedItem, RecordingReader};
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use echosplat_model::{StampedPose, Timestamp};
+
+pub use reader::RecordingReader;
 pub use records::Ending;
+pub use scan::{Counts, Recording, Scan};
 pub use writer::{MAX_MESSAGE_BYTES, RecordingFile, RecordingWriter};
 
 /// Written into every recording; by it a reader knows the fixed channel ids.
-const LIBRARY: &str = "echosplat recording 1";
+const LIBRARY: &str = "echosplat recording 2";
+
+/// What is recorded, in the order it came.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Record {
+    /// The link to the sonar is up: bytes follow.
+    LinkUp,
+    /// The link is gone, and with it half a frame if one had begun.
+    LinkDown,
+    /// The rest of a frame did not come in time: the next byte begins another.
+    HalfFrameExpired,
+    /// Bytes as received, before anything looks into them.
+    Raw(Arc<[u8]>),
+    /// A pose as it came from its source.
+    Pose(StampedPose),
+    /// The configuration in force, as TOML.
+    Settings(String),
+    /// What happened, a JSON object.
+    Event(serde_json::Value),
+    /// The service's status, a JSON object.
+    Status(serde_json::Value),
+    /// A change of the map as published.
+    Delta {
+        /// CDR `sensor_msgs/msg/PointCloud2`.
+        cloud: Arc<[u8]>,
+        /// Its attachment, a JSON object.
+        info: Arc<[u8]>,
+    },
+    /// CDR `tf2_msgs/msg/TFMessage`.
+    StaticTransform(Arc<[u8]>),
+}
+
+/// One record and when the host had it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Recorded {
+    /// Host time; never before 1970.
+    pub host_time: Timestamp,
+    /// What it was.
+    pub record: Record,
+}
 
 /// Why a recording could not be read or written.
 #[derive(Debug, thiserror::Error)]
@@ -44,66 +103,43 @@ pub enum RecordingError {
         /// Its length.
         found: usize,
     },
+    /// A folder, a fifo or a device.
+    #[error("not a regular file")]
+    NotAFile,
+    /// One of several files, and what is wrong with it.
+    #[error("{}: {source}", path.display())]
+    File {
+        /// Which.
+        path: PathBuf,
+        /// What.
+        source: Box<RecordingError>,
+    },
     /// The operating system failed, for example because the disk is full.
     #[error("recording: {0}")]
     Io(#[from] std::io::Error),
     /// The MCAP library failed.
     #[error("recording: {0}")]
-    Mcap(#[from] ::mcap::McapError),
+    Mcap(::mcap::McapError),
 }
 
-/// What a recording keeps apart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Topic {
-    /// Bytes as received from the sonar, before decoding.
-    Raw,
-    /// Poses as JSON.
-    Pose,
-    /// The configuration in force, as text.
-    Settings,
-    /// What happened (shedding, drops, links), as JSON or text.
-    Event,
-    /// Map deltas as published.
-    Delta,
+impl From<::mcap::McapError> for RecordingError {
+    fn from(error: ::mcap::McapError) -> Self {
+        match error {
+            ::mcap::McapError::Io(error) => Self::Io(error),
+            other => Self::Mcap(other),
+        }
+    }
 }
 
-impl Topic {
-    const ALL: [Self; 5] = [
-        Self::Raw,
-        Self::Pose,
-        Self::Settings,
-        Self::Event,
-        Self::Delta,
-    ];
-
-    /// Its name in the file.
+impl RecordingError {
+    /// What the operating system said, if it was that.
     #[must_use]
-    pub fn name(self) -> &'static str {
+    pub fn io_kind(&self) -> Option<std::io::ErrorKind> {
         match self {
-            Self::Raw => "sonar/raw",
-            Self::Pose => "pose",
-            Self::Settings => "settings",
-            Self::Event => "event",
-            Self::Delta => "map/delta",
+            Self::Io(error) => Some(error.kind()),
+            Self::File { source, .. } => source.io_kind(),
+            _ => None,
         }
-    }
-
-    fn encoding(self) -> &'static str {
-        match self {
-            Self::Raw => "ping-protocol",
-            Self::Pose | Self::Event => "json",
-            Self::Settings => "toml",
-            Self::Delta => "cdr",
-        }
-    }
-
-    /// Fixed, so that a message can be told even if its channel's record is damaged.
-    fn channel_id(self) -> u16 {
-        self as u16 + 1
-    }
-
-    fn of_name(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|topic| topic.name() == name)
     }
 }
 

@@ -10,7 +10,9 @@ use std::ops::Range;
 
 use mcap::records::op;
 
-use super::{RecordingError, Topic};
+use super::RecordingError;
+use super::message::{RAW_HEAD_BYTES, is_raw_of};
+use super::topic::Topic;
 
 /// Kind and length.
 const HEAD_BYTES: usize = 9;
@@ -65,7 +67,7 @@ impl<R: Read> Records<R> {
     /// # Errors
     /// If the stream is no MCAP; a cut inside the first bytes is a recording of nothing.
     pub(super) fn new(source: R) -> Result<Self, RecordingError> {
-        let own = Topic::ALL.map(|topic| (topic.channel_id(), Some(topic)));
+        let own = Topic::ALL.map(|topic| (topic.id(), Some(topic)));
         let mut records = Self {
             source,
             buffer: Vec::new(),
@@ -126,6 +128,9 @@ impl<R: Read> Records<R> {
         };
         let end = HEAD_BYTES + length;
         let mut available = self.fill(end + HEAD_BYTES + MESSAGE_HEAD_BYTES)?;
+        if available >= end && self.is_whole_raw(length) {
+            return Ok(Some((kind, end)));
+        }
         if self.head(end).is_none() {
             // Something is damaged, or the end is near: look further before deciding.
             available = self.fill(SEARCH_BYTES)?;
@@ -135,6 +140,26 @@ impl<R: Read> Records<R> {
         }
         self.skip_damage(HEAD_BYTES)?;
         Ok(None)
+    }
+
+    /// Whether the record here, with a body of this length, holds raw bytes and says twice how
+    /// many: such a one is taken whatever it holds, since a sonar may send bytes that look like
+    /// records.
+    fn is_whole_raw(&self, length: usize) -> bool {
+        let Some(content) = length.checked_sub(MESSAGE_HEAD_BYTES) else {
+            return false;
+        };
+        let body = &self.buffer[self.at + HEAD_BYTES..];
+        let channel = body.first_chunk().map(|id| u16::from_le_bytes(*id));
+        let head = body.get(MESSAGE_HEAD_BYTES..MESSAGE_HEAD_BYTES + RAW_HEAD_BYTES);
+        channel.and_then(|id| self.topic_of(id)) == Some(Topic::Raw)
+            && self.buffer[self.at] == op::MESSAGE
+            && head.is_some_and(|head| is_raw_of(head, content))
+    }
+
+    /// What the channel holds, if it is one of this program's.
+    pub(super) fn topic_of(&self, channel_id: u16) -> Option<Topic> {
+        self.channels.get(&channel_id).copied().flatten()
     }
 
     /// Moves to the next sound message, looking from `from` bytes on, or to the end.

@@ -14,6 +14,7 @@ const MAX_HEADER_BYTES: usize = 64 << 10;
 pub(super) struct Header {
     pub(super) origin_m: DVec3,
     pub(super) intensity_unit: f32,
+    pub(super) held_out_every: u64,
     pub(super) vertex_count: u64,
     /// Bytes of other elements' rows before the first vertex.
     pub(super) skipped_byte_count: u64,
@@ -114,6 +115,7 @@ fn shown(text: &str) -> String {
 struct Parser {
     origin_m: DVec3,
     intensity_unit: Option<f32>,
+    held_out_every: u64,
     format_seen: bool,
     element: Element,
     skipped_byte_count: u64,
@@ -137,6 +139,7 @@ impl Parser {
             ["format", other, ..] => return Err(PlyError::Format(shown(other))),
             ["comment", "origin_m", x, y, z] => self.origin_m = origin(x, y, z)?,
             ["comment", "intensity_unit", unit] => self.intensity_unit = Some(positive(unit)?),
+            ["comment", "held_out_every", every] => self.held_out_every = every_nth(every)?,
             ["comment" | "obj_info", ..] | [] => {}
             ["element", name, count] => {
                 let count = count.parse().map_err(|_| bad_line(line))?;
@@ -206,6 +209,7 @@ impl Parser {
         Ok(Header {
             origin_m: self.origin_m,
             intensity_unit: self.intensity_unit.unwrap_or(1.0),
+            held_out_every: self.held_out_every,
             vertex_count,
             skipped_byte_count: self.skipped_byte_count,
             row_byte_count,
@@ -233,6 +237,15 @@ fn positive(unit: &str) -> Result<f32, PlyError> {
         ));
     }
     Ok(unit)
+}
+
+fn every_nth(every: &str) -> Result<u64, PlyError> {
+    match every.parse() {
+        Ok(every @ 2..) => Ok(every),
+        _ => Err(PlyError::Header(
+            "`comment held_out_every` needs a whole number of 2 or more".into(),
+        )),
+    }
 }
 
 fn bad_line(line: &str) -> PlyError {

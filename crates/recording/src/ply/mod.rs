@@ -5,19 +5,22 @@
 //! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels; `nx ny nz` is the shortest axis.
 //! `reflectivity` (linear) and `sigma` (metres, may be infinite) come last. Added to x y z, the
 //! header's `comment origin_m X Y Z` gives the world's coordinates; times opacity, reflectivity and
-//! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it.
+//! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it. Where
+//! pings were kept from the map to judge it by, `comment held_out_every N` says which.
 
 mod header;
 mod read;
 mod write;
 
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Write};
+use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
 use echosplat_model::glam::DVec3;
 use echosplat_model::{Gaussian, Standing};
 
+use crate::replace::Replacement;
+use header::Header;
 pub use read::{PlyError, read};
 pub use write::write;
 
@@ -44,6 +47,15 @@ pub const PROPERTIES: [&str; 19] = [
     "sigma",
 ];
 
+/// What a map's header says besides where its Gaussians are.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct MapNotes {
+    /// The last of so many pings was kept from the map each time; 0 if none was, or nothing is said.
+    pub held_out_every: u64,
+    /// Comment lines for people; not read back.
+    pub comments: Vec<String>,
+}
+
 /// What one map file holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapFile {
@@ -52,6 +64,8 @@ pub struct MapFile {
     /// Intensity per steradian, in the pings' own unit, that αρ = 1 sends back; 1 in files of other
     /// programs.
     pub intensity_unit: f32,
+    /// Of the header.
+    pub notes: MapNotes,
     /// In the file's order; read ones are numbered from 0 and taken as confident.
     pub gaussians: Vec<Gaussian>,
 }
@@ -61,6 +75,7 @@ impl Default for MapFile {
         Self {
             origin_m: DVec3::ZERO,
             intensity_unit: 1.0,
+            notes: MapNotes::default(),
             gaussians: Vec::new(),
         }
     }
@@ -83,16 +98,17 @@ pub fn ambiguous_path(path: &Path) -> PathBuf {
     path.with_extension("ambiguous.ply")
 }
 
-/// Writes what the map asserts to `path` and the ambiguous rest beside it; each file is replaced
-/// whole, so that a reader or a crash never meets half a map.
+/// Writes what the map asserts to `path` and the ambiguous rest beside it. Both are on disk before
+/// the first takes its place, so that a reader, a crash or a full disk never leaves half a map.
 ///
 /// # Errors
-/// Of the file system.
+/// Of the file system; an earlier map is then as it was.
 pub fn write_map(
     path: &Path,
     origin_m: DVec3,
     intensity_unit: f32,
     gaussians: &[Gaussian],
+    notes: &MapNotes,
 ) -> io::Result<WrittenMap> {
     let of = |standing| -> Vec<Gaussian> {
         let sound = gaussians.iter().filter(|g| g.is_sound());
@@ -101,12 +117,15 @@ pub fn write_map(
     let map = |gaussians| MapFile {
         origin_m,
         intensity_unit,
+        notes: notes.clone(),
         gaussians,
     };
     let confident = map(of(Standing::Confident));
     let ambiguous = map(of(Standing::Ambiguous));
-    replace_file(&ambiguous_path(path), |w| write(&ambiguous, w))?;
-    replace_file(path, |w| write(&confident, w))?;
+    let beside = Replacement::write(&ambiguous_path(path), |w| write(&ambiguous, w))?;
+    let main = Replacement::write(path, |w| write(&confident, w))?;
+    beside.put_in_place()?;
+    main.put_in_place()?;
     let written = confident.gaussians.len() + ambiguous.gaussians.len();
     Ok(WrittenMap {
         confident_count: confident.gaussians.len(),
@@ -141,19 +160,17 @@ pub fn read_map(path: &Path) -> Result<MapFile, PlyError> {
     Ok(map)
 }
 
-/// Writes beside `path` first and renames when all is on disk.
-pub(crate) fn replace_file(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-) -> io::Result<()> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".part");
-    let part = path.with_file_name(name);
-    let mut writer = BufWriter::new(File::create(&part)?);
-    write(&mut writer)?;
-    writer.flush()?;
-    writer.get_ref().sync_all()?;
-    std::fs::rename(&part, path)
+/// Whether there is a file that would be missed: a map with a Gaussian, or something else than a map.
+#[must_use]
+pub fn is_worth_keeping(path: &Path) -> bool {
+    let Ok(file) = File::open(path) else {
+        return false;
+    };
+    match Header::read(&mut BufReader::new(file)) {
+        Ok(header) => header.vertex_count > 0,
+        Err(PlyError::Empty) => false,
+        Err(_) => true,
+    }
 }
 
 #[cfg(test)]

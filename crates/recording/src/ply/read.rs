@@ -5,8 +5,8 @@ use std::io::{self, Read};
 use echosplat_model::glam::{Quat, Vec3};
 use echosplat_model::{Gaussian, Standing};
 
-use super::MapFile;
 use super::header::Header;
+use super::{MapFile, MapNotes};
 
 /// Rows taken at a time; memory grows with the bytes that came, not with the header's word.
 const ROWS_AT_ONCE: u64 = 1024;
@@ -78,6 +78,10 @@ pub fn read(mut reader: impl Read) -> Result<MapFile, PlyError> {
     let mut map = MapFile {
         origin_m: header.origin_m,
         intensity_unit: header.intensity_unit,
+        notes: MapNotes {
+            held_out_every: header.held_out_every,
+            ..MapNotes::default()
+        },
         gaussians: Vec::new(),
     };
     let mut rows = Vec::new();

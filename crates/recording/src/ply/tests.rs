@@ -19,6 +19,7 @@ fn map(gaussians: Vec<Gaussian>) -> MapFile {
     MapFile {
         origin_m: DVec3::new(500_000.125, -6_000_000.1, 1e-17),
         intensity_unit: 0.000_3,
+        notes: MapNotes::default(),
         gaussians,
     }
 }
@@ -187,6 +188,53 @@ fn every_cut_is_an_error_that_says_so() {
 }
 
 #[test]
+fn what_was_kept_from_a_map_is_in_its_header() {
+    let mut with_notes = map(vec![gaussian(0, Vec3::X)]);
+    with_notes.notes = MapNotes {
+        held_out_every: 20,
+        comments: vec![
+            "made of\na \u{1b}[31mdive".to_owned(),
+            "origin_m 1 2 3".to_owned(),
+            String::new(),
+            "x".repeat(100_000),
+        ],
+    };
+    let bytes = bytes_of(&with_notes);
+    let text = String::from_utf8_lossy(&bytes);
+    assert!(text.contains("\ncomment held_out_every 20\ncomment made of a [31mdive\ncomment xxx"));
+    let back = read(&bytes[..]).unwrap();
+    assert_eq!(back.notes.held_out_every, 20);
+    assert_eq!(back.origin_m, with_notes.origin_m);
+    assert_eq!(
+        read(&bytes_of(&map(vec![]))[..]).unwrap().notes,
+        MapNotes::default()
+    );
+    let odd = file(&["comment held_out_every often", "element vertex 0"], &[]);
+    assert!(
+        read(&odd[..])
+            .unwrap_err()
+            .to_string()
+            .contains("held_out_every")
+    );
+}
+
+#[test]
+fn a_map_without_gaussians_is_not_worth_keeping() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.ply");
+    assert!(!is_worth_keeping(&path));
+    for (bytes, is_worth) in [
+        (bytes_of(&map(vec![])), false),
+        (Vec::new(), false),
+        (bytes_of(&map(vec![gaussian(0, Vec3::X)])), true),
+        (b"a letter".to_vec(), true),
+    ] {
+        std::fs::write(&path, bytes).unwrap();
+        assert_eq!(is_worth_keeping(&path), is_worth);
+    }
+}
+
+#[test]
 fn a_map_is_two_files_and_reads_back_as_one() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("out.ply");
@@ -197,7 +245,7 @@ fn a_map_is_two_files_and_reads_back_as_one() {
     ];
     all[1].standing = Standing::Ambiguous;
     all[2].scale_m.x = f32::NAN;
-    let written = write_map(&path, DVec3::X, 8.0, &all).unwrap();
+    let written = write_map(&path, DVec3::X, 8.0, &all, &MapNotes::default()).unwrap();
     let counts = (
         written.confident_count,
         written.ambiguous_count,

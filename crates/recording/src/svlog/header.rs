@@ -14,6 +14,9 @@ pub struct SessionHeader {
     pub devices: Vec<SessionDevice>,
     /// What recorded it.
     pub platform: String,
+    /// Device time of that first profile, where it is known: by it other programs join the
+    /// profiles' times with `timestamp`.
+    pub device_uptime_s: Option<f64>,
 }
 
 /// One sonar of a session.
@@ -66,6 +69,9 @@ struct Packet {
     timestamp_timezone_offset: serde_json::Value,
     #[serde(default)]
     os_uptime: serde_json::Value,
+    /// Not in the vendor's table; `PINGVerter` does not read a log without it.
+    #[serde(default)]
+    process_uptime: serde_json::Value,
 }
 
 impl SessionHeader {
@@ -82,6 +88,7 @@ impl SessionHeader {
                 nickname: String::new(),
             }],
             platform: concat!("echosplat ", env!("CARGO_PKG_VERSION")).to_owned(),
+            device_uptime_s: None,
         }
     }
 
@@ -95,7 +102,8 @@ impl SessionHeader {
             session_platform: self.platform.as_str().into(),
             timestamp: format_timestamp(self.timestamp),
             timestamp_timezone_offset: 0.into(),
-            os_uptime: serde_json::Value::Null,
+            os_uptime: self.device_uptime_s.into(),
+            process_uptime: 0.into(),
         };
         // Numbers and strings only: nothing here can fail to become JSON.
         serde_json::to_string(&packet).unwrap_or_default()
@@ -119,6 +127,7 @@ impl SessionHeader {
             timestamp: parse_timestamp(&packet.timestamp)?,
             devices: devices.into_iter().filter_map(device).collect(),
             platform: packet.session_platform.as_str().unwrap_or("").to_owned(),
+            device_uptime_s: packet.os_uptime.as_f64(),
         })
     }
 }

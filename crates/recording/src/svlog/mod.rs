@@ -5,10 +5,13 @@
 //! file order need not be time order: the reader hands over bytes as they are, in bounded pieces.
 
 mod header;
+mod live;
 mod reader;
+mod session_clock;
 mod writer;
 
 pub use header::{HeaderError, SessionDevice, SessionHeader};
+pub use live::{LiveSvlog, LogClock};
 pub use reader::{SvlogReader, Tail};
 pub use writer::SvlogWriter;
 

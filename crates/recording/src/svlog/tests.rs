@@ -61,6 +61,7 @@ fn the_first_packet_is_the_session() {
         "session_uptime",
         "session_platform",
         "os_uptime",
+        "process_uptime",
     ] {
         assert!(value.get(key).is_some(), "{key}");
     }
