@@ -28,10 +28,14 @@ impl Default for Beam {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[error("beam {name} is {value}°; allowed is {low}° to {high}°")]
 pub struct BeamError {
-    name: &'static str,
-    value: f32,
-    low: f32,
-    high: f32,
+    /// Name of the width.
+    pub name: &'static str,
+    /// What it held, degrees.
+    pub value: f32,
+    /// Least allowed.
+    pub low: f32,
+    /// Most allowed.
+    pub high: f32,
 }
 
 impl Beam {

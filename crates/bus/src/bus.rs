@@ -1,23 +1,28 @@
 //! The session and what is sent straight from it.
 
 use std::path::PathBuf;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use echosplat_model::{StampedPose, Timestamp};
+use serde::Serialize;
 use zenoh::Wait;
 use zenoh::bytes::Encoding;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Publisher;
 use zenoh::qos::{CongestionControl, Priority};
 
+use crate::alive::{self, AliveToken, Watch};
 use crate::endpoints::{self, Endpoints};
 use crate::keys::Keys;
+use crate::listening::{self, Tried};
 use crate::publisher::MapPublisher;
-use crate::streams::{PingSubscription, PoseSubscription, StatusSubscription};
+use crate::streams::{
+    MAX_STATUS_BYTES, MessageSubscription, PingSubscription, PoseSubscription, StatusSubscription,
+};
 use crate::subscriber::MapSubscriber;
+use crate::taps::{DeltaTap, StaticTransformTap, TapBoard};
 use crate::zenoh_config::Plan;
 use crate::{BusConfig, BusError, pose_message};
 
@@ -32,7 +37,32 @@ pub struct Bus {
     endpoints: Endpoints,
     pose_publisher: Publisher<'static>,
     pings: Sender<OutgoingPing>,
+    tally: Arc<Tally>,
+    others: OnceLock<Watch>,
+}
+
+/// What was sent outside the map, and what was not.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
+pub struct BusCounters {
+    /// Pings given to zenoh. What it drops under congestion it does not tell.
+    pub pings_sent: u64,
+    /// Newest pings dropped because the queue was full.
+    pub pings_dropped: u64,
+    /// Pings that zenoh refused.
+    pub pings_failed: u64,
+    /// Statuses given to zenoh.
+    pub statuses_sent: u64,
+    /// Statuses longer than any subscriber takes, or that zenoh refused.
+    pub statuses_failed: u64,
+}
+
+#[derive(Debug, Default)]
+struct Tally {
+    pings_sent: AtomicU64,
     pings_dropped: AtomicU64,
+    pings_failed: AtomicU64,
+    statuses_sent: AtomicU64,
+    statuses_failed: AtomicU64,
 }
 
 /// What publishers and subscribers share.
@@ -41,6 +71,7 @@ pub(crate) struct Link {
     pub(crate) session: zenoh::Session,
     pub(crate) keys: Keys,
     pub(crate) config: BusConfig,
+    pub(crate) taps: TapBoard,
 }
 
 #[derive(Debug)]
@@ -48,10 +79,6 @@ struct OutgoingPing {
     frame: Vec<u8>,
     host_time: Timestamp,
 }
-
-/// While it is held, others see the service as alive.
-#[derive(Debug)]
-pub struct AliveToken(#[expect(dead_code, reason = "held for its end")] LivelinessToken);
 
 impl Bus {
     /// Opens a session as `config` says; see [`crate::LOOPBACK`] for the default.
@@ -64,34 +91,33 @@ impl Bus {
         let environment = environment.filter(|path| !path.is_empty());
         let plan = Plan::new(&config, environment.map(PathBuf::from))?;
         let keys = Keys::new(&config.prefix, &config.node)?;
-        for warning in &plan.endpoints.warnings {
-            tracing::warn!("zenoh: {warning}");
-        }
         let mut endpoints = plan.endpoints;
-        let taken = endpoints::taken(&endpoints.listen);
+        let tried = listening::try_all(&endpoints.listen);
         let limit = Duration::from_secs_f64(config.open_timeout_s);
         let session = within("opening the zenoh session", limit, move || {
             zenoh::open(plan.config).wait()
         })?
         .map_err(BusError::zenoh("open a session"))?;
-        if !taken.is_empty() && is_alone(&session) {
-            let warning = endpoints::held_by_a_stranger(&taken);
+        look_around(&session, tried, &mut endpoints);
+        for warning in &endpoints.warnings {
             tracing::warn!("zenoh: {warning}");
-            endpoints.warnings.push(warning);
         }
         let pose_publisher = declare_pose_publisher(&session, &keys)?;
         let link = Arc::new(Link {
             session,
             keys,
             config,
+            taps: TapBoard::default(),
         });
-        let pings = start_ping_thread(&link)?;
+        let tally = Arc::new(Tally::default());
+        let pings = start_ping_thread(&link, &tally)?;
         Ok(Self {
             link,
             endpoints,
             pose_publisher,
             pings,
-            pings_dropped: AtomicU64::new(0),
+            tally,
+            others: OnceLock::new(),
         })
     }
 
@@ -137,41 +163,105 @@ impl Bus {
         let frame = frame.to_vec();
         let sent = self.pings.try_send(OutgoingPing { frame, host_time });
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = sent {
-            self.pings_dropped.fetch_add(1, Ordering::Relaxed);
+            count(&self.tally.pings_dropped);
         }
     }
 
-    /// Pings that [`Bus::publish_ping`] dropped.
+    /// Pings that [`Bus::publish_ping`] took and that were not sent.
     #[must_use]
     pub fn pings_dropped(&self) -> u64 {
-        self.pings_dropped.load(Ordering::Relaxed)
+        let counters = self.counters();
+        counters.pings_dropped + counters.pings_failed
     }
 
-    /// Sends the service's status; lost if the link is congested.
+    /// What was sent outside the map, and what was not.
+    #[must_use]
+    pub fn counters(&self) -> BusCounters {
+        let read = |counter: &AtomicU64| counter.load(Ordering::Relaxed);
+        BusCounters {
+            pings_sent: read(&self.tally.pings_sent),
+            pings_dropped: read(&self.tally.pings_dropped),
+            pings_failed: read(&self.tally.pings_failed),
+            statuses_sent: read(&self.tally.statuses_sent),
+            statuses_failed: read(&self.tally.statuses_failed),
+        }
+    }
+
+    /// Sends the service's status; lost if the link is congested. Never waits long: zenoh drops it
+    /// after a millisecond, one of several fragments after 50 ms.
     ///
     /// # Errors
-    /// If the session is closed.
+    /// If it is longer than a subscriber takes, 256 KiB, or the session is closed.
     pub fn publish_status(&self, status: &serde_json::Value) -> Result<(), BusError> {
-        let put = self
-            .link
-            .session
-            .put(self.link.keys.status(), status.to_string());
+        let sent = self.put_status(status.to_string());
+        count(match sent {
+            Ok(()) => &self.tally.statuses_sent,
+            Err(_) => &self.tally.statuses_failed,
+        });
+        sent
+    }
+
+    fn put_status(&self, json: String) -> Result<(), BusError> {
+        if json.len() > MAX_STATUS_BYTES {
+            return Err(BusError::TooLong {
+                what: "status",
+                found: json.len(),
+                limit: MAX_STATUS_BYTES,
+            });
+        }
+        let put = self.link.session.put(self.link.keys.status(), json);
         put.encoding(Encoding::APPLICATION_JSON)
             .congestion_control(CongestionControl::Drop)
             .wait()
             .map_err(BusError::zenoh("publish the status"))
     }
 
-    /// Says that the service is there, until the token is dropped.
+    /// Words naming another service of this node, if one is on the bus in whatever role; to be
+    /// asked before [`Bus::declare_alive`]. Where it is told to connect to others and none is
+    /// there yet, it is asked again until `limit` is over; else once, in milliseconds.
     ///
     /// # Errors
     /// If the session is closed.
-    pub fn declare_alive(&self) -> Result<AliveToken, BusError> {
-        let token = self.link.session.liveliness();
-        let token = token.declare_token(self.link.keys.alive()).wait();
-        token
-            .map(AliveToken)
-            .map_err(BusError::zenoh("declare the liveliness token"))
+    pub fn service_alive_elsewhere(&self, limit: Duration) -> Result<Option<String>, BusError> {
+        let connects = !self.endpoints.connects_elsewhere().is_empty();
+        let may_connect = || connects && company(&self.link.session) == 0;
+        alive::elsewhere(&self.link, limit, may_connect)
+    }
+
+    /// Says that the service is there in this role (`mapper`, `driver`), until the token is
+    /// dropped, and begins to watch for others of this node.
+    ///
+    /// # Errors
+    /// If the role cannot stand in a key, or the session is closed.
+    pub fn declare_alive(&self, role: &str) -> Result<AliveToken, BusError> {
+        let token = alive::declare(&self.link, role)?;
+        if self.others.get().is_none() {
+            // Set by another thread in between, it is as good.
+            let _ = self.others.set(Watch::start(&self.link)?);
+        }
+        Ok(token)
+    }
+
+    /// Zenoh ids of other services of this node and role, in order; none before
+    /// [`Bus::declare_alive`]. [`crate::gives_way`] says which of them is to end.
+    #[must_use]
+    pub fn others_alive(&self, role: &str) -> Vec<String> {
+        let others = self.others.get();
+        others.map_or_else(Vec::new, |others| others.others(role))
+    }
+
+    /// Hands each delta message that is published from the next [`Bus::publish_map`] on to `tap`,
+    /// as it goes out, whether or not anybody subscribes: the cloud (CDR of
+    /// `sensor_msgs/msg/PointCloud2`) and the attachment (JSON). Called on the publishing thread,
+    /// and must not wait.
+    pub fn on_delta(&self, tap: DeltaTap) {
+        self.link.taps.edit().delta = Some(Arc::new(tap));
+    }
+
+    /// Hands the place of the map's own frame (CDR of `tf2_msgs/msg/TFMessage`) to `tap`, before
+    /// the first delta of each epoch that has such a frame. As [`Bus::on_delta`] otherwise.
+    pub fn on_static_transform(&self, tap: StaticTransformTap) {
+        self.link.taps.edit().static_transform = Some(Arc::new(tap));
     }
 
     /// Starts to publish the map.
@@ -195,7 +285,23 @@ impl Bus {
     /// # Errors
     /// If zenoh refuses.
     pub fn subscribe_poses(&self) -> Result<PoseSubscription, BusError> {
-        PoseSubscription::start(&self.link)
+        PoseSubscription::start(&self.link, &self.link.keys.pose())
+    }
+
+    /// Starts to take poses from a key of another program.
+    ///
+    /// # Errors
+    /// If zenoh refuses, for example a text that is no key.
+    pub fn subscribe_poses_on(&self, key: &str) -> Result<PoseSubscription, BusError> {
+        PoseSubscription::start(&self.link, key)
+    }
+
+    /// Starts to take the messages of other programs on `keys`, which may be patterns.
+    ///
+    /// # Errors
+    /// If zenoh refuses, for example a text that is no key.
+    pub fn subscribe_messages(&self, keys: &[String]) -> Result<MessageSubscription, BusError> {
+        MessageSubscription::start(&self.link, keys)
     }
 
     /// Starts to take raw Ping frames, for mapping on another machine.
@@ -235,10 +341,29 @@ impl Bus {
     }
 }
 
-/// Whether no other session is connected.
-fn is_alone(session: &zenoh::Session) -> bool {
+/// Learns what came of the endpoints.
+fn look_around(session: &zenoh::Session, tried: Vec<Tried>, endpoints: &mut Endpoints) {
+    let connected_count = company(session);
+    let is_alone = connected_count == 0;
+    let taken = listening::taken(&tried);
+    let (listen, not_listening) = listening::outcome(tried, is_alone);
+    (endpoints.listen, endpoints.not_listening) = (listen, not_listening);
+    endpoints.connected_count = connected_count;
+    if !taken.is_empty() && is_alone {
+        let warning = endpoints::held_by_a_stranger(&taken);
+        endpoints.warnings.push(warning);
+    }
+    endpoints.warn_of_what_did_not_open();
+}
+
+/// How many other sessions are connected.
+fn company(session: &zenoh::Session) -> usize {
     let info = session.info();
-    info.peers_zid().wait().next().is_none() && info.routers_zid().wait().next().is_none()
+    info.peers_zid().wait().count() + info.routers_zid().wait().count()
+}
+
+fn count(counter: &AtomicU64) {
+    counter.fetch_add(1, Ordering::Relaxed);
 }
 
 fn declare_pose_publisher(
@@ -254,14 +379,20 @@ fn declare_pose_publisher(
 }
 
 /// Sending may wait a millisecond for a congested link; the ping path must not.
-fn start_ping_thread(link: &Arc<Link>) -> Result<Sender<OutgoingPing>, BusError> {
+fn start_ping_thread(
+    link: &Arc<Link>,
+    tally: &Arc<Tally>,
+) -> Result<Sender<OutgoingPing>, BusError> {
     let (sender, receiver) = bounded(link.config.ping_queue_len);
     let (session, key) = (link.session.clone(), link.keys.ping());
-    spawn("bus-pings", move || send_pings(&session, &key, &receiver))?;
+    let tally = Arc::clone(tally);
+    spawn("bus-pings", move || {
+        send_pings(&session, &key, &receiver, &tally);
+    })?;
     Ok(sender)
 }
 
-fn send_pings(session: &zenoh::Session, key: &str, pings: &Receiver<OutgoingPing>) {
+fn send_pings(session: &zenoh::Session, key: &str, pings: &Receiver<OutgoingPing>, tally: &Tally) {
     for OutgoingPing { frame, host_time } in pings {
         let attachment = serde_json::json!({ "host_time_ns": host_time.nanos() });
         let sent = session
@@ -271,9 +402,10 @@ fn send_pings(session: &zenoh::Session, key: &str, pings: &Receiver<OutgoingPing
             .congestion_control(CongestionControl::Drop)
             .priority(Priority::DataHigh)
             .wait();
-        if sent.is_err() {
-            return;
-        }
+        count(match sent {
+            Ok(()) => &tally.pings_sent,
+            Err(_) => &tally.pings_failed,
+        });
     }
 }
 

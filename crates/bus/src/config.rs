@@ -8,6 +8,13 @@ use serde::{Deserialize, Serialize};
 use crate::BusError;
 use crate::keys::Keys;
 
+/// Name of the vehicle unless one is configured.
+pub const DEFAULT_NODE: &str = "vehicle";
+
+/// Bytes of the longest name of the poses' frame: room is kept for that of the map's own frame.
+const MAX_FRAME_ID_BYTES: usize =
+    crate::ros::MAX_FRAME_ID_BYTES - crate::map_frame::LOCAL_SUFFIX.len();
+
 /// Configuration of the bus; [`BusConfig::check`] says what each key may hold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -22,7 +29,8 @@ pub struct BusConfig {
     pub zenoh_config_file: Option<PathBuf>,
     /// Single settings on top: path separated by slashes, and value in JSON5.
     pub zenoh: Vec<(String, String)>,
-    /// Name of the map's frame in point clouds and poses.
+    /// Name of the poses' frame; a map whose origin is not that of the poses has its own, with
+    /// `_local` behind this.
     pub frame_id: String,
     /// Most bytes of one map message, payload and attachment.
     pub max_message_bytes: usize,
@@ -54,7 +62,7 @@ impl Default for BusConfig {
     fn default() -> Self {
         Self {
             prefix: "echosplat".to_owned(),
-            node: "vehicle".to_owned(),
+            node: DEFAULT_NODE.to_owned(),
             zenoh_config_file: None,
             zenoh: Vec::new(),
             frame_id: "map".to_owned(),
@@ -179,13 +187,24 @@ impl BusConfig {
             "0.1 to 60",
         )?;
         let frame = &self.frame_id;
-        let frame_fits = frame.len() <= 255 && !frame.contains('\0');
+        let frame_fits = frame.len() <= MAX_FRAME_ID_BYTES && !frame.contains('\0');
         within(
             "frame_id",
             format!("{frame:?}"),
             frame_fits,
-            "at most 255 bytes without NUL",
+            "at most 249 bytes without NUL",
         )
+    }
+
+    /// The same under a node of its own, unless a node was named: for what is not the vehicle's live
+    /// service (`replay`, `demo`), so that it can run beside that on one bus without either's poses
+    /// and maps getting into the other's.
+    #[must_use]
+    pub fn under_own_node(mut self, node: &str) -> Self {
+        if self.node == DEFAULT_NODE {
+            node.clone_into(&mut self.node);
+        }
+        self
     }
 
     pub(crate) fn close_timeout(&self) -> Duration {
@@ -219,6 +238,18 @@ mod tests {
     }
 
     #[test]
+    fn a_node_of_its_own_gives_way_to_one_that_was_named() {
+        let own = BusConfig::default().under_own_node("replay");
+        assert_eq!(own.node, "replay");
+        assert!(own.check().is_ok());
+        let named = BusConfig {
+            node: "rov-1".to_owned(),
+            ..BusConfig::default()
+        };
+        assert_eq!(named.under_own_node("replay").node, "rov-1");
+    }
+
+    #[test]
     fn what_is_out_of_range_is_named() {
         let refusal = |change: &dyn Fn(&mut BusConfig)| {
             let mut config = BusConfig::default();
@@ -228,6 +259,7 @@ mod tests {
         assert!(refusal(&|c| c.tile_edge_m = f64::NAN).contains("tile_edge_m"));
         assert!(refusal(&|c| c.bandwidth_bps = 0).contains("bandwidth_bps"));
         assert!(refusal(&|c| c.max_message_bytes = 1 << 30).contains("4096 to 262144"));
+        assert!(refusal(&|c| c.frame_id = "m".repeat(250)).contains("frame_id"));
         assert!(refusal(&|c| c.node = "a/b".to_owned()).contains("node"));
     }
 }

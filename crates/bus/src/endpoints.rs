@@ -1,19 +1,98 @@
 //! Which endpoints a zenoh configuration amounts to, and whether they are safe.
 
-use std::io::ErrorKind;
-use std::net::TcpListener;
+use std::fmt;
 
 use serde_json::Value;
+
+use crate::BusError;
+
+/// Kinds of endpoint that this program's zenoh is built with.
+const BUILT_IN: [&str; 1] = ["tcp"];
 
 /// Where the session connects to and listens, after everything is applied.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Endpoints {
-    /// Endpoints it connects to.
+    /// Endpoints it connects to, now or as soon as somebody is there.
     pub connect: Vec<String>,
-    /// Endpoints it listens on.
+    /// Endpoints it listens on: those that are open.
     pub listen: Vec<String>,
+    /// Endpoints that it was told to listen on and does not.
+    pub not_listening: Vec<NotListening>,
+    /// Other zenoh programs that were connected once it was open.
+    pub connected_count: usize,
     /// What whoever starts the program should know; one sentence each.
     pub warnings: Vec<String>,
+}
+
+/// An endpoint that did not open.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct NotListening {
+    /// As it was given.
+    pub endpoint: String,
+    /// What is in the way.
+    pub reason: String,
+}
+
+impl fmt::Display for Endpoints {
+    /// "listening on …; could not listen on … (why); connected to 1 other, by …".
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut clauses = Vec::new();
+        if !self.listen.is_empty() {
+            clauses.push(format!("listening on {}", self.listen.join(", ")));
+        }
+        for NotListening { endpoint, reason } in &self.not_listening {
+            clauses.push(format!("could not listen on {endpoint} ({reason})"));
+        }
+        let elsewhere = self.connects_elsewhere().join(", ");
+        match (self.connected_count, elsewhere.as_str()) {
+            (0, "") if clauses.is_empty() => {
+                clauses.push("neither listening nor connecting".into());
+            }
+            (0, "") => {}
+            (0, to) => clauses.push(format!("not connected yet, trying {to}")),
+            (1, _) => clauses.push("connected to 1 other program".to_owned()),
+            (count, _) => clauses.push(format!("connected to {count} other programs")),
+        }
+        f.write_str(&clauses.join("; "))
+    }
+}
+
+impl Endpoints {
+    /// Endpoints it connects to that are not its own.
+    pub(crate) fn connects_elsewhere(&self) -> Vec<&str> {
+        let connect = self.connect.iter().filter(|to| !self.listen.contains(to));
+        connect.map(String::as_str).collect()
+    }
+
+    /// Warnings of what was asked for and did not open; a port in use by another zenoh is none,
+    /// since programs of one machine meet there.
+    pub(crate) fn warn_of_what_did_not_open(&mut self) {
+        let is_grave = |not: &&NotListening| !not.reason.starts_with("in use");
+        for NotListening { endpoint, reason } in self.not_listening.iter().filter(is_grave) {
+            self.warnings.push(format!(
+                "could not listen on {endpoint} ({reason}): nobody reaches this program there; set \
+                 listen/endpoints to an address that `ip addr` shows"
+            ));
+        }
+    }
+}
+
+/// # Errors
+/// Names the first endpoint of a kind that is not built in.
+pub(crate) fn check_kinds(endpoints: &Endpoints) -> Result<(), BusError> {
+    let listen = endpoints.listen.iter().map(|to| ("listen/endpoints", to));
+    let connect = endpoints.connect.iter().map(|to| ("connect/endpoints", to));
+    for (setting, endpoint) in listen.chain(connect) {
+        let kind = endpoint.split_once('/').map(|(kind, _)| kind);
+        if !kind.is_some_and(|kind| BUILT_IN.contains(&kind)) {
+            return Err(BusError::Endpoint {
+                setting,
+                endpoint: endpoint.clone(),
+                built_in: BUILT_IN.join(", "),
+            });
+        }
+    }
+    Ok(())
 }
 
 /// What zenoh assumes for a peer that was not told where to listen.
@@ -63,20 +142,8 @@ pub(crate) fn effective(setting: impl Fn(&str) -> Value) -> Endpoints {
         connect,
         listen,
         warnings,
+        ..Endpoints::default()
     }
-}
-
-/// TCP endpoints that another socket listens on already.
-pub(crate) fn taken(listen: &[String]) -> Vec<String> {
-    let is_taken = |endpoint: &&String| {
-        let address = endpoint
-            .strip_prefix("tcp/")
-            .and_then(|rest| rest.split(['#', '?']).next());
-        address.is_some_and(|address| {
-            TcpListener::bind(address).is_err_and(|error| error.kind() == ErrorKind::AddrInUse)
-        })
-    };
-    listen.iter().filter(is_taken).cloned().collect()
 }
 
 /// What to say of `taken` endpoints if no zenoh answered there or elsewhere.
@@ -160,6 +227,54 @@ mod tests {
             "nonsense",
         ] {
             assert!(!is_local(remote), "{remote}");
+        }
+    }
+
+    #[test]
+    fn what_is_said_is_what_is_open() {
+        let list = |endpoints: &[&str]| endpoints.iter().map(|e| (*e).to_owned()).collect();
+        let mut endpoints = Endpoints {
+            connect: list(&["tcp/127.0.0.1:7447"]),
+            listen: list(&["tcp/127.0.0.1:7447"]),
+            ..Endpoints::default()
+        };
+        assert_eq!(endpoints.to_string(), "listening on tcp/127.0.0.1:7447");
+        endpoints.not_listening.push(NotListening {
+            endpoint: endpoints.listen.remove(0),
+            reason: "in use by another program".to_owned(),
+        });
+        endpoints.connected_count = 1;
+        assert_eq!(
+            endpoints.to_string(),
+            "could not listen on tcp/127.0.0.1:7447 (in use by another program); connected to 1 \
+             other program"
+        );
+        endpoints.not_listening.clear();
+        endpoints.connected_count = 0;
+        let words = "not connected yet, trying tcp/127.0.0.1:7447";
+        assert_eq!(endpoints.to_string(), words);
+        let nothing = Endpoints::default().to_string();
+        assert_eq!(nothing, "neither listening nor connecting");
+    }
+
+    #[test]
+    fn kinds_that_are_not_built_in_are_named() {
+        let of = |setting: &str, endpoint: &str| {
+            let given = serde_json::json!([endpoint]);
+            check_kinds(&effective(|path| match path == setting {
+                true => given.clone(),
+                false => Value::Null,
+            }))
+        };
+        assert!(of("connect/endpoints", "tcp/[::1]:7447#iface=lo").is_ok());
+        for setting in ["connect/endpoints", "listen/endpoints"] {
+            for kind in ["tls", "quic", "udp", "ws", "TCP", "127.0.0.1:7447"] {
+                let endpoint = format!("{kind}/127.0.0.1:7447");
+                let refused = of(setting, &endpoint).unwrap_err().to_string();
+                assert!(refused.contains(&endpoint), "{refused}");
+                assert!(refused.contains(setting), "{refused}");
+                assert!(refused.contains("built in is tcp"), "{refused}");
+            }
         }
     }
 

@@ -36,6 +36,29 @@ pub enum BusError {
         /// What zenoh says.
         reason: String,
     },
+    /// An endpoint of a kind that this program was built without.
+    #[error(
+        "zenoh {setting} {endpoint}: {} is not built in; built in is {built_in}, as in tcp/127.0.0.1:7447",
+        .endpoint.split('/').next().unwrap_or_default()
+    )]
+    Endpoint {
+        /// Path of the setting that names it, separated by slashes.
+        setting: &'static str,
+        /// As it was given.
+        endpoint: String,
+        /// Kinds of endpoint there are, separated by commas.
+        built_in: String,
+    },
+    /// A message that no subscriber would take.
+    #[error("the {what} has {found} bytes; at most {limit} are sent")]
+    TooLong {
+        /// Which message.
+        what: &'static str,
+        /// Bytes it has.
+        found: usize,
+        /// Bytes it may have.
+        limit: usize,
+    },
     /// zenoh failed.
     #[error("zenoh could not {action}: {reason}")]
     Zenoh {

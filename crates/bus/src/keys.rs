@@ -67,10 +67,44 @@ impl Keys {
         format!("{}/status", self.base)
     }
 
+    /// Where the map's own frame lies in the poses', where it has one.
+    #[must_use]
+    pub fn static_transform(&self) -> String {
+        format!("{}/tf_static", self.base)
+    }
+
     /// The service's token.
     #[must_use]
     pub fn alive(&self) -> String {
         format!("{}/alive", self.base)
+    }
+
+    /// The token of one session in one role.
+    #[must_use]
+    pub fn alive_as(&self, role: &str, zenoh_id: &str) -> String {
+        format!("{}/alive/{role}/{zenoh_id}", self.base)
+    }
+
+    /// The tokens of every session in every role.
+    pub(crate) fn alive_in_any_role(&self) -> String {
+        format!("{}/alive/*/*", self.base)
+    }
+
+    /// The tokens above, with a role or without.
+    pub(crate) fn alive_anyhow(&self) -> String {
+        format!("{}/alive/**", self.base)
+    }
+}
+
+/// That a role can stand in a key.
+pub(crate) fn check_role(role: &str) -> Result<(), BusError> {
+    match is_name(role) {
+        true => Ok(()),
+        false => Err(BusError::Config {
+            key: "role",
+            found: format!("{role:?}"),
+            allowed: ALLOWED,
+        }),
     }
 }
 
@@ -94,7 +128,10 @@ mod tests {
         assert_eq!(keys.delta(tile), "echosplat/rov-1/map/delta/3_-1_0");
         assert_eq!(keys.snapshot(), "echosplat/rov-1/map/snapshot");
         assert_eq!(keys.status(), "echosplat/rov-1/status");
+        assert_eq!(keys.static_transform(), "echosplat/rov-1/tf_static");
         assert_eq!(keys.alive(), "echosplat/rov-1/alive");
+        let token = "echosplat/rov-1/alive/mapper/a1b2";
+        assert_eq!(keys.alive_as("mapper", "a1b2"), token);
         assert!(Keys::new("sea/north", "a").is_ok());
     }
 

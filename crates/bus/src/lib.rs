@@ -8,8 +8,14 @@
 //! | `<prefix>/<node>/sonar/ping` | published | the raw Ping frame; attachment `{"host_time_ns": …}` |
 //! | `<prefix>/<node>/map/delta/<tile>` | published | see [`point_cloud`] and [`map_message`] |
 //! | `<prefix>/<node>/map/snapshot` | queryable | the same; `?bbox=x0,y0,z0,x1,y1,z1;since=N;epoch=E`. Ask with consolidation `None`: all replies bear one key |
+//! | `<prefix>/<node>/tf_static` | published and queryable | where the map's own frame lies, `tf2_msgs/msg/TFMessage` in CDR; only if it has one |
 //! | `<prefix>/<node>/status` | published | JSON |
-//! | `<prefix>/<node>/alive` | liveliness token | |
+//! | `<prefix>/<node>/alive` | liveliness token | of any service |
+//! | `<prefix>/<node>/alive/<role>/<zid>` | liveliness token | of the session with this zenoh id, in this role |
+//!
+//! A map that begins within 10 km of the poses' origin is in the poses' frame (`frame_id`, `map`):
+//! clouds overlay poses as they are. Any other is in a frame of its own, `<frame_id>_local`, and
+//! `tf_static` says where that lies; its `origin_m` says the same.
 //!
 //! Live deltas are sent with congestion control Drop and below a bandwidth, so one can be lost.
 //! A subscriber therefore buffers deltas, asks for the snapshot, applies deltas with a larger
@@ -22,8 +28,10 @@
 //!
 //! Everything here is called from ordinary threads, none of it from inside a runtime; own threads
 //! are named. Deliberately absent: async functions, storage plugins, zenoh's unstable features,
-//! and any reading of the clock for the data's sake (pacing and time limits aside).
+//! and any reading of the clock for the data's sake (pacing, time limits and when a message
+//! arrived aside).
 
+mod alive;
 mod bus;
 mod cdr;
 mod config;
@@ -31,6 +39,8 @@ pub mod delta;
 mod endpoints;
 mod error;
 mod keys;
+mod listening;
+mod map_frame;
 pub mod map_message;
 pub mod point_cloud;
 pub mod pose_message;
@@ -38,20 +48,24 @@ mod publisher;
 mod ros;
 mod streams;
 mod subscriber;
+mod taps;
 mod zenoh_config;
 
-pub use bus::{AliveToken, Bus};
+pub use alive::{AliveToken, gives_way};
+pub use bus::{Bus, BusCounters};
 pub use cdr::CdrError;
-pub use config::BusConfig;
-pub use endpoints::Endpoints;
+pub use config::{BusConfig, DEFAULT_NODE};
+pub use endpoints::{Endpoints, NotListening};
 pub use error::BusError;
 pub use keys::Keys;
+pub use map_frame::MapFrame;
 pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters, Sent};
 pub use streams::{
-    PingCounters, PingSubscription, PoseCounters, PoseSubscription, ReceivedPing,
-    StatusSubscription,
+    MessageSubscription, PingCounters, PingSubscription, PoseCounters, PoseSubscription,
+    ReceivedMessage, ReceivedPing, ReceivedPose, StatusSubscription,
 };
 pub use subscriber::{Liveliness, MapSubscriber, MapSubscriberCounters, MapWaitError};
+pub use taps::{DeltaTap, StaticTransformTap};
 pub use zenoh_config::LOOPBACK;
 
 #[cfg(test)]

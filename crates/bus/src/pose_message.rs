@@ -1,11 +1,16 @@
 //! Poses as JSON or as one of three ROS messages, checked.
 //!
-//! | encoding | payload |
+//! | payload | encodings |
 //! |---|---|
-//! | `application/json` | `{stamp_ns, frame_id, child_frame_id, position: [x, y, z], orientation_xyzw: [x, y, z, w], covariance: [36 numbers]?, epoch: number?}` |
-//! | `application/cdr;nav_msgs/msg/Odometry` | pose with covariance; the twist is not used |
-//! | `application/cdr;geometry_msgs/msg/PoseStamped` | |
-//! | `application/cdr;geometry_msgs/msg/PoseWithCovarianceStamped` | |
+//! | JSON `{stamp_ns, frame_id, child_frame_id, position: [x, y, z], orientation_xyzw: [x, y, z, w], covariance: [36 numbers]?, epoch: number?}` | any: its first byte tells |
+//! | `nav_msgs/msg/Odometry`: pose with covariance; the twist is not used | `application/cdr;nav_msgs/msg/Odometry`, or no schema |
+//! | `geometry_msgs/msg/PoseStamped` | likewise |
+//! | `geometry_msgs/msg/PoseWithCovarianceStamped` | likewise |
+//!
+//! A `put` of a string from Python bears the encoding `zenoh/string`, one of bytes `zenoh/bytes`;
+//! so JSON is told by its first byte, and CDR without a schema by which of the three messages has
+//! exactly its length. A ROS quaternion and ours are both x, y, z, w; one sent w first cannot be
+//! told from another rotation.
 //!
 //! Position in metres, world ENU; orientation world from vehicle, the vehicle forward-left-up.
 //! Covariance is row by row over (x, y, z, rotation about x, y, z); all zeros means unknown.
@@ -52,11 +57,26 @@ pub struct PoseMessage {
 /// Why a message is no pose.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum PoseMessageError {
-    /// An encoding other than the four.
+    /// Neither JSON nor one of the three messages.
     #[error(
-        "pose has encoding {0:?}; read are {JSON}, {ODOMETRY}, {POSE_STAMPED} and {POSE_WITH_COVARIANCE}"
+        "pose of encoding {encoding:?} begins with {start}; read are JSON objects, {ODOMETRY}, {POSE_STAMPED} and {POSE_WITH_COVARIANCE}"
     )]
-    Encoding(String),
+    Unknown {
+        /// As sent, cut after 80 characters.
+        encoding: String,
+        /// The first bytes in hex, or the text.
+        start: String,
+    },
+    /// CDR without a schema that is as long as none of the three.
+    #[error(
+        "pose of {bytes} bytes of CDR without a schema is no Odometry ({odometry}), no PoseWithCovarianceStamped and no PoseStamped; name the message in the encoding, as in {ODOMETRY}"
+    )]
+    NoSuchLength {
+        /// Of the payload.
+        bytes: usize,
+        /// Why it is no Odometry.
+        odometry: CdrError,
+    },
     /// Longer than any pose.
     #[error("pose message has {0} bytes; at most {MAX_POSE_BYTES} are read")]
     Size(usize),
@@ -82,7 +102,20 @@ pub enum PoseMessageError {
     Frame(String),
 }
 
-/// Reads a pose by its encoding. An empty schema on JSON, or any, is taken.
+impl PoseMessageError {
+    fn unknown(encoding: &str, payload: &[u8]) -> Self {
+        let start = &payload[..payload.len().min(16)];
+        let is_text = !start.is_empty() && start.iter().all(|b| (b' '..=b'~').contains(b));
+        let start = match is_text {
+            true => format!("{:?}", String::from_utf8_lossy(start)),
+            false => format!("{start:02x?}"),
+        };
+        let encoding = encoding.chars().take(80).collect();
+        Self::Unknown { encoding, start }
+    }
+}
+
+/// Reads a pose, whatever of the documented its bytes are.
 ///
 /// # Errors
 /// Says what is wrong with it; nothing is guessed.
@@ -90,14 +123,25 @@ pub fn decode(encoding: &str, payload: &[u8]) -> Result<PoseMessage, PoseMessage
     if payload.len() > MAX_POSE_BYTES {
         return Err(PoseMessageError::Size(payload.len()));
     }
-    let raw = match encoding {
-        ODOMETRY => RawPose::odometry(payload)?,
-        POSE_STAMPED => RawPose::pose_stamped(payload)?,
-        POSE_WITH_COVARIANCE => RawPose::pose_with_covariance(payload)?,
-        other if other.split(';').next() == Some(JSON) => RawPose::json(payload)?,
-        other => return Err(PoseMessageError::Encoding(other.chars().take(80).collect())),
+    let (kind, schema) = encoding.split_once(';').unwrap_or((encoding, ""));
+    let first = payload.iter().find(|byte| !byte.is_ascii_whitespace());
+    let raw = match (first, message_name(schema)) {
+        (Some(b'{'), _) => RawPose::json(payload)?,
+        _ if kind == JSON => RawPose::json(payload)?,
+        (_, "Odometry") => RawPose::odometry(payload)?,
+        (_, "PoseStamped") => RawPose::pose_stamped(payload)?,
+        (_, "PoseWithCovarianceStamped") => RawPose::pose_with_covariance(payload)?,
+        (_, "") if payload.starts_with(&[0, 1]) => RawPose::by_length(payload)?,
+        _ => return Err(PoseMessageError::unknown(encoding, payload)),
     };
     raw.checked()
+}
+
+/// `Odometry` of `nav_msgs/msg/Odometry`, and of the name DDS gives it,
+/// `nav_msgs::msg::dds_::Odometry_`.
+fn message_name(schema: &str) -> &str {
+    let name = schema.trim_end_matches('_');
+    name.rsplit(['/', ':']).next().unwrap_or(name)
 }
 
 /// The JSON of a pose, to the last bit of every coordinate.
@@ -171,6 +215,19 @@ impl RawPose {
             orientation_xyzw: document.orientation_xyzw,
             covariance,
             epoch: document.epoch,
+        })
+    }
+
+    /// One of the three by its length, which differs by far more than padding.
+    fn by_length(payload: &[u8]) -> Result<Self, PoseMessageError> {
+        let odometry = match Self::odometry(payload) {
+            Ok(raw) => return Ok(raw),
+            Err(reason) => reason,
+        };
+        let other = Self::pose_with_covariance(payload).or_else(|_| Self::pose_stamped(payload));
+        other.map_err(|_| PoseMessageError::NoSuchLength {
+            bytes: payload.len(),
+            odometry,
         })
     }
 

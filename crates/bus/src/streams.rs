@@ -1,8 +1,8 @@
 //! Poses, pings and status as they come in: bounded, checked, counted.
 
 use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+use std::time::{Duration, SystemTime};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_model::{StampedPose, Timestamp};
@@ -18,7 +18,8 @@ use crate::pose_message::{self, MAX_POSE_BYTES, PoseMessage, PoseMessageError};
 /// Largest frame that the Ping protocol's lengths allow, header and checksum included.
 const MAX_FRAME_BYTES: usize = 65_535 + 10;
 
-const MAX_STATUS_BYTES: usize = 256 * 1024;
+/// Longest status that is sent or read.
+pub(crate) const MAX_STATUS_BYTES: usize = 256 * 1024;
 const MAX_PING_ATTACHMENT_BYTES: usize = 1024;
 
 /// What became of the poses that came.
@@ -40,8 +41,18 @@ pub struct PoseCounters {
     pub dropped_full: u64,
 }
 
+/// A pose from the bus.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ReceivedPose {
+    /// Its stamp is the sender's, as it is.
+    pub pose: StampedPose,
+    /// When it came to this host, Unix time.
+    pub arrived: Timestamp,
+}
+
 #[derive(Debug, Default)]
 struct PoseTally {
+    first_fault: OnceLock<String>,
     received: AtomicU64,
     accepted: AtomicU64,
     not_finite: AtomicU64,
@@ -55,25 +66,32 @@ fn count(counter: &AtomicU64) {
     counter.fetch_add(1, Ordering::Relaxed);
 }
 
+/// Now, on this host's clock.
+fn now() -> Timestamp {
+    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
+    let nanos = since.map_or(0, |since| since.as_nanos());
+    Timestamp::from_nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
+}
+
 /// Poses in the order they came, in a bounded queue; when it is full the newest is dropped.
 #[derive(Debug)]
 pub struct PoseSubscription {
-    poses: Receiver<StampedPose>,
+    poses: Receiver<ReceivedPose>,
     tally: Arc<PoseTally>,
     _subscriber: Subscriber<()>,
 }
 
 impl PoseSubscription {
-    pub(crate) fn start(link: &Arc<Link>) -> Result<Self, BusError> {
+    pub(crate) fn start(link: &Arc<Link>, key: &str) -> Result<Self, BusError> {
         let (sender, poses) = bounded(link.config.pose_queue_len);
         let tally = Arc::new(PoseTally::default());
         let in_callback = Arc::clone(&tally);
         let subscriber = link
             .session
-            .declare_subscriber(link.keys.pose())
+            .declare_subscriber(key.to_owned())
             .callback(move |sample| in_callback.take(&sample, &sender))
             .wait()
-            .map_err(BusError::zenoh("subscribe to poses"))?;
+            .map_err(BusError::zenoh(format!("subscribe to poses on {key}")))?;
         Ok(Self {
             poses,
             tally,
@@ -83,20 +101,26 @@ impl PoseSubscription {
 
     /// The next pose, if one waits.
     #[must_use]
-    pub fn try_next(&self) -> Option<StampedPose> {
+    pub fn try_next(&self) -> Option<ReceivedPose> {
         self.poses.try_recv().ok()
     }
 
     /// The next pose, waiting for it no longer than `limit`.
     #[must_use]
-    pub fn next_within(&self, limit: Duration) -> Option<StampedPose> {
+    pub fn next_within(&self, limit: Duration) -> Option<ReceivedPose> {
         self.poses.recv_timeout(limit).ok()
     }
 
     /// The queue itself, to select on.
     #[must_use]
-    pub fn receiver(&self) -> &Receiver<StampedPose> {
+    pub fn receiver(&self) -> &Receiver<ReceivedPose> {
         &self.poses
+    }
+
+    /// What was wrong with the first message that was no pose, in words.
+    #[must_use]
+    pub fn first_fault(&self) -> Option<String> {
+        self.tally.first_fault.get().cloned()
     }
 
     /// What became of the poses that came.
@@ -117,22 +141,25 @@ impl PoseSubscription {
 }
 
 impl PoseTally {
-    fn take(&self, sample: &Sample, poses: &Sender<StampedPose>) {
+    fn take(&self, sample: &Sample, poses: &Sender<ReceivedPose>) {
+        let arrived = now();
         count(&self.received);
         match decode_pose(sample) {
-            Ok(message) => self.hand_on(message, poses),
+            Ok(message) => self.hand_on(message, arrived, poses),
             Err(error) => {
                 tracing::debug!("pose left out: {error}");
                 count(self.counter_of(&error));
+                self.first_fault.get_or_init(|| error.to_string());
             }
         }
     }
 
-    fn hand_on(&self, message: PoseMessage, poses: &Sender<StampedPose>) {
+    fn hand_on(&self, message: PoseMessage, arrived: Timestamp, poses: &Sender<ReceivedPose>) {
         if message.covariance_ignored {
             count(&self.covariance_ignored);
         }
-        match poses.try_send(message.pose) {
+        let pose = message.pose;
+        match poses.try_send(ReceivedPose { pose, arrived }) {
             Ok(()) => count(&self.accepted),
             Err(_) => count(&self.dropped_full),
         }
@@ -153,6 +180,76 @@ fn decode_pose(sample: &Sample) -> Result<PoseMessage, PoseMessageError> {
         return Err(PoseMessageError::Size(payload.len()));
     }
     pose_message::decode(&sample.encoding().to_string(), &payload.to_bytes())
+}
+
+/// Longest message that [`MessageSubscription`] hands on.
+const MAX_MESSAGE_BYTES: usize = 16 * 1024;
+
+/// A message of another program, not decoded, not judged.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct ReceivedMessage {
+    /// The whole key it was sent on.
+    pub key: String,
+    /// Its bytes.
+    pub payload: Vec<u8>,
+    /// When it came to this host, Unix time.
+    pub arrived: Timestamp,
+}
+
+/// Messages of other programs, in the order they came, in a bounded queue; when it is full the
+/// newest is dropped. The callback returns at once: some publishers wait for slow subscribers.
+#[derive(Debug)]
+pub struct MessageSubscription {
+    messages: Receiver<ReceivedMessage>,
+    dropped: Arc<AtomicU64>,
+    _subscribers: Vec<Subscriber<()>>,
+}
+
+impl MessageSubscription {
+    pub(crate) fn start(link: &Arc<Link>, keys: &[String]) -> Result<Self, BusError> {
+        let (sender, messages) = bounded(link.config.pose_queue_len);
+        let dropped = Arc::new(AtomicU64::new(0));
+        let subscribe = |key: &String| {
+            let (sender, dropped) = (sender.clone(), Arc::clone(&dropped));
+            link.session
+                .declare_subscriber(key.clone())
+                .callback(move |sample| hand_on_message(&sample, &sender, &dropped))
+                .wait()
+                .map_err(BusError::zenoh(format!("subscribe to {key}")))
+        };
+        let subscribers = keys.iter().map(subscribe).collect::<Result<_, _>>()?;
+        Ok(Self {
+            messages,
+            dropped,
+            _subscribers: subscribers,
+        })
+    }
+
+    /// The next message, waiting for it no longer than `limit`.
+    #[must_use]
+    pub fn next_within(&self, limit: Duration) -> Option<ReceivedMessage> {
+        self.messages.recv_timeout(limit).ok()
+    }
+
+    /// Messages lost to a full queue, or because they were longer than 16 KiB.
+    #[must_use]
+    pub fn dropped(&self) -> u64 {
+        self.dropped.load(Ordering::Relaxed)
+    }
+}
+
+fn hand_on_message(sample: &Sample, messages: &Sender<ReceivedMessage>, dropped: &AtomicU64) {
+    if sample.payload().len() > MAX_MESSAGE_BYTES {
+        return count(dropped);
+    }
+    let message = ReceivedMessage {
+        key: sample.key_expr().as_str().to_owned(),
+        payload: sample.payload().to_bytes().into_owned(),
+        arrived: now(),
+    };
+    if messages.try_send(message).is_err() {
+        count(dropped);
+    }
 }
 
 /// A raw Ping frame from the bus; not decoded, not judged.

@@ -170,7 +170,8 @@ impl MapSubscriber {
         lock(&self.shared).newest()
     }
 
-    /// Epoch and sequence of the map as it stands.
+    /// Epoch and sequence of the map as it stands. Another epoch than before is another map: the
+    /// one there was is gone whole, ids included.
     #[must_use]
     pub fn position(&self) -> Option<(u64, u64)> {
         lock(&self.shared).assembler.position()

@@ -53,8 +53,10 @@ impl Plan {
             insert(&mut plan, key, value)?;
         }
         apply_what_must_hold(&mut plan, config)?;
+        let endpoints = endpoints::effective(|key| setting(&plan, key));
+        endpoints::check_kinds(&endpoints)?;
         Ok(Self {
-            endpoints: endpoints::effective(|key| setting(&plan, key)),
+            endpoints,
             config: plan,
         })
     }
@@ -202,6 +204,17 @@ mod tests {
         let all = Plan::new(&config, Some(second.path().to_owned())).unwrap();
         assert_eq!(all.endpoints.connect, ["tcp/127.0.0.1:3"]);
         assert!(all.endpoints.listen.is_empty());
+    }
+
+    #[test]
+    fn a_users_file_that_asks_for_tls_is_refused_before_anything_opens() {
+        let file = file("{ mode: 'client', connect: { endpoints: ['tls/vehicle.local:7447'] } }");
+        let refused = Plan::new(&BusConfig::default(), Some(file.path().to_owned())).unwrap_err();
+        assert!(matches!(refused, BusError::Endpoint { .. }), "{refused}");
+        assert!(
+            refused.to_string().contains("tls/vehicle.local:7447"),
+            "{refused}"
+        );
     }
 
     #[test]

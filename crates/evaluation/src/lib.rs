@@ -6,7 +6,8 @@
 //!
 //! [`stability`] is another question: what the program's numerics make of stiff and extreme cases.
 //! [`runs`] names single runs and what came out of them; [`targets`] says what maps of which dives
-//! must reach.
+//! must reach. [`frame_check`] tells from a dive's pings whether its poses can be what they are read
+//! as.
 //!
 //! Deliberately absent: a clock (times come in as numbers), running the mapper on dives (only the
 //! small ones of [`stability`] go through it), and files other than a truth's.
@@ -17,6 +18,7 @@ pub mod baselines;
 mod between;
 pub mod curve;
 pub mod error_time;
+pub mod frame_check;
 pub mod front;
 pub mod held_back;
 mod map_points;

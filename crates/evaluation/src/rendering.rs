@@ -6,6 +6,8 @@ use glam::DVec3;
 
 /// A map made ready for rendering pings by the `online` measurement.
 pub struct MapRenderer {
+    /// Of its own coordinates: amid the map, so that single precision resolves ranges as finely
+    /// kilometres from the map's origin as beside it.
     origin_m: DVec3,
     intensity_unit: f32,
     gaussians: GaussianArrays,
@@ -27,10 +29,14 @@ impl MapRenderer {
         occlusion: bool,
     ) -> Self {
         let sound = gaussians.iter().filter(|gaussian| gaussian.is_sound());
-        let sound: Vec<Gaussian> = sound.copied().collect();
+        let mut sound: Vec<Gaussian> = sound.copied().collect();
+        let amid_m = sound.first().map_or(DVec3::ZERO, |g| g.mean_m.as_dvec3());
+        for gaussian in &mut sound {
+            gaussian.mean_m = (gaussian.mean_m.as_dvec3() - amid_m).as_vec3();
+        }
         let gaussians = GaussianArrays::from_gaussians(&sound);
         Self {
-            origin_m,
+            origin_m: origin_m + amid_m,
             intensity_unit,
             index: SpatialIndex::new(&gaussians),
             gaussians,

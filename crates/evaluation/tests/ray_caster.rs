@@ -143,8 +143,8 @@ fn by_map(pieces: &[Piece], occlusion: bool) -> Vec<f64> {
         uncertainty: None,
         jitter: None,
     };
-    let look = look_of(&posed, DVec3::ZERO, &config);
     let mut renderer = MapRenderer::new(DVec3::ZERO, 1.0, &gaussians, occlusion);
+    let look = look_of(&posed, renderer.origin_m(), &config);
     renderer.ping(&look).iter().map(|&i| f64::from(i)).collect()
 }
 

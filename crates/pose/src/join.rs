@@ -3,7 +3,7 @@
 //! No input or output and no clock: pings and poses come in as arguments, in order, from whoever
 //! reads them, and what waits is bounded.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 
 use echosplat_model::{
@@ -83,6 +83,18 @@ pub struct RejectedPing {
     pub reason: RejectReason,
 }
 
+/// What becomes of a ping.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Verdict {
+    /// With its pose, or left out and why.
+    pub result: Result<PosedPing, RejectedPing>,
+    /// Of its pose; 0 if it has none.
+    pub epoch: u32,
+    /// Set if the ping was not waited for any longer: the newest pose that was there then (the
+    /// earliest time there is if none was). A replay waits as long, to come to the same verdict.
+    pub let_go_at: Option<Timestamp>,
+}
+
 /// What became of every ping and pose. Received pings are either joined, rejected, dropped, or
 /// still waiting.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -124,8 +136,13 @@ pub struct PoseJoin {
     waiting: VecDeque<Arc<Ping>>,
     newest_ping_time: Option<Timestamp>,
     poses_ended: bool,
+    /// Pings that a dive did not wait for any longer, and the newest pose it had by then.
+    let_go: HashMap<u64, Timestamp>,
     counters: JoinCounters,
 }
+
+/// Stands for "no pose yet".
+const BEFORE_ALL_POSES: Timestamp = Timestamp::from_nanos(i64::MIN);
 
 impl PoseJoin {
     /// # Errors
@@ -145,8 +162,26 @@ impl PoseJoin {
             waiting: VecDeque::new(),
             newest_ping_time: None,
             poses_ended: false,
+            let_go: HashMap::new(),
             counters: JoinCounters::default(),
         })
+    }
+
+    /// A recorded dive's own [`Verdict::let_go_at`] by sequence: these pings wait exactly as long
+    /// again, and no other is let go.
+    pub fn let_go_again(&mut self, let_go: HashMap<u64, Timestamp>) {
+        self.let_go = let_go;
+    }
+
+    /// Poses begin anew, on a clock that may have gone back. Pings that still wait should have
+    /// got their verdict before: [`PoseJoin::finish`], then [`PoseJoin::poll`] until it is done.
+    pub fn restart(&mut self) {
+        self.trajectory = Trajectory::new(TrajectoryLimits {
+            capacity: self.config.trajectory_capacity,
+            max_pose_gap_s: self.config.max_pose_gap_s,
+        });
+        self.newest_ping_time = None;
+        self.poses_ended = false;
     }
 
     /// Takes the next pose; what cannot be taken is counted.
@@ -184,26 +219,48 @@ impl PoseJoin {
 
     /// The verdict on the oldest ping that waits; `None` if none waits or its pose may yet come.
     #[must_use]
-    pub fn poll(&mut self) -> Option<Result<PosedPing, RejectedPing>> {
-        let ping = self.waiting.front()?;
-        if self.may_yet_come(ping) && !self.is_looked_past(ping) {
+    pub fn poll(&mut self) -> Option<Verdict> {
+        let ping = Arc::clone(self.waiting.front()?);
+        let is_looked_past = self.is_looked_past(&ping);
+        let may_yet_come = self.may_yet_come(&ping);
+        if may_yet_come && !is_looked_past {
             return None;
         }
-        let verdict = self.posed(ping);
-        let reason = match verdict {
-            Ok(posed) => {
-                self.waiting.pop_front();
+        let found = self.posed(&ping);
+        if may_yet_come && matches!(found, Err(PoseLookupError::NotYet)) {
+            return None;
+        }
+        self.waiting.pop_front();
+        let is_let_go = !is_looked_past && !self.poses_ended;
+        let newest = || {
+            self.trajectory
+                .span()
+                .map_or(BEFORE_ALL_POSES, |(_, newest)| newest)
+        };
+        let let_go_at = is_let_go.then(newest);
+        let epoch = found.as_ref().map_or(0, |(_, epoch)| *epoch);
+        let result = match found {
+            Ok((posed, _)) => {
                 self.counters.pings_joined += 1;
-                return Some(Ok(posed));
+                Ok(posed)
             }
-            Err(PoseLookupError::NotYet) if self.may_yet_come(ping) => return None,
-            Err(PoseLookupError::NotYet) => RejectReason::NeverCame,
-            Err(PoseLookupError::TooEarly) => RejectReason::TooEarly,
-            Err(PoseLookupError::Gap) => RejectReason::Gap,
+            Err(error) => Err(self.rejected(ping, error)),
+        };
+        Some(Verdict {
+            result,
+            epoch,
+            let_go_at,
+        })
+    }
+
+    fn rejected(&mut self, ping: Arc<Ping>, error: PoseLookupError) -> RejectedPing {
+        let reason = match error {
+            PoseLookupError::NotYet => RejectReason::NeverCame,
+            PoseLookupError::TooEarly => RejectReason::TooEarly,
+            PoseLookupError::Gap => RejectReason::Gap,
         };
         *self.counter_of(reason) += 1;
-        let ping = self.waiting.pop_front()?;
-        Some(Err(RejectedPing { ping, reason }))
+        RejectedPing { ping, reason }
     }
 
     fn counter_of(&mut self, reason: RejectReason) -> &mut u64 {
@@ -215,6 +272,10 @@ impl PoseJoin {
     }
 
     fn may_yet_come(&self, ping: &Ping) -> bool {
+        if let Some(&until) = self.let_go.get(&ping.sequence()) {
+            let newest = self.trajectory.span().map(|(_, newest)| newest);
+            return !self.poses_ended && newest.unwrap_or(BEFORE_ALL_POSES) < until;
+        }
         let waited_s = self
             .newest_ping_time
             .map_or(0.0, |newest| newest.seconds_since(ping.transmit_time()));
@@ -222,9 +283,9 @@ impl PoseJoin {
         !self.poses_ended && in_time
     }
 
-    /// The ping with the sensor's pose and motion when the echo from the middle of the recorded
+    /// The ping with the sensor's pose and motion, and the pose's epoch, when the echo from the middle of the recorded
     /// range met the surface.
-    fn posed(&self, ping: &Arc<Ping>) -> Result<PosedPing, PoseLookupError> {
+    fn posed(&self, ping: &Arc<Ping>) -> Result<(PosedPing, u32), PoseLookupError> {
         let (reference_range_m, time) = self.reference(ping);
         let lookahead_s = self.config.lookahead_s;
         let smoothed = self
@@ -232,14 +293,15 @@ impl PoseJoin {
             .smoothed_at(time, lookahead_s, self.config.smoothing)?;
         let vehicle = smoothed.pose;
         let mount = &self.config.vehicle_from_sensor;
-        Ok(PosedPing {
+        let posed = PosedPing {
             ping: Arc::clone(ping),
             world_from_sensor: vehicle.world_from_vehicle * *mount,
             twist: at_sensor(&smoothed.twist, mount),
             reference_range_m,
             uncertainty: vehicle.uncertainty,
             jitter: smoothed.jitter,
-        })
+        };
+        Ok((posed, vehicle.epoch))
     }
 
     /// The middle of the recorded range and when its echo meets the surface, on the poses' clock.

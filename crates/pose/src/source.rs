@@ -1,25 +1,50 @@
-//! Poses from a file or from the bus, one after another.
+//! Poses of any source, one after another.
 
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use echosplat_bus::{Bus, BusError, PoseCounters, PoseSubscription};
+use crossbeam_channel::Receiver;
+use echosplat_bus::{Bus, BusError, PoseSubscription};
 use echosplat_model::StampedPose;
 use echosplat_recording::tum::{self, TumError};
 
-use crate::PoseUrl;
+use crate::arrived::{ArrivedPose, StampClock, now};
+use crate::dvl;
+use crate::link::Address;
+use crate::log::LogPosesError;
+use crate::mavlink::run::{JSON_MESSAGES, OverLink, over_bus};
+use crate::outlet::{Inlet, Outlet, queue};
+use crate::status::{PoseSourceStatus, Rate};
+use crate::stop::{Stop, Stopper, stop_pair};
+use crate::url::PoseUrl;
 
 /// Poses as they become known.
 #[derive(Debug)]
 pub enum PoseSource {
     /// None at all.
     None,
-    /// All at once, in order of time.
+    /// All at once, in order of time; they arrived when they were valid.
     File(std::vec::IntoIter<StampedPose>),
+    /// All at once, with the times at which they arrived then.
+    Recorded(std::vec::IntoIter<ArrivedPose>),
     /// As they arrive.
-    Live(PoseSubscription),
+    Live(Box<LivePoses>),
+}
+
+/// Poses as they arrive, and what is known of their source.
+#[derive(Debug)]
+pub struct LivePoses {
+    url: String,
+    feed: Feed,
+    rate: Rate,
+}
+
+#[derive(Debug)]
+enum Feed {
+    Bus(PoseSubscription),
+    Thread { inlet: Inlet, _stopper: Stopper },
 }
 
 /// Why there is no such source.
@@ -44,66 +69,98 @@ pub enum PoseSourceError {
     /// The file holds no pose.
     #[error("poses: {path} holds no pose; lines are `timestamp tx ty tz qx qy qz qw`", path = .0.display())]
     Empty(PathBuf),
-    /// `zenoh://` without a bus.
+    /// A source on the bus, without a bus.
     #[error("poses come from zenoh://, but the bus is off")]
     NoBus,
+    /// `log://` where no log is read.
+    #[error(
+        "log:// takes the poses of the log that is replayed; a live sonar needs another source, \
+         for example zenoh:// or mavlink+udp://0.0.0.0:14550"
+    )]
+    NoLog,
+    /// The poses of a log.
+    #[error(transparent)]
+    Log(#[from] LogPosesError),
+    /// No thread to read them.
+    #[error("poses: cannot start a thread: {0}")]
+    Thread(std::io::Error),
     /// The bus refuses.
     #[error(transparent)]
     Bus(#[from] BusError),
 }
 
 impl PoseSource {
-    /// Opens what `url` names; a file is read whole. `bus` is needed for `zenoh://` only.
+    /// Opens what `url` names; a file is read whole. `bus` is needed for sources on zenoh only.
+    /// A vehicle or DVL that is not there yet is no error: it is waited for, which
+    /// [`PoseSourceStatus::link`] tells.
     ///
     /// # Errors
     /// Says which file or what of the bus cannot be used.
-    pub fn open(url: &PoseUrl, bus: Option<&Bus>) -> Result<Self, PoseSourceError> {
+    pub fn open(
+        url: &PoseUrl,
+        bus: Option<&Bus>,
+        stamps: StampClock,
+    ) -> Result<Self, PoseSourceError> {
+        let need_bus = || bus.ok_or(PoseSourceError::NoBus);
+        let over_link = |address| {
+            let vehicle = OverLink { address, stamps };
+            thread(url, move |outlet, stop| vehicle.run(outlet, stop))
+        };
         match url {
             PoseUrl::None => Ok(Self::None),
-            PoseUrl::Tum(path) => Self::file(path),
-            PoseUrl::Zenoh => {
-                let bus = bus.ok_or(PoseSourceError::NoBus)?;
-                Ok(Self::Live(bus.subscribe_poses()?))
+            PoseUrl::Tum(path) => file(path),
+            PoseUrl::Log(_) => Err(PoseSourceError::NoLog),
+            PoseUrl::Zenoh => Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses()?))),
+            PoseUrl::ZenohKey(key) => {
+                Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses_on(key)?)))
+            }
+            PoseUrl::MavlinkZenoh(prefix) => {
+                let keys = JSON_MESSAGES.map(|name| format!("{prefix}/*/*/{name}"));
+                let messages = need_bus()?.subscribe_messages(&keys)?;
+                thread(url, move |outlet, stop| {
+                    over_bus(&messages, stamps, outlet, stop);
+                })
+            }
+            PoseUrl::MavlinkUdp { address, out: true } => {
+                over_link(Address::UdpOut(address.clone()))
+            }
+            PoseUrl::MavlinkUdp { address, .. } => over_link(Address::UdpIn(address.clone())),
+            PoseUrl::MavlinkTcp(address) => over_link(Address::Tcp(address.clone())),
+            PoseUrl::MavlinkSerial { path, baudrate } => over_link(Address::Serial {
+                path: path.clone(),
+                baudrate: *baudrate,
+            }),
+            PoseUrl::Dvl(address) => {
+                let address = Address::Tcp(address.clone());
+                thread(url, move |outlet, stop| {
+                    dvl::run(&address, stamps, outlet, stop);
+                })
             }
         }
     }
 
-    fn file(path: &Path) -> Result<Self, PoseSourceError> {
-        let path = path.to_owned();
-        let file = match File::open(&path) {
-            Ok(file) => file,
-            Err(reason) => return Err(PoseSourceError::Open { path, reason }),
-        };
-        let read = match tum::read(BufReader::new(file)) {
-            Ok(read) => read,
-            Err(reason) => return Err(PoseSourceError::Read { path, reason }),
-        };
-        if read.poses.is_empty() {
-            return Err(PoseSourceError::Empty(path));
-        }
-        if read.not_increasing_count > 0 {
-            let count = read.not_increasing_count;
-            let path = path.display();
-            tracing::warn!("{path}: {count} poses left out whose time does not increase");
-        }
-        Ok(Self::File(read.poses.into_iter()))
+    /// Poses of a recording; ends like a file.
+    #[must_use]
+    pub fn recorded(poses: Vec<ArrivedPose>) -> Self {
+        Self::Recorded(poses.into_iter())
     }
 
-    /// The next pose, if it is known already.
+    /// The next pose, if it is known already. Poses of a file arrived at their own stamps.
     #[must_use]
-    pub fn try_next(&mut self) -> Option<StampedPose> {
+    pub fn try_next(&mut self) -> Option<ArrivedPose> {
         match self {
             Self::None => None,
-            Self::File(poses) => poses.next(),
-            Self::Live(poses) => poses.try_next(),
+            Self::File(poses) => poses.next().map(ArrivedPose::at_its_stamp),
+            Self::Recorded(poses) => poses.next(),
+            Self::Live(live) => live.next(None),
         }
     }
 
     /// The next pose, waiting for one that is yet to arrive no longer than `limit`.
     #[must_use]
-    pub fn next_within(&mut self, limit: Duration) -> Option<StampedPose> {
+    pub fn next_within(&mut self, limit: Duration) -> Option<ArrivedPose> {
         match self {
-            Self::Live(poses) => poses.next_within(limit),
+            Self::Live(live) => live.next(Some(limit)),
             _ => self.try_next(),
         }
     }
@@ -111,11 +168,13 @@ impl PoseSource {
     /// Whether no pose will ever come again.
     #[must_use]
     pub fn is_ended(&self) -> bool {
-        match self {
-            Self::None => true,
-            Self::File(poses) => poses.len() == 0,
-            Self::Live(_) => false,
-        }
+        !self.is_live() && self.known_len() == 0
+    }
+
+    /// Whether poses come as time goes by.
+    #[must_use]
+    pub fn is_live(&self) -> bool {
+        matches!(self, Self::Live(_))
     }
 
     /// How many poses are known to be left: of a file all of them, which is what a trajectory
@@ -125,18 +184,135 @@ impl PoseSource {
         match self {
             Self::None => 0,
             Self::File(poses) => poses.len(),
-            Self::Live(poses) => poses.receiver().len(),
+            Self::Recorded(poses) => poses.len(),
+            Self::Live(live) => live.waiting_len(),
         }
     }
 
-    /// What became of the poses that came over the bus.
+    /// What became of the poses so far. Of poses read whole only what kind of source it is.
     #[must_use]
-    pub fn live_counters(&self) -> Option<PoseCounters> {
+    pub fn status(&self) -> PoseSourceStatus {
+        let named = |name: &str| PoseSourceStatus {
+            source: name.to_owned(),
+            ..PoseSourceStatus::default()
+        };
         match self {
-            Self::Live(poses) => Some(poses.counters()),
-            _ => None,
+            Self::None => named("none"),
+            Self::File(_) => named("tum://"),
+            Self::Recorded(_) => named("log://"),
+            Self::Live(live) => live.status(),
         }
     }
+}
+
+impl LivePoses {
+    fn next(&mut self, limit: Option<Duration>) -> Option<ArrivedPose> {
+        let pose = match &self.feed {
+            Feed::Bus(poses) => receive(poses.receiver(), limit).map(|received| ArrivedPose {
+                pose: received.pose,
+                arrived: received.arrived,
+            }),
+            Feed::Thread { inlet, .. } => receive(&inlet.poses, limit),
+        }?;
+        self.rate.count(pose.arrived);
+        Some(pose)
+    }
+
+    fn waiting_len(&self) -> usize {
+        match &self.feed {
+            Feed::Bus(poses) => poses.receiver().len(),
+            Feed::Thread { inlet, .. } => inlet.poses.len(),
+        }
+    }
+
+    fn status(&self) -> PoseSourceStatus {
+        let (rate_hz, age_s) = self.rate.read(now());
+        let status = match &self.feed {
+            Feed::Bus(poses) => status_of_bus(poses),
+            Feed::Thread { inlet, .. } => inlet.status(),
+        };
+        PoseSourceStatus {
+            source: self.url.clone(),
+            rate_hz,
+            age_s,
+            ..status
+        }
+    }
+}
+
+fn receive<T>(queue: &Receiver<T>, limit: Option<Duration>) -> Option<T> {
+    match limit {
+        None => queue.try_recv().ok(),
+        Some(limit) => queue.recv_timeout(limit).ok(),
+    }
+}
+
+fn status_of_bus(poses: &PoseSubscription) -> PoseSourceStatus {
+    let counters = poses.counters();
+    PoseSourceStatus {
+        received: counters.received,
+        accepted: counters.accepted,
+        not_finite: counters.not_finite,
+        bad_quaternion: counters.bad_quaternion,
+        malformed: counters.malformed,
+        covariance_ignored: counters.covariance_ignored,
+        dropped_full: counters.dropped_full,
+        first_fault: poses.first_fault(),
+        ..PoseSourceStatus::default()
+    }
+}
+
+fn live(url: &PoseUrl, feed: Feed) -> PoseSource {
+    PoseSource::Live(Box::new(LivePoses {
+        url: url.to_string(),
+        feed,
+        rate: Rate::default(),
+    }))
+}
+
+fn thread(
+    url: &PoseUrl,
+    run: impl FnOnce(Outlet, &Stop) + Send + 'static,
+) -> Result<PoseSource, PoseSourceError> {
+    let (outlet, inlet) = queue();
+    let (stopper, stop) = stop_pair();
+    let thread = std::thread::Builder::new().name("poses".to_owned());
+    // Not joined: its stop is seen within what a connection attempt takes.
+    let started = thread.spawn(move || run(outlet, &stop));
+    started.map_err(PoseSourceError::Thread)?;
+    let feed = Feed::Thread {
+        inlet,
+        _stopper: stopper,
+    };
+    Ok(live(url, feed))
+}
+
+fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {
+    let path = path.to_owned();
+    let file = match File::open(&path) {
+        Ok(file) => file,
+        Err(reason) => return Err(PoseSourceError::Open { path, reason }),
+    };
+    let read = match tum::read(BufReader::new(file)) {
+        Ok(read) => read,
+        Err(reason) => return Err(PoseSourceError::Read { path, reason }),
+    };
+    if read.poses.is_empty() {
+        return Err(PoseSourceError::Empty(path));
+    }
+    let path = path.display();
+    if read.out_of_order_count > 0 {
+        let count = read.out_of_order_count;
+        tracing::info!("{path}: {count} poses stood after later ones; all are sorted by time");
+    }
+    let (duplicates, contradicting) = (read.duplicate_count, read.contradicting_count);
+    if duplicates + contradicting > 0 {
+        tracing::warn!(
+            "{path}: {duplicates} poses left out that stand there twice, {contradicting} that \
+             contradict an earlier line of the same time"
+        );
+    }
+    Ok(PoseSource::File(read.poses.into_iter()))
 }
 
 #[cfg(test)]
@@ -150,23 +326,30 @@ mod tests {
         file
     }
 
+    fn open(url: &PoseUrl) -> Result<PoseSource, PoseSourceError> {
+        PoseSource::open(url, None, StampClock::Host)
+    }
+
     #[test]
-    fn a_file_yields_all_its_poses_at_once() {
-        let file = file("# t x y z qx qy qz qw\n1.5 1 2 3 0 0 0 1\n2.5 1 2 3 0 0 0 1\n");
+    fn a_file_yields_all_its_poses_at_once_in_order() {
+        let file = file("# t x y z qx qy qz qw\n2.5 1 2 3 0 0 0 1\n1.5 1 2 3 0 0 0 1\n");
         let url = PoseUrl::Tum(file.path().to_owned());
-        let mut source = PoseSource::open(&url, None).unwrap();
+        let mut source = open(&url).unwrap();
         assert_eq!((source.known_len(), source.is_ended()), (2, false));
         let times: Vec<_> = std::iter::from_fn(|| source.try_next())
-            .map(|pose| pose.time.nanos())
+            .map(|pose| (pose.pose.time.nanos(), pose.arrived.nanos()))
             .collect();
-        assert_eq!(times, [1_500_000_000, 2_500_000_000]);
-        assert!(source.is_ended());
+        let (first, second) = (1_500_000_000, 2_500_000_000);
+        assert_eq!(times, [(first, first), (second, second)]);
+        assert!(source.is_ended() && !source.is_live());
     }
 
     #[test]
     fn unusable_sources_say_why() {
-        let refusal = |url: &PoseUrl| PoseSource::open(url, None).unwrap_err().to_string();
+        let refusal = |url: &PoseUrl| open(url).unwrap_err().to_string();
         assert!(refusal(&PoseUrl::Zenoh).contains("bus"));
+        assert!(refusal(&PoseUrl::MavlinkZenoh("mavlink".to_owned())).contains("bus"));
+        assert!(refusal(&PoseUrl::Log(None)).contains("mavlink+udp://"));
         assert!(refusal(&PoseUrl::Tum("/no/such.tum".into())).contains("/no/such.tum"));
         let empty = file("# nothing\n");
         assert!(refusal(&PoseUrl::Tum(empty.path().into())).contains("holds no pose"));
@@ -176,7 +359,7 @@ mod tests {
 
     #[test]
     fn nowhere_has_ended_from_the_start() {
-        let mut source = PoseSource::open(&PoseUrl::None, None).unwrap();
+        let mut source = open(&PoseUrl::None).unwrap();
         assert!(source.is_ended() && source.try_next().is_none());
     }
 }

@@ -6,6 +6,17 @@ use std::str::FromStr;
 
 use serde::{Deserialize, Serialize};
 
+/// Rate of a serial line unless given.
+const DEFAULT_BAUDRATE: u32 = 115_200;
+/// Where ground stations and companions listen for `MAVLink`.
+const DEFAULT_MAVLINK_PORT: u16 = 14_550;
+/// TCP port of autopilots' simulators and of serial lines passed on.
+const DEFAULT_MAVLINK_TCP_PORT: u16 = 5_760;
+/// TCP port of a Water Linked DVL.
+const DEFAULT_DVL_PORT: u16 = 16_171;
+/// What mavlink-server's keys begin with.
+const DEFAULT_MAVLINK_PREFIX: &str = "mavlink";
+
 /// Where poses come from.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(try_from = "String", into = "String")]
@@ -15,43 +26,101 @@ pub enum PoseUrl {
     /// `zenoh://`: the key `<prefix>/<node>/pose` of the bus.
     #[default]
     Zenoh,
+    /// `zenoh://KEY`: another key.
+    ZenohKey(String),
+    /// `mavlink+udp://HOST:PORT` listens there, `mavlink+udp://HOST:PORT?out` sends there first.
+    MavlinkUdp {
+        /// `host:port`.
+        address: String,
+        /// Whether the vehicle waits for us to send first.
+        out: bool,
+    },
+    /// `mavlink+tcp://HOST:PORT`: connects there.
+    MavlinkTcp(String),
+    /// `mavlink+serial:///dev/ttyX?baudrate=N`.
+    MavlinkSerial {
+        /// Of the device file.
+        path: PathBuf,
+        /// Bits per second; ten carry one byte.
+        baudrate: u32,
+    },
+    /// `mavlink+zenoh://` or `mavlink+zenoh://PREFIX`: a mavlink-server's JSON on the bus, at
+    /// `<prefix>/<system>/<component>/<MESSAGE>`.
+    MavlinkZenoh(String),
+    /// `dvl://HOST[:PORT]`: a Water Linked DVL's dead reckoning.
+    Dvl(String),
+    /// `log://`: in the log that is replayed; `log://TOPIC` of an MCAP file with several.
+    Log(Option<String>),
     /// `tum://PATH`, or a path that ends in `.tum` or `.txt`: a TUM file.
     Tum(PathBuf),
 }
+
+/// Every form, for messages and help.
+pub const POSE_URL_FORMS: &str = "zenoh://[KEY], mavlink+udp://HOST:PORT[?out], \
+     mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
+     dvl://HOST, log://, tum://POSES.tum or none";
 
 /// A text that names no pose source.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum PoseUrlError {
     /// None of the forms.
-    #[error(
-        "pose source {0:?} is none of: zenoh://, tum://PATH, a path ending in .tum or .txt, none"
-    )]
+    #[error("pose source {0:?} is none of: {POSE_URL_FORMS}, or a path ending in .tum or .txt")]
     Unknown(String),
-    /// A TUM file without a name.
-    #[error("pose source {0:?} names no file; write tum://PATH")]
-    NoPath(String),
-    /// zenoh with a key or address.
-    #[error(
-        "pose source {0:?}: write zenoh:// alone; the key follows from prefix and node, the endpoint from the bus's settings"
-    )]
-    ZenohAddress(String),
+    /// One of the forms, but not rightly filled in.
+    #[error("pose source {text:?}: {reason}")]
+    Wrong {
+        /// What was given.
+        text: String,
+        /// What is wrong, and what would be right.
+        reason: String,
+    },
 }
 
 impl FromStr for PoseUrl {
     type Err = PoseUrlError;
 
     fn from_str(text: &str) -> Result<Self, Self::Err> {
-        let owned = || text.to_owned();
-        match text.split_once("://") {
-            Some(("tum", "")) => Err(PoseUrlError::NoPath(owned())),
-            Some(("tum", path)) => Ok(Self::Tum(path.into())),
-            Some(("zenoh", "")) => Ok(Self::Zenoh),
-            Some(("zenoh", _)) => Err(PoseUrlError::ZenohAddress(owned())),
-            None if text == "none" => Ok(Self::None),
-            None if is_trajectory(text) => Ok(Self::Tum(text.into())),
-            _ => Err(PoseUrlError::Unknown(owned())),
-        }
+        let Some((scheme, rest)) = text.split_once("://") else {
+            return match text {
+                "none" => Ok(Self::None),
+                _ if is_trajectory(text) => Ok(Self::Tum(text.into())),
+                _ => Err(PoseUrlError::Unknown(text.to_owned())),
+            };
+        };
+        let parsed = of_scheme(&scheme.to_ascii_lowercase(), rest);
+        let wrong = |reason| PoseUrlError::Wrong {
+            text: text.to_owned(),
+            reason,
+        };
+        parsed
+            .ok_or_else(|| PoseUrlError::Unknown(text.to_owned()))?
+            .map_err(wrong)
     }
+}
+
+/// `None` for an unknown scheme.
+fn of_scheme(scheme: &str, rest: &str) -> Option<Result<PoseUrl, String>> {
+    Some(match scheme {
+        "zenoh" if rest.is_empty() => Ok(PoseUrl::Zenoh),
+        "zenoh" => key(rest).map(PoseUrl::ZenohKey),
+        "mavlink+udp" => mavlink_udp(rest),
+        "mavlink+tcp" => host_and_port(rest, DEFAULT_MAVLINK_TCP_PORT).map(PoseUrl::MavlinkTcp),
+        "mavlink+serial" => mavlink_serial(rest),
+        "mavlink+zenoh" if rest.is_empty() => {
+            Ok(PoseUrl::MavlinkZenoh(DEFAULT_MAVLINK_PREFIX.to_owned()))
+        }
+        "mavlink+zenoh" => key(rest).map(PoseUrl::MavlinkZenoh),
+        "mavlink" => Err(
+            "write how it is reached: mavlink+udp://, mavlink+tcp://, mavlink+serial:// or \
+             mavlink+zenoh://"
+                .to_owned(),
+        ),
+        "dvl" => host_and_port(rest, DEFAULT_DVL_PORT).map(PoseUrl::Dvl),
+        "log" => Ok(PoseUrl::Log((!rest.is_empty()).then(|| rest.to_owned()))),
+        "tum" if rest.is_empty() => Err("it names no file; write tum://PATH".to_owned()),
+        "tum" => Ok(PoseUrl::Tum(rest.into())),
+        _ => return None,
+    })
 }
 
 fn is_trajectory(path: &str) -> bool {
@@ -59,11 +128,108 @@ fn is_trajectory(path: &str) -> bool {
     extension.is_some_and(|ext| ext.eq_ignore_ascii_case("tum") || ext.eq_ignore_ascii_case("txt"))
 }
 
+/// A key of zenoh that is no pattern.
+fn key(text: &str) -> Result<String, String> {
+    let is_name = |part: &str| {
+        let allowed = |c: char| !c.is_whitespace() && !c.is_control() && !"*$?#".contains(c);
+        !part.is_empty() && part.chars().all(allowed)
+    };
+    match text.split('/').all(is_name) {
+        true => Ok(text.to_owned()),
+        false => Err(
+            "the key must be names between single slashes, without * $ ? # and blanks; where \
+             zenoh is reached is set by --zenoh connect/endpoints='[\"tcp/HOST:7447\"]'"
+                .to_owned(),
+        ),
+    }
+}
+
+fn mavlink_udp(rest: &str) -> Result<PoseUrl, String> {
+    let (address, out) = match rest.split_once('?') {
+        None => (rest, false),
+        Some((address, "out")) => (address, true),
+        Some((_, other)) => return Err(format!("`?{other}` is unknown; `?out` sends first")),
+    };
+    let address = host_and_port(address, DEFAULT_MAVLINK_PORT)?;
+    Ok(PoseUrl::MavlinkUdp { address, out })
+}
+
+fn mavlink_serial(rest: &str) -> Result<PoseUrl, String> {
+    let (path, query) = rest.split_once('?').unwrap_or((rest, ""));
+    if path.is_empty() {
+        return Err("it names no device; write mavlink+serial:///dev/ttyACM0".to_owned());
+    }
+    let baudrate = match query.strip_prefix("baudrate=") {
+        None if query.is_empty() => DEFAULT_BAUDRATE,
+        Some(text) => baudrate(text)?,
+        None => {
+            return Err(format!(
+                "`?{query}` is unknown; `?baudrate=115200` sets the rate"
+            ));
+        }
+    };
+    Ok(PoseUrl::MavlinkSerial {
+        path: path.into(),
+        baudrate,
+    })
+}
+
+fn baudrate(text: &str) -> Result<u32, String> {
+    match text.parse() {
+        Ok(rate @ 1_200..=4_000_000) => Ok(rate),
+        _ => Err(format!(
+            "baudrate `{text}` must be a number from 1200 to 4000000"
+        )),
+    }
+}
+
+/// `host:port`, with `port` if none is given.
+fn host_and_port(text: &str, port: u16) -> Result<String, String> {
+    let text = text.trim_end_matches('/');
+    if text.is_empty() {
+        return Err(format!("it names no host; write HOST:{port}"));
+    }
+    if let Some(bad) = text.chars().find(|c| "/?#@ ".contains(*c)) {
+        return Err(format!("`{bad}` cannot be in HOST:PORT"));
+    }
+    let after_brackets = text.rsplit(']').next().unwrap_or(text);
+    let Some((host, given)) = after_brackets.rsplit_once(':') else {
+        return Ok(format!("{text}:{port}"));
+    };
+    if host.contains(':') {
+        return Err(format!(
+            "an IPv6 address must be in brackets, as in [::1]:{port}"
+        ));
+    }
+    if host.is_empty() && !text.starts_with('[') {
+        return Err("the host before the colon is missing; 0.0.0.0 listens everywhere".to_owned());
+    }
+    match given.parse::<u16>() {
+        Ok(1..) => Ok(text.to_owned()),
+        _ => Err(format!("port `{given}` must be a number from 1 to 65535")),
+    }
+}
+
 impl fmt::Display for PoseUrl {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::None => write!(f, "none"),
             Self::Zenoh => write!(f, "zenoh://"),
+            Self::ZenohKey(key) => write!(f, "zenoh://{key}"),
+            Self::MavlinkUdp { address, out } => {
+                write!(
+                    f,
+                    "mavlink+udp://{address}{}",
+                    if *out { "?out" } else { "" }
+                )
+            }
+            Self::MavlinkTcp(address) => write!(f, "mavlink+tcp://{address}"),
+            Self::MavlinkSerial { path, baudrate } => {
+                write!(f, "mavlink+serial://{}?baudrate={baudrate}", path.display())
+            }
+            Self::MavlinkZenoh(prefix) => write!(f, "mavlink+zenoh://{prefix}"),
+            Self::Dvl(address) => write!(f, "dvl://{address}"),
+            Self::Log(topic) => write!(f, "log://{}", topic.as_deref().unwrap_or("")),
             Self::Tum(path) => write!(f, "tum://{}", path.display()),
         }
     }
@@ -87,35 +253,74 @@ impl From<PoseUrl> for String {
 mod tests {
     use super::*;
 
+    fn udp(address: &str, out: bool) -> PoseUrl {
+        let address = address.to_owned();
+        PoseUrl::MavlinkUdp { address, out }
+    }
+
     #[test]
     fn every_form_is_read_and_written() {
-        let read = |text: &str| text.parse::<PoseUrl>();
-        assert_eq!(read("none"), Ok(PoseUrl::None));
-        assert_eq!(read("zenoh://"), Ok(PoseUrl::Zenoh));
-        assert_eq!(read("tum:///a/b"), Ok(PoseUrl::Tum("/a/b".into())));
-        assert_eq!(
-            read("dive one.tum"),
-            Ok(PoseUrl::Tum("dive one.tum".into()))
-        );
-        assert_eq!(read("poses.TXT"), Ok(PoseUrl::Tum("poses.TXT".into())));
-        for url in [PoseUrl::None, PoseUrl::Zenoh, PoseUrl::Tum("x.tum".into())] {
-            assert_eq!(read(&url.to_string()), Ok(url));
+        let serial = |path: &str, baudrate| PoseUrl::MavlinkSerial {
+            path: path.into(),
+            baudrate,
+        };
+        for (text, url) in [
+            ("none", PoseUrl::None),
+            ("zenoh://", PoseUrl::Zenoh),
+            ("zenoh://rov/pose", PoseUrl::ZenohKey("rov/pose".into())),
+            ("mavlink+udp://0.0.0.0:14550", udp("0.0.0.0:14550", false)),
+            ("mavlink+udp://rov", udp("rov:14550", false)),
+            ("mavlink+udp://rov:9000?out", udp("rov:9000", true)),
+            ("MAVLINK+TCP://rov", PoseUrl::MavlinkTcp("rov:5760".into())),
+            ("mavlink+serial:///dev/a", serial("/dev/a", 115_200)),
+            (
+                "mavlink+serial:///dev/a?baudrate=57600",
+                serial("/dev/a", 57_600),
+            ),
+            ("mavlink+zenoh://", PoseUrl::MavlinkZenoh("mavlink".into())),
+            (
+                "mavlink+zenoh://sea/m",
+                PoseUrl::MavlinkZenoh("sea/m".into()),
+            ),
+            (
+                "dvl://192.168.2.95",
+                PoseUrl::Dvl("192.168.2.95:16171".into()),
+            ),
+            ("dvl://[::1]:9", PoseUrl::Dvl("[::1]:9".into())),
+            ("log://", PoseUrl::Log(None)),
+            ("log:///odom", PoseUrl::Log(Some("/odom".into()))),
+            ("tum:///a/b", PoseUrl::Tum("/a/b".into())),
+            ("dive one.tum", PoseUrl::Tum("dive one.tum".into())),
+            ("poses.TXT", PoseUrl::Tum("poses.TXT".into())),
+        ] {
+            assert_eq!(text.parse(), Ok(url.clone()), "{text}");
+            assert_eq!(url.to_string().parse(), Ok(url), "{text}");
         }
     }
 
     #[test]
     fn other_texts_are_refused_with_what_would_do() {
-        for bad in [
-            "",
-            "tum://",
-            "zenoh",
-            "zenoh://a/b",
-            "mavlink://",
-            "poses.csv",
-            "None",
+        for (bad, told) in [
+            ("", "zenoh://"),
+            ("tum://", "tum://PATH"),
+            ("zenoh", "zenoh://"),
+            ("zenoh://a/*/b", "without *"),
+            ("zenoh://tcp//b", "connect/endpoints"),
+            ("mavlink://", "mavlink+udp://"),
+            ("mavlink+udp://:14550", "0.0.0.0"),
+            ("mavlink+udp://a?in", "?out"),
+            ("mavlink+tcp://a:0", "1 to 65535"),
+            ("mavlink+serial://", "/dev/ttyACM0"),
+            ("mavlink+serial:///dev/a?baud=1", "?baudrate=115200"),
+            ("mavlink+serial:///dev/a?baudrate=0", "1200"),
+            ("dvl://", "HOST:16171"),
+            ("dvl://::1", "[::1]"),
+            ("http://rov", "dvl://HOST"),
+            ("poses.csv", "tum://"),
+            ("None", "none"),
         ] {
             let refused = bad.parse::<PoseUrl>().unwrap_err().to_string();
-            assert!(refused.contains("://"), "{refused}");
+            assert!(refused.contains(told), "{bad}: {refused}");
         }
     }
 }

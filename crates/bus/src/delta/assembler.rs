@@ -47,7 +47,7 @@ pub struct AssemblerCounters {
     pub deltas_overflowed: u64,
     /// Times that a delta was missing.
     pub gaps: u64,
-    /// Times that the map started anew.
+    /// Times that the map of another epoch took the place of the one there was.
     pub epochs: u64,
     /// Answers taken.
     pub snapshots_applied: u64,
@@ -74,6 +74,8 @@ pub struct MapAssembler {
     needs_snapshot: bool,
     waiting: VecDeque<Waiting>,
     waiting_gaussians: usize,
+    /// Of the newest map there was, whatever came between.
+    newest_epoch: Option<u64>,
     counters: AssemblerCounters,
 }
 
@@ -110,6 +112,7 @@ impl MapAssembler {
             needs_snapshot: true,
             waiting: VecDeque::new(),
             waiting_gaussians: 0,
+            newest_epoch: None,
             counters: AssemblerCounters::default(),
         }
     }
@@ -142,9 +145,8 @@ impl MapAssembler {
             return Progress::Buffered;
         }
         self.needs_snapshot = true;
-        match why {
-            Progress::NewEpoch { .. } => self.counters.epochs += 1,
-            _ => self.counters.gaps += 1,
+        if matches!(why, Progress::Gap { .. }) {
+            self.counters.gaps += 1;
         }
         why
     }
@@ -218,6 +220,8 @@ impl MapAssembler {
             self.tiles.clear();
         }
         self.counters.snapshots_applied += 1;
+        let before = self.newest_epoch.replace(answer.epoch);
+        self.counters.epochs += u64::from(before.is_some_and(|epoch| epoch != answer.epoch));
         self.replace_tiles(answer);
         self.needs_snapshot = false;
         self.drain_waiting()

@@ -59,6 +59,18 @@ impl PublishedMap {
         self.sequence
     }
 
+    /// Transmit time of the newest ping whose evidence is in it.
+    #[must_use]
+    pub fn time(&self) -> Timestamp {
+        self.time
+    }
+
+    /// Added to every mean gives the world's coordinates.
+    #[must_use]
+    pub fn origin_m(&self) -> DVec3 {
+        self.origin_m
+    }
+
     /// Whether the publisher said that nothing more will come.
     #[must_use]
     pub fn is_final(&self) -> bool {

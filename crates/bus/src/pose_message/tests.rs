@@ -206,7 +206,66 @@ fn cut_and_overlong_messages_are_refused() {
         assert_eq!(refused, Err(PoseMessageError::Size(MAX_POSE_BYTES + 1)));
     }
     let odd = decode("application/cdr;sensor_msgs/msg/Imu", &[]);
-    assert!(matches!(odd, Err(PoseMessageError::Encoding(_))));
+    assert!(matches!(odd, Err(PoseMessageError::Unknown { .. })));
+}
+
+#[test]
+fn json_is_taken_whatever_its_encoding() {
+    let json = encode_json(&pose(), "map", "base_link");
+    let mut spaced = b" \r\n\t".to_vec();
+    spaced.extend_from_slice(&json);
+    for encoding in [
+        "zenoh/bytes",
+        "zenoh/string",
+        "text/plain",
+        "",
+        "application/cdr",
+        ODOMETRY,
+    ] {
+        assert_eq!(decode(encoding, &json).unwrap().pose, pose(), "{encoding}");
+        assert_eq!(decode(encoding, &spaced).unwrap().pose, pose());
+    }
+}
+
+#[test]
+fn cdr_without_a_schema_is_told_by_its_length() {
+    for encoding in [
+        "application/cdr",
+        "zenoh/bytes",
+        "",
+        "application/octet-stream",
+    ] {
+        for frame in ["", "m", "map", "odom", "a_longer_frame"] {
+            let place = |bytes: &[u8]| decode(encoding, bytes).unwrap();
+            let odometry = place(&cdr(frame, Some("base_link"), &numbers(0.25, 42)));
+            assert!(odometry.pose.uncertainty.is_some());
+            let with_covariance = place(&cdr(frame, None, &numbers(0.25, 0)));
+            assert!(with_covariance.pose.uncertainty.is_some());
+            let stamped = place(&cdr(frame, None, &numbers(0.0, 0)[..7]));
+            assert_eq!(stamped.pose.uncertainty, None);
+            for found in [odometry, with_covariance, stamped] {
+                let at = found.pose.world_from_vehicle;
+                assert_eq!(at.translation_m, DVec3::new(1.0, 2.0, 3.0));
+                assert_eq!(at.rotation, DQuat::from_xyzw(0.0, 0.0, 0.6, 0.8));
+            }
+        }
+    }
+    let dds = "application/cdr;nav_msgs::msg::dds_::Odometry_";
+    assert!(decode(dds, &cdr("map", Some("b"), &numbers(0.1, 42))).is_ok());
+}
+
+#[test]
+fn what_is_nothing_of_these_is_named() {
+    let said = |encoding, bytes: &[u8]| decode(encoding, bytes).unwrap_err().to_string();
+    let text = said("zenoh/string", b"1.0 2.0 3.0");
+    assert!(
+        text.contains("zenoh/string") && text.contains("\"1.0 2.0 3.0\""),
+        "{text}"
+    );
+    let short = said("application/cdr", &cdr("map", None, &[1.0; 5]));
+    assert!(short.contains("nav_msgs/msg/Odometry"), "{short}");
+    let big_endian = said("application/cdr", &[0, 0, 0, 0, 0, 0, 0, 1]);
+    assert!(big_endian.contains("[00, 00"), "{big_endian}");
 }
 
 #[test]

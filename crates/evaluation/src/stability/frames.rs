@@ -28,8 +28,9 @@ const FAR_MAP: Label = Label {
 
 const SAME_BITS: Label = Label {
     case: "far origins",
-    quantity: "numbers of the map that differ in any bit",
-    why: "A shift that is exact in f64 leaves every local coordinate as it was.",
+    quantity: "numbers of the map that differ in any bit, places beyond their rounding",
+    why: "A shift that is exact in f64 leaves every local coordinate as it was; only published \
+          places of the near map are rounded in the poses' own frame.",
 };
 
 const WRAP: Label = Label {
@@ -65,7 +66,7 @@ pub(super) fn far(seed: u64, quick: bool) -> Vec<Row> {
     for power in [17, 20, 23] {
         let shift = DVec3::new(2_f64.powi(power), -2_f64.powi(power), 1024.0);
         let there = map(shift);
-        let differing = differing_bits(here.as_ref(), there.as_ref());
+        let differing = differing_bits(here.as_ref(), there.as_ref(), shift);
         let comparison = Comparison::of(0.0, differing, 1.0);
         rows.push(comparison.row(SAME_BITS, format!("2^{power} m"), 0.0));
     }

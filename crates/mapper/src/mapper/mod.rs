@@ -135,6 +135,11 @@ impl Mapper {
         Arc::clone(&self.pool)
     }
 
+    /// Gives each the other's threads. Which threads do the work does not change the map.
+    pub fn swap_threads(&mut self, other: &mut Self) {
+        std::mem::swap(&mut self.pool, &mut other.pool);
+    }
+
     /// What is not at work, and why.
     #[must_use]
     pub fn left_out(&self) -> &[LeftOut] {
@@ -195,7 +200,10 @@ impl Mapper {
             sequence: self.sequence,
             time: newest.map_or(Timestamp::ZERO, |past| past.time),
             through_ping: newest.map_or(0, |past| past.sequence),
-            origin_m: self.world.as_ref().map_or(DVec3::ZERO, |w| w.origin_m),
+            origin_m: self
+                .world
+                .as_ref()
+                .map_or(DVec3::ZERO, |w| w.published_origin_m),
             intensity_unit,
             gaussians,
         }

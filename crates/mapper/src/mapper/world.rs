@@ -9,11 +9,19 @@ use crate::evidence::Evidence;
 /// Half the beam's width at the far end is resolved; voxels stay within these bounds.
 const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
 
+/// A map that begins within this distance of the poses' origin is published in the poses' own
+/// frame, so that it overlays the track in tools that know nothing of origins. Single precision
+/// rounds a place by at most 0.5 mm up to 16 km.
+const POSES_FRAME_REACH_M: f64 = 10_000.0;
+
 /// What the first ping fixes: inside the mapper, coordinates start where it was and run along its
 /// heading, so that a dive moved and turned as a whole gives the same map, moved and turned.
 #[derive(Debug)]
 pub(super) struct World {
+    /// Where the first ping was, in the poses' frame, metres.
     pub(super) origin_m: DVec3,
+    /// What published places are relative to: the poses' origin, or far from it the first ping.
+    pub(super) published_origin_m: DVec3,
     /// World from the mapper's own axes, a turn about z.
     heading: DQuat,
     pub(super) evidence: Evidence,
@@ -23,8 +31,10 @@ impl World {
     /// Coordinates start at this ping.
     pub(super) fn begun_by(first: &PosedPing, config: &MapperConfig) -> Self {
         let ahead = first.world_from_sensor.rotation * DVec3::X;
+        let origin_m = first.world_from_sensor.translation_m;
         Self {
-            origin_m: first.world_from_sensor.translation_m,
+            origin_m,
+            published_origin_m: published_origin_m(origin_m),
             heading: DQuat::from_rotation_z(ahead.y.atan2(ahead.x)),
             evidence: Evidence::new(voxel_m(first, config)),
         }
@@ -43,13 +53,23 @@ impl World {
         }
     }
 
-    /// A Gaussian on the mapper's own axes, relative to the origin along the world's.
+    /// A Gaussian on the mapper's own axes, relative to the published origin along the world's.
+    /// Its place is rounded once.
     pub(super) fn leave(&self, gaussian: Gaussian) -> Gaussian {
+        let from_first_m = self.heading * gaussian.mean_m.as_dvec3();
+        let shift_m = self.origin_m - self.published_origin_m;
         Gaussian {
-            mean_m: (self.heading * gaussian.mean_m.as_dvec3()).as_vec3(),
+            mean_m: (from_first_m + shift_m).as_vec3(),
             rotation: self.heading.as_quat() * gaussian.rotation,
             ..gaussian
         }
+    }
+}
+
+fn published_origin_m(first_ping_m: DVec3) -> DVec3 {
+    match first_ping_m.length() <= POSES_FRAME_REACH_M {
+        true => DVec3::ZERO,
+        false => first_ping_m,
     }
 }
 
@@ -61,4 +81,47 @@ pub(super) fn voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {
     let width = f64::from(config.beam.azimuth_width_deg.to_radians());
     let resolved_m = 0.35 * width * first.ping.settings().range_end_m();
     resolved_m.clamp(VOXEL_LIMITS_M.0, VOXEL_LIMITS_M.1) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::Standing;
+    use echosplat_model::glam::{Quat, Vec3};
+
+    use super::*;
+
+    #[test]
+    fn a_map_is_published_in_the_poses_frame_as_far_as_single_precision_reaches() {
+        let near_m = DVec3::new(-6000.0, 8000.0, 0.0);
+        assert_eq!(published_origin_m(near_m), DVec3::ZERO);
+        let far_m = DVec3::new(6000.0, -8000.0, 0.1);
+        assert_eq!(published_origin_m(far_m), far_m);
+    }
+
+    #[test]
+    fn a_published_place_is_off_by_a_rounding_at_most() {
+        let away_m = DVec3::new(7000.1, -7000.3, 12.7);
+        for origin_m in [DVec3::ZERO, away_m, 1e3 * away_m] {
+            let world = World {
+                origin_m,
+                published_origin_m: published_origin_m(origin_m),
+                heading: DQuat::from_rotation_z(0.3),
+                evidence: Evidence::new(0.05),
+            };
+            let inside = Gaussian {
+                id: 1,
+                mean_m: Vec3::new(1.1, -20.3, 0.7),
+                rotation: Quat::IDENTITY,
+                scale_m: Vec3::splat(0.05),
+                opacity: 0.5,
+                reflectivity: 0.5,
+                sigma_m: 0.1,
+                standing: Standing::Confident,
+            };
+            let expected_m = origin_m + world.heading * inside.mean_m.as_dvec3();
+            let told_m = world.published_origin_m + world.leave(inside).mean_m.as_dvec3();
+            let off_m = told_m.distance(expected_m);
+            assert!(off_m < 0.0005, "{off_m} m off at {origin_m}");
+        }
+    }
 }

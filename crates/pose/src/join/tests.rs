@@ -45,7 +45,7 @@ fn join(change: impl FnOnce(&mut PoseJoinConfig)) -> PoseJoin {
 }
 
 fn rejection(join: &mut PoseJoin) -> Option<(u64, RejectReason)> {
-    match join.poll() {
+    match join.poll().map(|verdict| verdict.result) {
         Some(Err(rejected)) => Some((rejected.ping.sequence(), rejected.reason)),
         other => panic!("expected a rejection, got {other:?}"),
     }
@@ -57,7 +57,7 @@ fn the_pose_is_that_of_the_echo_from_the_middle() {
     join.push_pose(eastward(1.0)).unwrap();
     join.push_pose(eastward(1.2)).unwrap();
     assert!(join.push_ping(ping(7, 1.1)));
-    let posed = join.poll().unwrap().unwrap();
+    let posed = join.poll().unwrap().result.unwrap();
     assert_eq!(posed.ping.sequence(), 7);
     assert!((posed.reference_range_m - 7.5).abs() < 1e-12);
     let x = posed.world_from_sensor.translation_m.x;
@@ -78,7 +78,7 @@ fn mount_and_lever_arm_turn_the_pose_and_the_motion() {
     join.push_pose(at(0.9)).unwrap();
     join.push_pose(at(1.2)).unwrap();
     join.push_ping(ping(0, 1.0));
-    let posed = join.poll().unwrap().unwrap();
+    let posed = join.poll().unwrap().result.unwrap();
     let sensor = posed.world_from_sensor;
     assert!((sensor.translation_m - DVec3::new(2.0, 0.0, 0.0)).length() < 1e-6);
     assert!((sensor.rotation * DVec3::X - DVec3::Y).length() < 1e-6);
@@ -105,7 +105,7 @@ fn the_twist_agrees_with_the_sensors_own_track() {
         join.push_pose(vehicle(t)).unwrap();
     }
     join.push_ping(ping(0, 1.01 - MIDDLE_S));
-    let posed = join.poll().unwrap().unwrap();
+    let posed = join.poll().unwrap().result.unwrap();
     let h = 1e-5;
     let track = |t: f64| vehicle(t).world_from_vehicle * mount;
     let velocity = (track(1.01 + h).translation_m - track(1.01 - h).translation_m) / (2.0 * h);
@@ -123,8 +123,8 @@ fn a_ping_waits_for_its_pose_and_order_is_kept() {
     join.push_pose(eastward(0.9)).unwrap();
     assert!(join.poll().is_none());
     join.push_pose(eastward(1.15)).unwrap();
-    assert_eq!(join.poll().unwrap().unwrap().ping.sequence(), 0);
-    assert_eq!(join.poll().unwrap().unwrap().ping.sequence(), 1);
+    assert_eq!(join.poll().unwrap().result.unwrap().ping.sequence(), 0);
+    assert_eq!(join.poll().unwrap().result.unwrap().ping.sequence(), 1);
     assert!(join.poll().is_none());
     assert_eq!(join.waiting_len(), 1);
 }
@@ -145,7 +145,7 @@ fn a_ping_waits_for_the_poses_that_tell_jitter_from_motion() {
     for step in 53..=56 {
         join.push_pose(jittery(step)).unwrap();
     }
-    let posed = join.poll().unwrap().unwrap();
+    let posed = join.poll().unwrap().result.unwrap();
     assert!(posed.world_from_sensor.translation_m.y.abs() < 0.04);
     assert!((posed.world_from_sensor.translation_m.x - 1.0).abs() < 1e-6);
 }
@@ -160,7 +160,7 @@ fn nothing_is_extrapolated_at_either_end_or_across_a_gap() {
         join.push_pose(eastward(seconds)).unwrap();
     }
     assert_eq!(rejection(&mut join), Some((0, RejectReason::TooEarly)));
-    assert!(join.poll().unwrap().is_ok());
+    assert!(join.poll().unwrap().result.is_ok());
     assert_eq!(rejection(&mut join), Some((2, RejectReason::Gap)));
     assert!(join.poll().is_none());
     join.finish();
@@ -187,6 +187,7 @@ fn back_within_one_ping_after_a_gap() {
     while let Some(verdict) = join.poll() {
         joined.extend(
             verdict
+                .result
                 .ok()
                 .map(|posed| posed.ping.transmit_time().as_secs_f64()),
         );
@@ -220,7 +221,42 @@ fn on_a_live_stream_a_pose_has_only_so_long_to_come() {
     assert!(join.poll().is_none());
     join.push_pose(eastward(1.85)).unwrap();
     join.push_pose(eastward(2.0)).unwrap();
-    assert_eq!(join.poll().unwrap().unwrap().ping.sequence(), 1);
+    assert_eq!(join.poll().unwrap().result.unwrap().ping.sequence(), 1);
+}
+
+#[test]
+fn a_ping_let_go_says_when_and_is_let_go_again_at_that_moment() {
+    let live = || {
+        let mut join = join(|config| config.max_wait_s = Some(1.0));
+        join.push_pose(eastward(0.9)).unwrap();
+        join.push_ping(ping(0, 1.0));
+        join.push_ping(ping(1, 2.1));
+        join.poll().unwrap()
+    };
+    let let_go_at = live().let_go_at.unwrap();
+    assert_eq!(let_go_at, Timestamp::from_secs_f64(0.9));
+    let mut replayed = join(|_| {});
+    replayed.let_go_again(HashMap::from([(0, let_go_at)]));
+    replayed.push_ping(ping(0, 1.0));
+    assert!(replayed.poll().is_none());
+    replayed.push_pose(eastward(0.9)).unwrap();
+    assert_eq!(rejection(&mut replayed), Some((0, RejectReason::NeverCame)));
+}
+
+#[test]
+fn after_a_restart_earlier_poses_are_taken_and_old_ones_forgotten() {
+    let mut join = join(|_| {});
+    join.push_pose(eastward(3601.0)).unwrap();
+    join.push_pose(eastward(3601.2)).unwrap();
+    join.push_ping(ping(0, 3601.1));
+    join.finish();
+    assert!(join.poll().unwrap().result.is_ok());
+    join.restart();
+    join.push_ping(ping(1, 1.1));
+    assert!(join.poll().is_none());
+    join.push_pose(eastward(1.0)).unwrap();
+    join.push_pose(eastward(1.2)).unwrap();
+    assert_eq!(join.poll().unwrap().result.unwrap().ping.sequence(), 1);
 }
 
 #[test]
@@ -234,7 +270,7 @@ fn beyond_the_limit_the_newest_ping_is_dropped_and_counted() {
     assert_eq!(join.counters().pings_dropped_full, 1);
     join.push_pose(eastward(0.9)).unwrap();
     join.push_pose(eastward(1.3)).unwrap();
-    assert_eq!(join.poll().unwrap().unwrap().ping.sequence(), 0);
+    assert_eq!(join.poll().unwrap().result.unwrap().ping.sequence(), 0);
 }
 
 #[test]
@@ -246,6 +282,7 @@ fn a_time_offset_moves_the_pings_against_the_poses() {
     let x = join
         .poll()
         .unwrap()
+        .result
         .unwrap()
         .world_from_sensor
         .translation_m

@@ -14,6 +14,7 @@ use std::sync::Arc;
 use echosplat_mapper::MapperConfig;
 use echosplat_model::PosedPing;
 use echosplat_simulator::Scene;
+use glam::DVec3;
 
 use super::Row;
 use super::row::{Comparison, Label};
@@ -118,7 +119,19 @@ impl Base {
 
     /// Whether it is the clean one, bit for bit.
     fn bits_row(&self, map: Option<&Made>, label: Label, input: impl Into<String>) -> Row {
-        let differing = differing_bits(Some(&self.map.snapshot), map.map(|made| &made.snapshot));
+        self.shifted_bits_row(map, DVec3::ZERO, label, input)
+    }
+
+    /// Whether it is the clean one, made `shift_m` away, bit for bit.
+    fn shifted_bits_row(
+        &self,
+        map: Option<&Made>,
+        shift_m: DVec3,
+        label: Label,
+        input: impl Into<String>,
+    ) -> Row {
+        let there = map.map(|made| &made.snapshot);
+        let differing = differing_bits(Some(&self.map.snapshot), there, shift_m);
         Comparison::of(0.0, differing, 1.0).row(label, input, 0.0)
     }
 }

@@ -17,8 +17,9 @@ const SHIFTED: Label = Label {
 
 const SHIFTED_EXACTLY: Label = Label {
     case: "whole mapper: far origins",
-    quantity: "numbers of the map that differ in any bit",
-    why: "A shift that is exact in f64 leaves every local coordinate as it was.",
+    quantity: "numbers of the map that differ in any bit, places beyond their rounding",
+    why: "A shift that is exact in f64 leaves every local coordinate as it was; only published \
+          places of the near map are rounded in the poses' own frame.",
 };
 
 const WHOLE_TURNS: Label = Label {
@@ -62,7 +63,8 @@ pub(super) fn rows(base: &Base) -> Vec<Row> {
             ..pose
         });
         let map = base.map_of(&pings);
-        rows.push(base.bits_row(map.as_ref(), SHIFTED_EXACTLY, format!("2^{power} m")));
+        let input = format!("2^{power} m");
+        rows.push(base.shifted_bits_row(map.as_ref(), shift, SHIFTED_EXACTLY, input));
     }
     if !base.quick {
         let negated = moved(&base.pings, |pose| Pose {

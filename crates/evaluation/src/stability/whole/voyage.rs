@@ -7,7 +7,9 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use echosplat_mapper::{Budget, Mapper, MapperConfig, MapperStatus};
-use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Snapshot, Standing, Timestamp, Twist};
+use echosplat_model::{
+    Gaussian, Ping, PingSettings, Pose, PosedPing, Snapshot, Standing, Timestamp, Twist,
+};
 use echosplat_simulator::{Scene, echoes_at_rest};
 use glam::DVec3;
 use rayon::prelude::*;
@@ -254,27 +256,51 @@ pub(super) fn apart_m(
     distance_between(&here.confident(), &there)
 }
 
-/// Numbers of two maps that differ in any bit; not a number if they cannot be compared.
+/// Numbers of two maps that differ in any bit, the second made `shift_m` away, which must be exact
+/// in f64; not a number if they cannot be compared. Places are compared bit by bit too if both maps
+/// are relative to the same point of the dive; else one is rounded where it is large and the other
+/// where it is small, and they differ if they are further apart than these roundings.
 pub(in crate::stability) fn differing_bits(
     here: Option<&Snapshot>,
     there: Option<&Snapshot>,
+    shift_m: DVec3,
 ) -> f64 {
-    let numbers = |map: &Snapshot| -> Vec<u32> {
-        let each = |g: &echosplat_model::Gaussian| {
-            let all = g.mean_m.to_array().into_iter().chain(g.rotation.to_array());
-            let all = all.chain(g.scale_m.to_array());
-            all.chain([g.opacity, g.reflectivity, g.sigma_m])
-                .map(f32::to_bits)
-                .collect::<Vec<_>>()
-        };
-        map.gaussians.iter().flat_map(each).collect()
+    let (Some(here), Some(there)) = (here, there) else {
+        return f64::NAN;
     };
-    match (here.map(numbers), there.map(numbers)) {
-        (Some(a), Some(b)) if a.len() == b.len() && !a.is_empty() => {
-            a.iter().zip(&b).filter(|(a, b)| a != b).count() as f64
-        }
-        _ => f64::NAN,
+    let pairs = here.gaussians.iter().zip(&there.gaussians);
+    if here.gaussians.len() != there.gaussians.len() || here.gaussians.is_empty() {
+        return f64::NAN;
     }
+    let apart_m = there.origin_m - shift_m - here.origin_m;
+    let differing = pairs.map(|(a, b)| {
+        let numbers = other_numbers(a).into_iter().zip(other_numbers(b));
+        numbers.filter(|(a, b)| a != b).count() + differing_places(a, b, apart_m)
+    });
+    differing.sum::<usize>() as f64
+}
+
+/// All of a Gaussian that does not depend on where it is.
+fn other_numbers(gaussian: &Gaussian) -> [u32; 10] {
+    let [x, y, z, w] = gaussian.rotation.to_array();
+    let [a, b, c] = gaussian.scale_m.to_array();
+    let rest = (gaussian.opacity, gaussian.reflectivity, gaussian.sigma_m);
+    [x, y, z, w, a, b, c, rest.0, rest.1, rest.2].map(f32::to_bits)
+}
+
+/// Coordinates of `there` that are not those of `here` once its origin, `apart_m` from here's, is
+/// added.
+fn differing_places(here: &Gaussian, there: &Gaussian, apart_m: DVec3) -> usize {
+    let differs = |axis: usize| {
+        let (a, b) = (here.mean_m[axis], there.mean_m[axis]);
+        if apart_m == DVec3::ZERO {
+            return a.to_bits() != b.to_bits();
+        }
+        let (a, b) = (f64::from(a), f64::from(b));
+        let rounding = 0.5 * f64::from(f32::EPSILON) * (a.abs() + b.abs());
+        !((a - b - apart_m[axis]).abs() <= rounding)
+    };
+    (0..3).filter(|axis| differs(*axis)).count()
 }
 
 #[cfg(test)]

@@ -1,0 +1,226 @@
+//! What was seen where under one reading: the voxels along the arcs of all pings' ranges, and how
+//! often looks at each found it lit, by block of time.
+
+use std::collections::HashMap;
+use std::hash::{BuildHasherDefault, Hasher};
+
+use echosplat_acoustics::Beam;
+use echosplat_model::Pose;
+use glam::{DQuat, DVec3, IVec3};
+
+use super::VehiclePing;
+use super::lit::{CELL_COUNT, Cell, LitPings};
+
+/// Blocks of time that a window is cut into; each is predicted from the others.
+pub(super) const BLOCKS: usize = 20;
+/// Blocks before and after the predicted one that are left out: what was seen a moment ago is seen
+/// again under any reading.
+const LEFT_OUT: usize = 1;
+/// Looks that every voxel is given at the rate of all cells, so that few say little.
+const PRIOR_LOOKS: f32 = 3.0;
+/// Voxels reach so far in each direction.
+const MOST_VOXELS: i32 = 1 << 20;
+
+/// The block of the ping at `index` of `count`.
+pub(super) fn block_of(index: usize, count: usize) -> usize {
+    index * BLOCKS / count.max(1)
+}
+
+/// The blocks that say nothing of `block`.
+pub(super) fn left_out(block: usize) -> std::ops::RangeInclusive<usize> {
+    block.saturating_sub(LEFT_OUT)..=(block + LEFT_OUT).min(BLOCKS - 1)
+}
+
+/// Samples along each cell's arc, metres ahead and up; shape `[CELL_COUNT][samples]`.
+pub(super) struct Arcs(Vec<Vec<[f64; 2]>>);
+
+impl Arcs {
+    /// Samples a cell apart, as far up and down as the beam has half its strength.
+    pub(super) fn new(cell_m: f64, beam: &Beam) -> Self {
+        let half_rad = f64::from(beam.elevation_half_width_rad());
+        let arc = |cell: usize| {
+            let range_m = (cell as f64 + 0.5) * cell_m;
+            let count = (2.0 * half_rad * range_m / cell_m).ceil().max(1.0) as usize;
+            let sample = |index: usize| {
+                let elevation_rad = half_rad * ((2 * index + 1) as f64 / count as f64 - 1.0);
+                [range_m * elevation_rad.cos(), range_m * elevation_rad.sin()]
+            };
+            (0..count).map(sample).collect()
+        };
+        Self((0..CELL_COUNT).map(arc).collect())
+    }
+}
+
+/// Looks at one voxel and how many found it lit, by block.
+#[derive(Debug, Clone, Copy, Default)]
+struct Looks {
+    all: [u8; BLOCKS],
+    lit: [u8; BLOCKS],
+}
+
+/// One of them.
+#[derive(Debug, Clone, Copy)]
+struct Look {
+    block: usize,
+    is_lit: bool,
+}
+
+impl Looks {
+    fn add(&mut self, look: Look) {
+        // A full count keeps its share.
+        if let Some(all) = self.all[look.block].checked_add(1) {
+            self.all[look.block] = all;
+            self.lit[look.block] += u8::from(look.is_lit);
+        }
+    }
+
+    /// All looks and those that were lit, of the blocks that may tell of `block`.
+    fn told(&self, block: usize) -> (f32, f32) {
+        let told = |looks: &[u8; BLOCKS]| {
+            let sum = |looks: &[u8]| looks.iter().copied().map(u32::from).sum::<u32>();
+            (sum(looks) - sum(&looks[left_out(block)])) as f32
+        };
+        (told(&self.all), told(&self.lit))
+    }
+}
+
+/// A window of pings under one reading: for each ping and cell, the voxels along its arc.
+pub(super) struct Evidence {
+    blocks: Vec<usize>,
+    looks: Vec<Looks>,
+    /// Indices into `looks`, all cells' one after another.
+    along: Vec<u32>,
+    /// Where those of ping `p`'s cell `c` begin, at `p · CELL_COUNT + c`, and the end of the last.
+    starts: Vec<usize>,
+}
+
+impl Evidence {
+    /// Of poses `world_from_sensor`, one for each ping.
+    pub(super) fn new(pings: &[VehiclePing], poses: &[Pose], lit: &LitPings, arcs: &Arcs) -> Self {
+        let count = lit.cells.len();
+        let mut evidence = Self {
+            blocks: (0..count).map(|ping| block_of(ping, count)).collect(),
+            looks: Vec::new(),
+            along: Vec::new(),
+            starts: vec![0],
+        };
+        let mut voxels = Voxels::default();
+        for (index, (ping, pose)) in pings.iter().zip(poses).enumerate() {
+            let rays = Rays::of(ping, pose, poses, lit.cell_m);
+            for (arc, state) in arcs.0.iter().zip(&lit.cells[index]) {
+                if *state != Cell::Unknown {
+                    let look = Look {
+                        block: evidence.blocks[index],
+                        is_lit: *state == Cell::Lit,
+                    };
+                    evidence.look(&rays, arc, look, &mut voxels);
+                }
+                evidence.starts.push(evidence.along.len());
+            }
+        }
+        evidence
+    }
+
+    /// Looks at the voxels along an arc, and numbers those that are new.
+    fn look(&mut self, rays: &Rays, arc: &[[f64; 2]], look: Look, voxels: &mut Voxels) {
+        for key in arc.iter().filter_map(|sample| rays.key(*sample)) {
+            let next = self.looks.len() as u32;
+            let voxel = *voxels.entry(key).or_insert(next);
+            if voxel == next {
+                self.looks.push(Looks::default());
+            }
+            self.looks[voxel as usize].add(look);
+            self.along.push(voxel);
+        }
+    }
+
+    /// What other blocks saw along a cell's arc; `lit_rate` is that of all cells.
+    pub(super) fn said(&self, ping: usize, cell: usize, lit_rate: f32) -> Said {
+        let place = ping * CELL_COUNT + cell;
+        let along = &self.along[self.starts[place]..self.starts[place + 1]];
+        let (mut known, mut greatest) = (0, None);
+        for &voxel in along {
+            let (all, lit) = self.looks[voxel as usize].told(self.blocks[ping]);
+            known += usize::from(all > 0.0);
+            if lit > 0.0 {
+                let share = (lit + PRIOR_LOOKS * lit_rate) / (all + PRIOR_LOOKS);
+                greatest = Some(share.max(greatest.unwrap_or(0.0)));
+            }
+        }
+        match greatest {
+            Some(share) => Said::Lit(share),
+            None if 2 * known > along.len() => Said::Dark,
+            None => Said::Nothing,
+        }
+    }
+}
+
+/// What looks along an arc say of it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Said {
+    /// Most of it was not seen.
+    Nothing,
+    /// Most of it was seen, and all of that dark.
+    Dark,
+    /// Some of it was seen lit, the surest place in this share of looks.
+    Lit(f32),
+}
+
+/// Numbers of voxels by their keys.
+type Voxels = HashMap<u64, u32, BuildHasherDefault<Spread>>;
+
+/// One ping's fan in units of voxels.
+struct Rays {
+    position: DVec3,
+    ahead: DVec3,
+    up: DVec3,
+}
+
+impl Rays {
+    /// Relative to the first of `poses`.
+    fn of(ping: &VehiclePing, pose: &Pose, poses: &[Pose], voxel_m: f64) -> Self {
+        let beam_turn = DQuat::from_rotation_z(ping.ping.beam_azimuth_rad().into());
+        let rotation = pose.rotation * beam_turn;
+        Self {
+            position: (pose.translation_m - poses[0].translation_m) / voxel_m,
+            ahead: rotation * DVec3::X / voxel_m,
+            up: rotation * DVec3::Z / voxel_m,
+        }
+    }
+
+    /// Of the voxel that a sample lies in; `None` too far off.
+    fn key(&self, [ahead_m, up_m]: [f64; 2]) -> Option<u64> {
+        let place = self.position + self.ahead * ahead_m + self.up * up_m;
+        key(place.floor().as_ivec3())
+    }
+}
+
+fn key(voxel: IVec3) -> Option<u64> {
+    let is_near = voxel.cmpge(IVec3::splat(-MOST_VOXELS)) & voxel.cmplt(IVec3::splat(MOST_VOXELS));
+    is_near.all().then(|| {
+        let [x, y, z] = (voxel + MOST_VOXELS).to_array().map(|i| i as u64);
+        x << 42 | y << 21 | z
+    })
+}
+
+/// Spreads the bits of a voxel's key; nobody chooses keys to collide.
+#[derive(Default)]
+struct Spread(u64);
+
+impl Hasher for Spread {
+    fn finish(&self) -> u64 {
+        self.0
+    }
+
+    fn write(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            self.write_u64(self.0 ^ u64::from(byte));
+        }
+    }
+
+    fn write_u64(&mut self, key: u64) {
+        // The golden ratio's bits; the upper half holds what all bits together make.
+        let product = key.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        self.0 = product ^ (product >> 32);
+    }
+}

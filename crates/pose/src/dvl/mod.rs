@@ -1,0 +1,100 @@
+//! Dead reckoning of a Water Linked DVL A50 or A125 over TCP: one JSON object a line.
+//!
+//! Protocol `json_v2` to `json_v3.1`, "DVL protocol" of docs.waterlinked.com. `position_local`, about 5
+//! a second: metres and degrees in the frame that the DVL had when its dead reckoning was last
+//! reset, x forward, y right, z down. `velocity`, 2 to 26 a second: in the DVL's own frame. A pose
+//! is given for each of both. Those at velocities wait for the position behind them, since only
+//! positions come with an attitude; between positions more than half a second apart there are none.
+//! The world is the frame of that reset turned to z up: x as it was, y left.
+
+mod report;
+mod track;
+
+use std::io;
+
+use self::report::Report;
+use self::track::Track;
+use crate::StampClock;
+use crate::arrived::now;
+use crate::link::{Address, BackOff};
+use crate::outlet::Outlet;
+use crate::stop::Stop;
+
+/// Longest line read; a velocity with four transducers has some 1,000 bytes.
+const MAX_LINE_BYTES: usize = 16 * 1024;
+/// A connection without a report for so long is made anew.
+const SILENT_AFTER_S: f64 = 10.0;
+
+/// Until the stop: connects, reads, connects again.
+pub(crate) fn run(address: &Address, stamps: StampClock, mut outlet: Outlet, stop: &Stop) {
+    let mut track = Track::new(stamps);
+    let mut back_off = BackOff::default();
+    let name = address.name();
+    outlet.link(format!("waiting for the DVL on {name}"));
+    while !stop.is_set() {
+        if let Err(error) = read(address, &mut track, &mut back_off, &mut outlet, stop) {
+            outlet.link(format!("lost: {name}: {error}; trying again"));
+        }
+        if back_off.wait(stop) {
+            return;
+        }
+    }
+}
+
+fn read(
+    address: &Address,
+    track: &mut Track,
+    back_off: &mut BackOff,
+    outlet: &mut Outlet,
+    stop: &Stop,
+) -> io::Result<()> {
+    let mut link = address.open()?;
+    let mut lines = Lines::default();
+    let mut buffer = [0; 4096];
+    let mut heard_at = now();
+    while !stop.is_set() {
+        let count = link.read(&mut buffer)?;
+        let arrived = now();
+        lines.feed(&buffer[..count], |line| {
+            let report = Report::parse(line);
+            if let Ok(Some(_)) = report {
+                heard_at = arrived;
+                back_off.reset();
+                outlet.link("up");
+            }
+            let poses = track.take(report, arrived);
+            poses.into_iter().for_each(|pose| outlet.hand_on(pose));
+        });
+        outlet.tell(track.status(arrived));
+        if arrived.seconds_since(heard_at).abs() > SILENT_AFTER_S {
+            let what = "it sends no reports";
+            return Err(io::Error::new(io::ErrorKind::TimedOut, what));
+        }
+    }
+    Ok(())
+}
+
+/// Bytes in, lines out; a line that is too long is given cut, which is no report.
+#[derive(Default)]
+struct Lines {
+    held: Vec<u8>,
+}
+
+impl Lines {
+    fn feed(&mut self, bytes: &[u8], mut take: impl FnMut(&[u8])) {
+        for piece in bytes.split_inclusive(|byte| *byte == b'\n') {
+            let room = MAX_LINE_BYTES - self.held.len();
+            self.held.extend_from_slice(&piece[..piece.len().min(room)]);
+            if piece.ends_with(b"\n") {
+                let line = self.held.trim_ascii();
+                if !line.is_empty() {
+                    take(line);
+                }
+                self.held.clear();
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,254 @@
+//! What stands between a source of poses and the join: one vehicle, one clock, one track.
+//!
+//! Poses of a live source may be stamped by a clock that is wrong or steps, may come from a second
+//! publisher with another opinion, and may jump when the estimator resets. [`PoseGuard`] follows one
+//! track. A pose that does not continue it is held: if those after it go on from it and the track
+//! itself is silent, the track has moved and a new epoch begins; if the track goes on, the pose was an
+//! outlier or another publisher's and is refused. No input, no output and no clock: poses come in with
+//! the time they arrived, so that a recording is judged as the dive was.
+
+mod track;
+
+use echosplat_model::StampedPose;
+use serde::Serialize;
+
+use crate::{ArrivedPose, StampClock};
+use track::{Break, Rival, Track};
+
+/// A new track is believed after so many poses, unless the old one goes on meanwhile.
+const RIVAL_POSES: usize = 5;
+/// So many refusals of one kind within a dive are another publisher and not outliers.
+const SECOND_SOURCE_POSES: u64 = 5;
+
+/// What became of poses, and where the track stands.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct GuardReport {
+    /// Counts the tracks; poses of two epochs are never mixed.
+    pub epoch: u32,
+    /// Why the newest epoch began.
+    pub epoch_reason: Option<String>,
+    /// Poses refused since their stamp is far from where the clock is.
+    pub stamps_far: u64,
+    /// Poses refused since they lie far from the track, which goes on without them.
+    pub off_track: u64,
+    /// How far the newest of these lay from the track, metres.
+    pub off_track_m: f64,
+    /// Poses as old as, or older than, one that was taken.
+    pub out_of_order: u64,
+    /// Added to the stamps since their clock stepped, seconds.
+    pub clock_shift_s: f64,
+    /// How far stamps lead their arrival, seconds, at the least delay of late; negative if they lag.
+    /// Says nothing where the data have a clock of their own.
+    pub lead_s: f64,
+    /// For how long poses have been the same to the last bit, seconds.
+    pub still_s: f64,
+}
+
+impl GuardReport {
+    /// Whether a second publisher sends poses of its own.
+    #[must_use]
+    pub fn has_second_source(&self) -> bool {
+        self.off_track >= SECOND_SOURCE_POSES
+    }
+}
+
+/// A pose that is taken, and whether the join has to forget those before it.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Guarded {
+    /// It goes on from the one before.
+    Pose(StampedPose),
+    /// The clock of the poses went back: what comes now lies before what is held.
+    ClockWentBack,
+}
+
+/// Follows one track of poses.
+#[derive(Debug)]
+pub struct PoseGuard {
+    clock: StampClock,
+    track: Option<Track>,
+    /// Where the clock of the pings stepped, the track until then.
+    former: Option<Track>,
+    rival: Option<Rival>,
+    source_epoch: u32,
+    report: GuardReport,
+}
+
+impl PoseGuard {
+    /// With [`StampClock::Host`] stamps are held against the time of arrival, and a jump begins a new
+    /// epoch. With [`StampClock::Data`] arrival says nothing, and jumps are the data's own, as between
+    /// the views of a simulated dive.
+    #[must_use]
+    pub fn new(clock: StampClock) -> Self {
+        Self {
+            clock,
+            track: None,
+            former: None,
+            rival: None,
+            source_epoch: 0,
+            report: GuardReport::default(),
+        }
+    }
+
+    /// Judges the next pose; `take` gets what is to be joined with pings, in order.
+    pub fn push(&mut self, mut arrived: ArrivedPose, take: &mut dyn FnMut(Guarded)) {
+        let shift_s = self.report.clock_shift_s;
+        arrived.pose.time = arrived.pose.time.offset_by(shift_s);
+        let Some(track) = &self.track else {
+            self.source_epoch = arrived.pose.epoch;
+            return match self.former.is_some() {
+                true => self.after_step(arrived, take),
+                false => self.begin(&[arrived], take),
+            };
+        };
+        if arrived.pose.epoch != self.source_epoch {
+            return self.source_was_reset(arrived, take);
+        }
+        match track.break_of(&arrived, self.clock) {
+            None => self.go_on(arrived, take),
+            Some(Break::Order) => self.report.out_of_order += 1,
+            Some(found) => self.doubt(arrived, found, take),
+        }
+    }
+
+    /// The clock of the pings stepped. Whether that of the poses stepped with it, the next ones tell.
+    pub fn clock_stepped(&mut self) {
+        self.former = self.track.take().or(self.former.take());
+        self.rival = None;
+        self.next_epoch("the clock of the pings stepped".to_owned());
+    }
+
+    /// What became of poses so far.
+    #[must_use]
+    pub fn report(&self) -> &GuardReport {
+        &self.report
+    }
+
+    fn begin(&mut self, poses: &[ArrivedPose], take: &mut dyn FnMut(Guarded)) {
+        self.report.still_s = 0.0;
+        for arrived in poses {
+            match &mut self.track {
+                Some(track) => track.extend(arrived),
+                None => self.track = Some(Track::new(arrived)),
+            }
+            self.hand_on(arrived, take);
+        }
+    }
+
+    fn hand_on(&self, arrived: &ArrivedPose, take: &mut dyn FnMut(Guarded)) {
+        take(Guarded::Pose(StampedPose {
+            epoch: self.report.epoch,
+            ..arrived.pose
+        }));
+    }
+
+    fn go_on(&mut self, arrived: ArrivedPose, take: &mut dyn FnMut(Guarded)) {
+        // The track is alive: whatever was held is not it.
+        if let Some(rival) = self.rival.take() {
+            self.refuse(&rival);
+        }
+        let Some(track) = &mut self.track else { return };
+        track.extend(&arrived);
+        self.report.still_s = track.still_s();
+        self.report.lead_s = track.lead_s();
+        self.hand_on(&arrived, take);
+    }
+
+    fn refuse(&mut self, rival: &Rival) {
+        let count = rival.len() as u64;
+        match rival.found() {
+            Break::Jump { metres } => {
+                self.report.off_track += count;
+                self.report.off_track_m = metres;
+            }
+            Break::Ahead | Break::Behind | Break::Order => self.report.stamps_far += count,
+        }
+    }
+
+    fn doubt(&mut self, arrived: ArrivedPose, found: Break, take: &mut dyn FnMut(Guarded)) {
+        let goes_on = self
+            .rival
+            .as_mut()
+            .is_some_and(|rival| rival.go_on(&arrived, self.clock));
+        if !goes_on {
+            if let Some(before) = self.rival.replace(Rival::new(arrived, found)) {
+                self.refuse(&before);
+            }
+            return;
+        }
+        let interval_s = self.track.as_ref().map_or(0.0, Track::interval_s);
+        let is_believed = |rival: &Rival| {
+            rival.len() >= RIVAL_POSES && rival.span_s(self.clock) >= 3.0 * interval_s
+        };
+        if let Some(rival) = self.rival.take_if(|rival| is_believed(rival)) {
+            self.track_moved(rival, take);
+        }
+    }
+
+    /// Gathers poses until it is clear which clock they are on now.
+    fn after_step(&mut self, arrived: ArrivedPose, take: &mut dyn FnMut(Guarded)) {
+        let goes_on = self
+            .rival
+            .as_mut()
+            .is_some_and(|rival| rival.go_on(&arrived, self.clock));
+        if !goes_on {
+            self.rival = Some(Rival::new(arrived, Break::Behind));
+        }
+        let held = |rival: &mut Rival| rival.len() >= RIVAL_POSES;
+        let Some(rival) = self.rival.take_if(held) else {
+            return;
+        };
+        let mut poses = rival.into_poses();
+        if let Some(former) = self.former.take() {
+            let shift_s = former.shift_for(&poses);
+            self.shift(&mut poses, shift_s);
+        }
+        self.begin(&poses, take);
+    }
+
+    fn shift(&mut self, poses: &mut [ArrivedPose], shift_s: f64) {
+        self.report.clock_shift_s += shift_s;
+        for arrived in poses {
+            arrived.pose.time = arrived.pose.time.offset_by(shift_s);
+        }
+    }
+
+    /// Those held are the track from now on.
+    fn track_moved(&mut self, rival: Rival, take: &mut dyn FnMut(Guarded)) {
+        let found = rival.found();
+        let mut poses = rival.into_poses();
+        let Some(old) = self.track.take() else { return };
+        if self.clock == StampClock::Host {
+            let shift_s = match found {
+                Break::Jump { .. } | Break::Order => 0.0,
+                Break::Ahead | Break::Behind => old.shift_for(&poses),
+            };
+            self.shift(&mut poses, shift_s);
+            self.next_epoch(found.reason(shift_s));
+        }
+        let first = poses.first().map(|arrived| arrived.pose.time);
+        if first.is_some_and(|first| first <= old.newest().pose.time) {
+            take(Guarded::ClockWentBack);
+        }
+        self.begin(&poses, take);
+    }
+
+    fn source_was_reset(&mut self, arrived: ArrivedPose, take: &mut dyn FnMut(Guarded)) {
+        self.source_epoch = arrived.pose.epoch;
+        self.rival = None;
+        let old = self.track.take();
+        self.next_epoch("the estimator was reset".to_owned());
+        if old.is_some_and(|old| arrived.pose.time <= old.newest().pose.time) {
+            take(Guarded::ClockWentBack);
+        }
+        self.begin(&[arrived], take);
+    }
+
+    fn next_epoch(&mut self, reason: String) {
+        self.report.epoch += 1;
+        tracing::warn!(epoch = self.report.epoch, "a new epoch of poses: {reason}");
+        self.report.epoch_reason = Some(reason);
+    }
+}
+
+#[cfg(test)]
+mod tests;

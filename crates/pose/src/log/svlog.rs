@@ -1,0 +1,284 @@
+//! `MAVLink` messages as JSON in packets of id 150, between the profiles of a `.svlog`.
+//!
+//! A profile's time is its session's `timestamp` plus the device time since that session's first
+//! profile. The vehicle's clock since boot differs from the device's by a constant: packets are
+//! logged as they arrive, so the profile behind a message is no older than it, and the least
+//! difference between the two is the constant.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use echosplat_firmware_protocol::{Decoder, Event, Frame, Message as Packet, id};
+use echosplat_model::Timestamp;
+use echosplat_recording::svlog::{SessionHeader, SvlogError, SvlogReader};
+
+use super::{LogPosesError, in_order};
+use crate::mavlink::json;
+use crate::mavlink::message::Message;
+use crate::mavlink::vehicle::Vehicle;
+use crate::{ArrivedPose, StampClock};
+
+const NANOS_PER_MILLI: i64 = 1_000_000;
+/// Stamps beyond 2001 are Unix time already, not time since boot.
+const LEAST_UNIX_NANOS: i64 = 1_000_000_000_000_000_000;
+
+/// The poses of the first vehicle in a log, on the time that the log's profiles are given.
+///
+/// # Errors
+/// If it is no `.svlog`, or there are no poses in it; then what it holds instead.
+pub fn poses_of_svlog(path: &Path) -> Result<Vec<ArrivedPose>, LogPosesError> {
+    let io = |reason| LogPosesError::Io {
+        path: path.to_owned(),
+        reason,
+    };
+    let format = |reason: SvlogError| LogPosesError::Format {
+        path: path.to_owned(),
+        reason: reason.to_string(),
+    };
+    let file = File::open(path).map_err(io)?;
+    let mut reader = SvlogReader::new(BufReader::new(file)).map_err(format)?;
+    let mut decoder = Box::new(Decoder::new());
+    let mut log = Log::new();
+    while let Some(piece) = reader.next_piece().map_err(format)? {
+        decoder.feed(piece, &mut |event| log.take(&event));
+    }
+    decoder.finish(&mut |event| log.take(&event));
+    log.finish().map_err(|reason| LogPosesError::None {
+        path: path.to_owned(),
+        reason,
+    })
+}
+
+/// What was read so far.
+struct Log {
+    vehicle: Vehicle,
+    packet_count: u64,
+    position_count: u64,
+    session: Session,
+    poses: Vec<ArrivedPose>,
+}
+
+/// Since the newest session packet.
+#[derive(Default)]
+struct Session {
+    start: Timestamp,
+    first_profile_ms: Option<u32>,
+    channel: Option<u8>,
+    /// Nanoseconds since boot of the newest message behind the newest profile.
+    unmatched_boot: Option<i64>,
+    /// Time since the first profile minus time since boot.
+    least: Option<i64>,
+    /// On the clock since boot.
+    poses: Vec<ArrivedPose>,
+}
+
+impl Log {
+    fn new() -> Self {
+        Self {
+            vehicle: Vehicle::new(StampClock::Data),
+            packet_count: 0,
+            position_count: 0,
+            session: Session::default(),
+            poses: Vec::new(),
+        }
+    }
+
+    fn take(&mut self, event: &Event<'_>) {
+        let Event::Frame(frame) = event else { return };
+        match frame.message_id() {
+            id::JSON => {
+                if let Ok(header) = SessionHeader::parse(frame.payload()) {
+                    self.end_session();
+                    self.session.start = header.timestamp;
+                }
+            }
+            id::MAVLINK => self.take_mavlink(frame.payload()),
+            id::OS_MONO_PROFILE => self.session.take_profile(frame),
+            _ => {}
+        }
+    }
+
+    fn take_mavlink(&mut self, text: &[u8]) {
+        self.packet_count += 1;
+        let (sender, message) = match json::parse(text) {
+            Ok(Some(found)) => found,
+            Ok(None) => return,
+            Err(what) => return self.vehicle.refuse(format!("MAVLink packet: {what}")),
+        };
+        let Some(boot) = boot_nanos(&message) else {
+            return;
+        };
+        self.position_count += u64::from(matches!(message, Message::Position { .. }));
+        // When it arrived is not written down; of a log only the order matters.
+        let arrived = Timestamp::from_nanos(boot);
+        if let Some(pose) = self.vehicle.take(sender, message, arrived) {
+            self.session.unmatched_boot = Some(pose.pose.time.nanos());
+            self.session.poses.push(pose);
+        }
+    }
+
+    fn end_session(&mut self) {
+        let session = std::mem::take(&mut self.session);
+        self.poses.extend(session.on_its_clock());
+    }
+
+    fn finish(mut self) -> Result<Vec<ArrivedPose>, String> {
+        let made_count = self.session.poses.len() + self.poses.len();
+        self.end_session();
+        if !self.poses.is_empty() {
+            return Ok(in_order(self.poses));
+        }
+        let status = self.vehicle.status(Timestamp::ZERO);
+        Err(match status.first_fault {
+            Some(fault) => fault,
+            None if self.packet_count == 0 => "there are no MAVLink packets (id 150) in it".into(),
+            None if made_count > 0 => "there are no profiles to tell the sonar's clock by".into(),
+            None if status.received > 0 && self.position_count == 0 => {
+                "its MAVLink packets have attitudes but no LOCAL_POSITION_NED and no ODOMETRY: \
+                 the vehicle knew no position"
+                    .into()
+            }
+            None => format!(
+                "its {} MAVLink packets have no ATTITUDE with a LOCAL_POSITION_NED within 0.5 s",
+                self.packet_count
+            ),
+        })
+    }
+}
+
+impl Session {
+    fn take_profile(&mut self, frame: &Frame<'_>) {
+        let Ok(Packet::OsMonoProfile(profile)) = Packet::parse(frame) else {
+            return;
+        };
+        if *self.channel.get_or_insert(profile.channel_number) != profile.channel_number {
+            return;
+        }
+        let first_ms = *self.first_profile_ms.get_or_insert(profile.timestamp_ms);
+        // The counter wraps after 49.7 days; no session is half as long.
+        let since_ms = profile.timestamp_ms.wrapping_sub(first_ms).cast_signed();
+        if let Some(boot) = self.unmatched_boot.take() {
+            let apart = i64::from(since_ms) * NANOS_PER_MILLI - boot;
+            self.least = Some(self.least.map_or(apart, |least| least.min(apart)));
+        }
+    }
+
+    fn on_its_clock(self) -> impl Iterator<Item = ArrivedPose> {
+        let (start, least) = (self.start, self.least);
+        self.poses.into_iter().filter_map(move |arrived| {
+            let mut pose = arrived.pose;
+            if pose.time.nanos() < LEAST_UNIX_NANOS {
+                let since_first = pose.time.nanos().saturating_add(least?);
+                pose.time = start.offset_by_nanos(since_first);
+            }
+            Some(ArrivedPose::at_its_stamp(pose))
+        })
+    }
+}
+
+/// Of the messages that poses are made of; the Unix time that a vehicle claims is not asked.
+fn boot_nanos(message: &Message) -> Option<i64> {
+    match message {
+        Message::Attitude { boot_ms, .. } | Message::Position { boot_ms, .. } => {
+            Some(i64::from(*boot_ms) * NANOS_PER_MILLI)
+        }
+        Message::Odometry(odometry) => i64::try_from(odometry.time_us)
+            .ok()
+            .map(|us| us.saturating_mul(1_000)),
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use echosplat_firmware_protocol::{OsMonoProfile, PowerResults};
+    use echosplat_recording::svlog::SvlogWriter;
+
+    fn frame(message: &Packet<'_>) -> Vec<u8> {
+        let mut bytes = vec![0; 4096];
+        let length = message.encode(1, 0, &mut bytes).unwrap();
+        bytes.truncate(length);
+        bytes
+    }
+
+    fn profile(timestamp_ms: u32) -> Vec<u8> {
+        let results = [0; 400];
+        frame(&Packet::OsMonoProfile(OsMonoProfile {
+            ping_number: timestamp_ms / 50,
+            start_mm: 0,
+            length_mm: 10_000,
+            timestamp_ms,
+            ping_hz: 451_127,
+            gain_index: 0,
+            sos_dmps: 15_000,
+            channel_number: 0,
+            pulse_duration_sec: 3e-5,
+            analog_gain: 1.0,
+            max_pwr_db: 60.0,
+            min_pwr_db: -20.0,
+            transducer_heading_deg: 0.0,
+            vehicle_heading_deg: 0.0,
+            pwr_results: PowerResults::from_bytes(&results).unwrap(),
+        }))
+    }
+
+    fn mavlink(kind: &str, boot_ms: u32, fields: &str) -> Vec<u8> {
+        let json = format!(
+            r#"{{"header":{{"system_id":1,"component_id":1,"sequence":0}},"message":{{"type":"{kind}","time_boot_ms":{boot_ms},{fields}}}}}"#
+        );
+        frame(&Packet::Mavlink(json.as_str().into()))
+    }
+
+    fn attitude(boot_ms: u32) -> Vec<u8> {
+        mavlink("ATTITUDE", boot_ms, r#""roll":0.0,"pitch":0.0,"yaw":0.0"#)
+    }
+
+    fn position(boot_ms: u32) -> Vec<u8> {
+        let fields = r#""x":1.0,"y":2.0,"z":3.0,"vx":0.0,"vy":0.0,"vz":0.0"#;
+        mavlink("LOCAL_POSITION_NED", boot_ms, fields)
+    }
+
+    fn poses_of(frames: &[Vec<u8>]) -> Result<Vec<ArrivedPose>, LogPosesError> {
+        let start = Timestamp::from_millis(1_714_564_800_000);
+        let header = SessionHeader::new(start, 3, "tcp://192.168.2.92:51200");
+        let mut writer = SvlogWriter::new(Vec::new(), &header).unwrap();
+        frames
+            .iter()
+            .for_each(|frame| writer.write_frame(frame).unwrap());
+        let file = tempfile::NamedTempFile::new().unwrap();
+        std::fs::write(file.path(), writer.finish().unwrap()).unwrap();
+        poses_of_svlog(file.path())
+    }
+
+    #[test]
+    fn poses_are_on_the_time_of_the_profiles() {
+        // The sonar was switched on 70 s before the autopilot; messages come up to 30 ms late.
+        let mut frames = Vec::new();
+        for i in 0..100_u32 {
+            let now_ms = 1_000 + i * 50;
+            frames.push(profile(70_000 + now_ms));
+            frames.push(position(now_ms + 10));
+            frames.push(attitude(now_ms + 20 + (i % 3) * 10));
+        }
+        let poses = poses_of(&frames).unwrap();
+        assert_eq!(poses.len(), 100);
+        // At the first profile boot time is 1,000 ms; the first attitude is 20 ms behind it.
+        let since_start_ms = poses[0].pose.time.nanos() / 1_000_000 - 1_714_564_800_000;
+        assert!((0..=40).contains(&(since_start_ms)), "{since_start_ms}");
+        let place = poses[0].pose.world_from_vehicle.translation_m;
+        let expected = glam::DVec3::new(2.0, 1.0, -3.0);
+        assert_eq!(place, expected);
+    }
+
+    #[test]
+    fn a_log_without_poses_says_what_it_has_instead() {
+        let said = |frames: &[Vec<u8>]| poses_of(frames).unwrap_err().to_string();
+        assert!(said(&[profile(0)]).contains("no MAVLink packets"));
+        assert!(said(&[profile(0), attitude(0)]).contains("knew no position"));
+        let no_profile = said(&[position(0), attitude(0)]);
+        assert!(no_profile.contains("no profiles"), "{no_profile}");
+        assert!(no_profile.contains("--poses F.tum"));
+    }
+}

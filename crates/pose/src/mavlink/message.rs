@@ -1,0 +1,121 @@
+//! The few messages that poses need, in the units and names of this program.
+
+use echosplat_model::glam::{DQuat, DVec3, EulerRot};
+use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage};
+
+/// Who sent a message.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Sender {
+    pub(crate) system: u32,
+    pub(crate) component: u8,
+}
+
+/// One message, as it came; nothing is checked yet.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum Message {
+    /// `ATTITUDE` (30) or `ATTITUDE_QUATERNION` (31).
+    Attitude {
+        boot_ms: u32,
+        ned_from_frd: DQuat,
+        is_quaternion: bool,
+    },
+    /// `LOCAL_POSITION_NED` (32).
+    Position {
+        boot_ms: u32,
+        position_ned_m: DVec3,
+        velocity_ned_mps: DVec3,
+    },
+    /// `ODOMETRY` (331).
+    Odometry(Box<Odometry>),
+    /// `TIMESYNC` (111): nanoseconds; `tc1` 0 asks, else it answers.
+    TimeSync { tc1: i64, ts1: i64 },
+    /// `SYSTEM_TIME` (2).
+    SystemTime { unix_us: u64, boot_ms: u32 },
+    /// `HEARTBEAT` (0).
+    Heartbeat { is_autopilot: bool },
+}
+
+/// `ODOMETRY` (331).
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Odometry {
+    /// Since boot, or Unix: its size tells.
+    pub(crate) time_us: u64,
+    /// `MAV_FRAME` by number.
+    pub(crate) frame: u32,
+    /// `MAV_FRAME` by number.
+    pub(crate) child_frame: u32,
+    pub(crate) position_m: DVec3,
+    pub(crate) frame_from_body: DQuat,
+    /// Upper triangle, row by row; NaN first if unknown.
+    pub(crate) covariance: [f64; 21],
+    pub(crate) reset_counter: u8,
+    /// Per cent; −1 if it has failed, 0 if unknown.
+    pub(crate) quality: i64,
+}
+
+/// Yaw about down, then pitch about right, then roll about forward.
+pub(crate) fn ned_from_frd(roll_rad: f64, pitch_rad: f64, yaw_rad: f64) -> DQuat {
+    DQuat::from_euler(EulerRot::ZYX, yaw_rad, pitch_rad, roll_rad)
+}
+
+/// `MAVLink` writes quaternions w, x, y, z.
+pub(crate) fn of_wxyz(q: [f64; 4]) -> DQuat {
+    DQuat::from_xyzw(q[1], q[2], q[3], q[0])
+}
+
+fn vector(x: f32, y: f32, z: f32) -> DVec3 {
+    DVec3::new(f64::from(x), f64::from(y), f64::from(z))
+}
+
+impl Message {
+    /// `None` for the hundreds of others.
+    pub(crate) fn of_mavlink(message: &MavMessage) -> Option<Self> {
+        Some(match message {
+            MavMessage::ATTITUDE_QUATERNION(m) => Self::Attitude {
+                boot_ms: m.time_boot_ms,
+                ned_from_frd: of_wxyz([m.q1, m.q2, m.q3, m.q4].map(f64::from)),
+                is_quaternion: true,
+            },
+            MavMessage::ATTITUDE(m) => Self::Attitude {
+                boot_ms: m.time_boot_ms,
+                ned_from_frd: ned_from_frd(m.roll.into(), m.pitch.into(), m.yaw.into()),
+                is_quaternion: false,
+            },
+            MavMessage::LOCAL_POSITION_NED(m) => Self::Position {
+                boot_ms: m.time_boot_ms,
+                position_ned_m: vector(m.x, m.y, m.z),
+                velocity_ned_mps: vector(m.vx, m.vy, m.vz),
+            },
+            MavMessage::ODOMETRY(m) => Self::Odometry(Box::new(Odometry {
+                time_us: m.time_usec,
+                frame: m.frame_id as u32,
+                child_frame: m.child_frame_id as u32,
+                position_m: vector(m.x, m.y, m.z),
+                frame_from_body: of_wxyz(m.q.map(f64::from)),
+                covariance: m.pose_covariance.map(f64::from),
+                reset_counter: m.reset_counter,
+                quality: m.quality.into(),
+            })),
+            MavMessage::TIMESYNC(m) => Self::TimeSync {
+                tc1: m.tc1,
+                ts1: m.ts1,
+            },
+            MavMessage::SYSTEM_TIME(m) => Self::SystemTime {
+                unix_us: m.time_unix_usec,
+                boot_ms: m.time_boot_ms,
+            },
+            MavMessage::HEARTBEAT(m) => Self::Heartbeat {
+                is_autopilot: m.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID,
+            },
+            _ => return None,
+        })
+    }
+
+    /// Whether it says where or how the vehicle is.
+    pub(crate) fn is_of_pose(&self) -> bool {
+        matches!(
+            self,
+            Self::Attitude { .. } | Self::Position { .. } | Self::Odometry(_)
+        )
+    }
+}

@@ -1,0 +1,442 @@
+//! From a vehicle's messages to poses; no sockets, no clock.
+//!
+//! A pose is made of each attitude, at its time since boot, with the position moved there by its
+//! velocity (at most [`MAX_ADVANCE_S`](crate::advance::MAX_ADVANCE_S)); or of each `ODOMETRY`,
+//! which is preferred while it comes.
+
+use echosplat_model::glam::{DQuat, DVec3};
+use echosplat_model::{
+    HALF_TURN_ABOUT_X, Pose, PoseUncertainty, StampedPose, Timestamp, enu_from_flu, enu_from_ned,
+    flu_from_flu, flu_from_frd,
+};
+use mavlink::dialects::ardupilotmega::MavFrame;
+
+use super::clock::{BootStep, BootTime, VehicleClock, is_unix_us};
+use super::message::{Message, Odometry, Sender};
+use crate::advance::Motion;
+use crate::clock::UnknownClock;
+use crate::fault::{self, Fault};
+use crate::status::PoseSourceStatus;
+use crate::{ArrivedPose, StampClock};
+
+const NANOS_PER_MILLI: i64 = 1_000_000;
+/// The better message is waited for so long before the next best is used.
+const PREFERRED_FOR_S: f64 = 1.0;
+/// An attitude without a position for so long is told.
+const MISSING_AFTER_S: f64 = 5.0;
+
+/// Which messages the newest pose was made of; two kinds share no origin for certain.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Attitude,
+    /// With its `MAV_FRAME`.
+    Odometry(u32),
+}
+
+/// When a kind of message came last, and since when.
+#[derive(Debug, Clone, Copy)]
+struct Heard {
+    first: Timestamp,
+    newest: Timestamp,
+}
+
+impl Heard {
+    fn note(heard: &mut Option<Self>, now: Timestamp) {
+        let heard = heard.get_or_insert(Self {
+            first: now,
+            newest: now,
+        });
+        heard.newest = now;
+    }
+
+    fn within(heard: Option<Self>, limit_s: f64, now: Timestamp) -> bool {
+        heard.is_some_and(|heard| now.seconds_since(heard.newest).abs() <= limit_s)
+    }
+
+    /// Came for so long, and still does.
+    fn has_lasted(heard: Option<Self>, limit_s: f64, now: Timestamp) -> bool {
+        Self::within(heard, limit_s, now)
+            && heard.is_some_and(|heard| heard.newest.seconds_since(heard.first) >= limit_s)
+    }
+}
+
+/// The first vehicle heard.
+#[derive(Debug)]
+pub(crate) struct Vehicle {
+    pub(crate) clock: VehicleClock,
+    status: PoseSourceStatus,
+    /// Whose poses are taken.
+    source: Option<Sender>,
+    /// Who is asked for them.
+    autopilot: Option<Sender>,
+    boot_time: BootTime,
+    unix_clock: UnknownClock,
+    stamps: StampClock,
+    motion: Option<Motion>,
+    kind: Option<Kind>,
+    reset_counter: Option<u8>,
+    attitude: Option<Heard>,
+    quaternion: Option<Heard>,
+    position: Option<Heard>,
+    odometry: Option<Heard>,
+}
+
+impl Vehicle {
+    pub(crate) fn new(stamps: StampClock) -> Self {
+        Self {
+            clock: VehicleClock::new(stamps),
+            status: PoseSourceStatus::default(),
+            source: None,
+            autopilot: None,
+            boot_time: BootTime::default(),
+            unix_clock: UnknownClock::default(),
+            stamps,
+            motion: None,
+            kind: None,
+            reset_counter: None,
+            attitude: None,
+            quaternion: None,
+            position: None,
+            odometry: None,
+        }
+    }
+
+    /// Takes one message; gives the pose that it completes.
+    pub(crate) fn take(
+        &mut self,
+        sender: Sender,
+        message: Message,
+        arrived: Timestamp,
+    ) -> Option<ArrivedPose> {
+        if message.is_of_pose() {
+            let source = *self.source.get_or_insert(sender);
+            if source != sender {
+                self.status.other_vehicles += 1;
+                return None;
+            }
+            self.status.received += 1;
+        } else if self
+            .source
+            .is_some_and(|source| source.system != sender.system)
+        {
+            return None;
+        }
+        let pose = self.pose_of(sender, message, arrived);
+        let pose = pose.unwrap_or_else(|fault| {
+            self.status.refuse(&fault);
+            None
+        })?;
+        self.status.accepted += 1;
+        Some(ArrivedPose { pose, arrived })
+    }
+
+    /// A message that could not even be read.
+    pub(crate) fn refuse(&mut self, what: String) {
+        self.status.received += 1;
+        self.status.refuse(&Fault::Malformed(what));
+    }
+
+    /// Whom to ask for messages: the vehicle used, or an autopilot heard.
+    pub(crate) fn to_ask(&self) -> Option<Sender> {
+        self.source.or(self.autopilot)
+    }
+
+    /// Whether the messages of these ids come.
+    pub(crate) fn comes(&self, message_id: u32, now: Timestamp) -> bool {
+        let heard = match message_id {
+            30 => self.attitude,
+            31 => self.quaternion,
+            32 => self.position,
+            331 => self.odometry,
+            _ => None,
+        };
+        Heard::within(heard, 2.0, now)
+    }
+
+    /// Counters, clock and what is missing; rate and link are the caller's.
+    pub(crate) fn status(&self, now: Timestamp) -> PoseSourceStatus {
+        PoseSourceStatus {
+            missing: self.missing(now).map(str::to_owned),
+            ..self.status.clone()
+        }
+    }
+
+    fn missing(&self, now: Timestamp) -> Option<&'static str> {
+        if Heard::within(self.odometry, PREFERRED_FOR_S, now) {
+            return None;
+        }
+        let lasts = |heard| Heard::has_lasted(heard, MISSING_AFTER_S, now);
+        let lacks = |heard| !Heard::within(heard, MISSING_AFTER_S, now);
+        if lasts(self.attitude.or(self.quaternion)) && lacks(self.position) {
+            return Some(
+                "the vehicle sends attitude but no position; the map needs one: a DVL, visual \
+                 SLAM or underwater GPS fused by its EKF, and the EKF's origin set \
+                 (SET_GPS_GLOBAL_ORIGIN)",
+            );
+        }
+        let no_attitude = lacks(self.attitude) && lacks(self.quaternion);
+        if lasts(self.position) && no_attitude {
+            return Some(
+                "the vehicle sends a position but no attitude; ask it for ATTITUDE_QUATERNION",
+            );
+        }
+        None
+    }
+
+    fn pose_of(
+        &mut self,
+        sender: Sender,
+        message: Message,
+        arrived: Timestamp,
+    ) -> Result<Option<StampedPose>, Fault> {
+        match message {
+            Message::Attitude {
+                boot_ms,
+                ned_from_frd,
+                is_quaternion,
+            } => {
+                Heard::note(&mut self.attitude, arrived);
+                if is_quaternion {
+                    Heard::note(&mut self.quaternion, arrived);
+                }
+                let is_second = !is_quaternion
+                    && Heard::within(self.quaternion, PREFERRED_FOR_S, arrived)
+                    || Heard::within(self.odometry, PREFERRED_FOR_S, arrived);
+                let boot = self.booted_at(boot_ms, arrived);
+                match boot.filter(|_| !is_second) {
+                    Some(boot) => self.of_attitude(boot, ned_from_frd),
+                    None => Ok(None),
+                }
+            }
+            Message::Position {
+                boot_ms,
+                position_ned_m,
+                velocity_ned_mps,
+            } => {
+                Heard::note(&mut self.position, arrived);
+                if let Some(boot) = self.booted_at(boot_ms, arrived) {
+                    self.take_position(boot, position_ned_m, velocity_ned_mps)?;
+                }
+                Ok(None)
+            }
+            Message::Odometry(odometry) => {
+                Heard::note(&mut self.odometry, arrived);
+                self.of_odometry(&odometry, arrived)
+            }
+            Message::TimeSync { tc1, ts1 } => {
+                if tc1 != 0 {
+                    self.clock.answered(tc1, ts1, arrived);
+                }
+                Ok(None)
+            }
+            Message::SystemTime { unix_us, boot_ms } => {
+                if let Some(boot) = self.booted_at(boot_ms, arrived) {
+                    self.clock.says_unix(unix_us, boot);
+                }
+                Ok(None)
+            }
+            Message::Heartbeat { is_autopilot } => {
+                if is_autopilot {
+                    self.autopilot.get_or_insert(sender);
+                }
+                Ok(None)
+            }
+        }
+    }
+
+    /// Nanoseconds since boot; `None` for what is too old.
+    fn booted_at(&mut self, boot_ms: u32, arrived: Timestamp) -> Option<i64> {
+        let step = self.boot_time.step(boot_ms);
+        self.stepped(step, arrived)
+    }
+
+    fn stepped(&mut self, step: BootStep, arrived: Timestamp) -> Option<i64> {
+        let boot_ms = match step {
+            BootStep::At(boot_ms) => boot_ms,
+            BootStep::Old => return None,
+            BootStep::Booted(boot_ms) => {
+                self.clock.forget();
+                self.motion = None;
+                self.begin_epoch();
+                boot_ms
+            }
+        };
+        let boot = boot_ms.saturating_mul(NANOS_PER_MILLI);
+        self.clock.observe(boot, arrived);
+        Some(boot)
+    }
+
+    fn begin_epoch(&mut self) {
+        self.status.epoch = self.status.epoch.wrapping_add(1);
+    }
+
+    /// Host time of a time since boot, told in the status.
+    fn on_host(&mut self, boot: i64) -> Timestamp {
+        let offset = self.clock.offset_at(boot);
+        self.tell_clock(offset.nanos, offset.method);
+        Timestamp::from_nanos(boot.saturating_add(offset.nanos))
+    }
+
+    fn tell_clock(&mut self, offset_nanos: i64, method: &str) {
+        self.status.clock_offset_s = Some(offset_nanos as f64 * 1e-9);
+        if self.status.clock_method.as_deref() != Some(method) {
+            self.status.clock_method = Some(method.to_owned());
+        }
+    }
+
+    fn take_position(
+        &mut self,
+        boot: i64,
+        position_ned_m: DVec3,
+        velocity_ned_mps: DVec3,
+    ) -> Result<(), Fault> {
+        let position_m = fault::vector("LOCAL_POSITION_NED", position_ned_m)?;
+        let velocity_mps = fault::vector("velocity of LOCAL_POSITION_NED", velocity_ned_mps)?;
+        self.motion = Some(Motion {
+            // On the clock since boot, which no better estimate of an offset ever moves.
+            time: Timestamp::from_nanos(boot),
+            position_m: enu_from_ned(position_m),
+            velocity_mps: enu_from_ned(velocity_mps),
+        });
+        Ok(())
+    }
+
+    fn of_attitude(
+        &mut self,
+        boot: i64,
+        ned_from_frd: DQuat,
+    ) -> Result<Option<StampedPose>, Fault> {
+        let rotation = enu_from_flu(fault::rotation("the attitude", ned_from_frd)?);
+        let motion = self.motion;
+        let there = motion.and_then(|motion| motion.position_at(Timestamp::from_nanos(boot)));
+        let Some(translation_m) = there else {
+            return Ok(None);
+        };
+        self.switch_to(Kind::Attitude);
+        Ok(Some(StampedPose {
+            time: self.on_host(boot),
+            world_from_vehicle: Pose {
+                rotation,
+                translation_m,
+            },
+            uncertainty: None,
+            epoch: self.status.epoch,
+        }))
+    }
+
+    fn of_odometry(
+        &mut self,
+        odometry: &Odometry,
+        arrived: Timestamp,
+    ) -> Result<Option<StampedPose>, Fault> {
+        if odometry.quality < 0 {
+            let what = "ODOMETRY of quality -1: the vehicle's estimate has failed";
+            return Err(Fault::Malformed(what.to_owned()));
+        }
+        let world_from_vehicle = pose_of_odometry(odometry)?;
+        let Some(time) = self.time_of_odometry(odometry.time_us, arrived) else {
+            return Ok(None);
+        };
+        self.switch_to(Kind::Odometry(odometry.frame));
+        let before = self.reset_counter.replace(odometry.reset_counter);
+        if before.is_some_and(|before| before != odometry.reset_counter) {
+            self.begin_epoch();
+        }
+        let uncertainty = uncertainty_of(&odometry.covariance);
+        if uncertainty.is_err() {
+            self.status.covariance_ignored += 1;
+        }
+        Ok(Some(StampedPose {
+            time,
+            world_from_vehicle,
+            uncertainty: uncertainty.unwrap_or(None),
+            epoch: self.status.epoch,
+        }))
+    }
+
+    fn time_of_odometry(&mut self, time_us: u64, arrived: Timestamp) -> Option<Timestamp> {
+        let nanos = i64::try_from(time_us).map_or(i64::MAX, |us| us.saturating_mul(1_000));
+        if !is_unix_us(time_us) {
+            let boot_ms = nanos / NANOS_PER_MILLI;
+            let step = self.boot_time.step_unwrapped(boot_ms);
+            self.stepped(step, arrived)?;
+            return Some(self.on_host(nanos));
+        }
+        if self.stamps == StampClock::Data {
+            self.tell_clock(0, "data");
+            return Some(Timestamp::from_nanos(nanos));
+        }
+        self.unix_clock.observe(nanos, arrived);
+        let offset = self.unix_clock.offset_nanos(nanos);
+        self.tell_clock(offset, self.unix_clock.method(nanos));
+        Some(Timestamp::from_nanos(nanos.saturating_add(offset)))
+    }
+
+    /// Poses of another kind have another origin.
+    fn switch_to(&mut self, kind: Kind) {
+        let before = self.kind.replace(kind);
+        if before.is_some_and(|before| before != kind) {
+            self.begin_epoch();
+        }
+    }
+}
+
+/// In the world with z up that `frame` has, of a vehicle that is forward-left-up.
+#[expect(deprecated, reason = "older vehicles call the body's frame so")]
+fn pose_of_odometry(odometry: &Odometry) -> Result<Pose, Fault> {
+    let position_m = fault::vector("position of ODOMETRY", odometry.position_m)?;
+    let frame_from_body = fault::rotation("ODOMETRY", odometry.frame_from_body)?;
+    let (frame, child) = (odometry.frame, odometry.child_frame);
+    let is = |found: u32, frame: MavFrame| found == frame as u32;
+    let is_flu = is(child, MavFrame::MAV_FRAME_LOCAL_FLU);
+    let is_frd = is(child, MavFrame::MAV_FRAME_BODY_FRD) || is(child, MavFrame::MAV_FRAME_BODY_NED);
+    // A body is as its own frame says; where that one is level too, as its world is.
+    let frd_or = |otherwise: bool| is_frd || (otherwise && !is_flu);
+    let from_frd = |is_frd: bool| match is_frd {
+        true => frame_from_body,
+        false => frame_from_body * HALF_TURN_ABOUT_X,
+    };
+    if is(frame, MavFrame::MAV_FRAME_LOCAL_NED) {
+        return Ok(Pose {
+            rotation: enu_from_flu(from_frd(frd_or(true))),
+            translation_m: enu_from_ned(position_m),
+        });
+    }
+    if is(frame, MavFrame::MAV_FRAME_LOCAL_FRD) {
+        return Ok(Pose {
+            rotation: flu_from_flu(from_frd(frd_or(true))),
+            translation_m: flu_from_frd(position_m),
+        });
+    }
+    let is_up =
+        is(frame, MavFrame::MAV_FRAME_LOCAL_ENU) || is(frame, MavFrame::MAV_FRAME_LOCAL_FLU);
+    match is_up {
+        true => Ok(Pose {
+            rotation: from_frd(frd_or(false)) * HALF_TURN_ABOUT_X,
+            translation_m: position_m,
+        }),
+        false => Err(Fault::Malformed(format!(
+            "ODOMETRY in MAV_FRAME {frame}; read are LOCAL_NED (1), LOCAL_ENU (4), LOCAL_FRD (20) \
+             and LOCAL_FLU (21)"
+        ))),
+    }
+}
+
+/// Where x, y, z and the rotations about them stand in an upper triangle of 6.
+const DIAGONAL: [usize; 6] = [0, 6, 11, 15, 18, 20];
+
+/// `Ok(None)` if unknown, `Err` if a variance is no positive number.
+fn uncertainty_of(covariance: &[f64; 21]) -> Result<Option<PoseUncertainty>, ()> {
+    if covariance[0].is_nan() || covariance.iter().all(|&value| value == 0.0) {
+        return Ok(None);
+    }
+    let variances = DIAGONAL.map(|index| covariance[index]);
+    if !variances.iter().all(|v| *v >= 0.0 && v.is_finite()) {
+        return Err(());
+    }
+    let sigma = |of: &[f64]| of.iter().fold(0.0_f64, |worst, v| worst.max(*v)).sqrt();
+    Ok(Some(PoseUncertainty {
+        position_m: sigma(&variances[..3]),
+        attitude_rad: sigma(&variances[3..]),
+    }))
+}

@@ -1,0 +1,74 @@
+//! From a source's thread to whoever takes the poses: a bounded queue, and the status beside it.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+
+use crate::ArrivedPose;
+use crate::status::PoseSourceStatus;
+
+/// Poses that wait to be taken: 20 minutes at 50 Hz.
+const QUEUE_LEN: usize = 65_536;
+
+/// The thread's end.
+#[derive(Debug)]
+pub(crate) struct Outlet {
+    poses: Sender<ArrivedPose>,
+    shared: Arc<Mutex<PoseSourceStatus>>,
+    dropped: u64,
+    link: Option<String>,
+}
+
+/// The taker's end.
+#[derive(Debug)]
+pub(crate) struct Inlet {
+    pub(crate) poses: Receiver<ArrivedPose>,
+    shared: Arc<Mutex<PoseSourceStatus>>,
+}
+
+pub(crate) fn queue() -> (Outlet, Inlet) {
+    let (sender, poses) = bounded(QUEUE_LEN);
+    let shared = Arc::new(Mutex::new(PoseSourceStatus::default()));
+    let outlet = Outlet {
+        poses: sender,
+        shared: Arc::clone(&shared),
+        dropped: 0,
+        link: None,
+    };
+    (outlet, Inlet { poses, shared })
+}
+
+impl Outlet {
+    /// Never waits: with the queue full the pose, being the newest, is dropped and counted.
+    pub(crate) fn hand_on(&mut self, pose: ArrivedPose) {
+        if self.poses.try_send(pose).is_err() {
+            self.dropped += 1;
+        }
+    }
+
+    /// What became of the link; told in the next status.
+    pub(crate) fn link(&mut self, link: impl Into<String>) {
+        let link = link.into();
+        if self.link.as_ref() != Some(&link) {
+            tracing::info!("poses: link {link}");
+            self.link = Some(link.clone());
+        }
+        let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        shared.link = Some(link);
+    }
+
+    /// Tells counters, clock and what is missing.
+    pub(crate) fn tell(&self, mut status: PoseSourceStatus) {
+        status.link.clone_from(&self.link);
+        status.dropped_full += self.dropped;
+        status.accepted = status.accepted.saturating_sub(self.dropped);
+        *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = status;
+    }
+}
+
+impl Inlet {
+    pub(crate) fn status(&self) -> PoseSourceStatus {
+        let shared = self.shared.lock();
+        shared.unwrap_or_else(PoisonError::into_inner).clone()
+    }
+}

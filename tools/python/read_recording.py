@@ -1,0 +1,99 @@
+"""Reads a recording and its log as other programs do.
+
+read_recording.py A.mcap POSES [A.svlog PINGS]; the libraries are in requirements-readers.txt."""
+import collections, contextlib, io, json, pathlib, subprocess, sys, tempfile
+
+CDR = {"/sonar/raw": "data", "/pose": "pose", "/map/delta": "width", "/tf_static": "transforms"}
+JSON = {"/sonar/link": "link", "/settings": "toml", "/events": None, "/status": None,
+        "/map/delta_info": None}
+
+
+def read_mcap(path):
+    """Messages of each channel, decoded by the schemas in the file."""
+    from mcap.reader import make_reader
+    from mcap_ros2.decoder import DecoderFactory
+
+    found = collections.defaultdict(list)
+    with open(path, "rb") as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        channels = reader.get_summary().channels.values()
+        assert {c.topic for c in channels} == CDR.keys() | JSON.keys(), channels
+        assert all(c.schema_id for c in channels), "a channel has no schema"
+        for topic in CDR:
+            for _, _, message, value in reader.iter_decoded_messages(topics=[topic]):
+                assert hasattr(value, CDR[topic]), value
+                found[topic].append(value)
+        for topic, key in JSON.items():
+            for _, _, message in reader.iter_messages(topics=[topic]):
+                value = json.loads(message.data)
+                assert isinstance(value, dict) and (key is None or key in value), value
+                found[topic].append(value)
+    return found
+
+
+def read_rerun(path):
+    """What Rerun makes of the recording: the listing of the file it converts it to."""
+    rerun = pathlib.Path(sys.executable).with_name("rerun")
+    with tempfile.TemporaryDirectory() as folder:
+        out = f"{folder}/out.rrd"
+        for command in [["mcap", "convert", path, "-o", out], ["rrd", "print", out]]:
+            done = subprocess.run([rerun, *command], capture_output=True, text=True)
+            assert done.returncode == 0, done.stderr
+    return done.stdout + done.stderr
+
+
+def read_pingverter(path):
+    """Rows of pings that PINGVerter finds."""
+    from pingverter import cerul
+
+    with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
+        log = cerul(svlog=path)
+        log.tempC, log.metaDir = 1.0, folder
+        log._getFileLen()
+        log._parseFileHeader()
+        log._locatePackets()
+    return log.header_dat
+
+
+def read_brping(path):
+    """Profiles that the vendor's client takes out of the log."""
+    from brping import PingParser, definitions
+
+    parser, count = PingParser(), 0
+    with open(path, "rb") as stream:
+        for byte in stream.read():
+            if parser.parse_byte(byte) == PingParser.NEW_MESSAGE:
+                count += parser.rx_msg.message_id == 2198
+    return count, parser.errors
+
+
+def check_recording(path, poses):
+    counts = {topic: len(values) for topic, values in read_mcap(path).items()}
+    print("mcap:", counts)
+    assert counts["/pose"] == poses, counts
+    assert counts["/settings"] == 1 and counts["/sonar/raw"] > 0, counts
+    listing = read_rerun(path)
+    missing = [topic for topic in counts if topic not in listing]
+    assert not missing, (missing, listing)
+    print("rerun:", len(counts), "channels")
+
+
+def check_log(path, pings):
+    rows = read_pingverter(path)
+    print("pingverter:", len(rows), "pings")
+    assert len(rows) == pings, (len(rows), pings)
+    assert (rows["analog_gain"] > 1.0).all(), rows["analog_gain"]
+    count, errors = read_brping(path)
+    print("brping:", count, "pings,", errors, "errors")
+    assert (count, errors) == (pings, 0), (count, errors)
+
+
+def main():
+    check_recording(sys.argv[1], int(sys.argv[2]))
+    if len(sys.argv) > 3:
+        check_log(sys.argv[3], int(sys.argv[4]))
+    print("all read")
+
+
+if __name__ == "__main__":
+    main()
