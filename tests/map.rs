@@ -26,6 +26,8 @@ fn the_python_subscriber_ends_with_the_map_of_the_service() {
     let port = free_port();
     let (log, poses) = (path("dive.svlog"), path("dive.tum"));
     let mut replay = vec!["replay", &log, "--poses", &poses, "--rate", "5", "--json"];
+    // Under the name that the subscriber looks for.
+    replay.extend(["--publish", "--node", "vehicle"]);
     let bus = bus_at(port);
     replay.extend(bus.iter().map(String::as_str));
     let mut service = Program::echosplat(&replay);

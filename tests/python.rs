@@ -28,23 +28,40 @@ pub(crate) fn python<A: AsRef<str>>(before: &[&str], arguments: &[A]) -> Command
     command
 }
 
-/// The interpreter of a virtual environment with `requirements.txt` installed. Made once and kept
-/// under the target directory; another when the requirements or the interpreter change.
+/// A script with the libraries of other programs that read recordings: large, so apart.
+pub(crate) fn reader(script: &str, arguments: &[&str]) -> Program {
+    static INTERPRETER: OnceLock<PathBuf> = OnceLock::new();
+    let interpreter = INTERPRETER.get_or_init(|| environment("requirements-readers.txt"));
+    let mut command = Command::new(interpreter);
+    command
+        .arg(script)
+        .args(arguments)
+        .env("PYTHONDONTWRITEBYTECODE", "1")
+        .current_dir(TOOLS);
+    Program::start(command)
+}
+
+/// The interpreter with what the tools themselves need.
 pub(crate) fn python_environment() -> &'static Path {
     static INTERPRETER: OnceLock<PathBuf> = OnceLock::new();
-    INTERPRETER.get_or_init(|| {
-        let requirements = fs::read_to_string(format!("{TOOLS}/requirements.txt"))
-            .expect("tools/python/requirements.txt is readable");
-        let version = run(Command::new("python3").arg("--version"));
-        let mut hasher = DefaultHasher::new();
-        (requirements, version).hash(&mut hasher);
-        let folder = format!("python-{:016x}", hasher.finish());
-        environment_in(&Path::new(env!("CARGO_TARGET_TMPDIR")).join(folder))
-    })
+    INTERPRETER.get_or_init(|| environment("requirements.txt"))
+}
+
+/// The interpreter of a virtual environment with these requirements installed. Made once and kept
+/// under the target directory; another when the requirements or the interpreter change.
+fn environment(requirements_file: &str) -> PathBuf {
+    let requirements = fs::read_to_string(format!("{TOOLS}/{requirements_file}"))
+        .unwrap_or_else(|error| panic!("tools/python/{requirements_file}: {error}"));
+    let version = run(Command::new("python3").arg("--version"));
+    let mut hasher = DefaultHasher::new();
+    (requirements, version).hash(&mut hasher);
+    let folder = format!("python-{:016x}", hasher.finish());
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(folder);
+    environment_in(&folder, requirements_file)
 }
 
 /// Locked, so that test programs that run side by side make it once.
-fn environment_in(folder: &Path) -> PathBuf {
+fn environment_in(folder: &Path, requirements_file: &str) -> PathBuf {
     let lock = File::create(folder.with_extension("lock")).expect("the target directory is ours");
     lock.lock().expect("files there can be locked");
     let interpreter = folder.join("bin/python");
@@ -61,7 +78,7 @@ fn environment_in(folder: &Path) -> PathBuf {
                 "--quiet",
                 "--disable-pip-version-check",
             ])
-            .args(["--requirement", "requirements.txt"])
+            .args(["--requirement", requirements_file])
             .current_dir(TOOLS));
         File::create(complete).expect("the environment's folder was just made");
     }

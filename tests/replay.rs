@@ -30,7 +30,10 @@ fn one_thread_and_two_published_or_not_give_the_same_bits() {
     of("b.ply", &["--threads", "2", "--no-publish"]);
     let bus = bus_at(free_port());
     let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
-    of("c.ply", &[&["--threads", "2"], bus.as_slice()].concat());
+    of(
+        "c.ply",
+        &[&["--threads", "2", "--publish"], bus.as_slice()].concat(),
+    );
     for kind in ["ply", "ambiguous.ply"] {
         let bytes = |name| fs::read(map(&format!("{name}.{kind}"))).unwrap();
         assert_eq!(bytes("a"), bytes("b"), "threads change {kind}");

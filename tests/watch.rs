@@ -17,13 +17,29 @@ fn a_watch_begun_in_mid_dive_ends_with_the_final_map() {
     let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
     let (ours, theirs) = (path("ours.ply"), path("theirs.ply"));
 
-    let own = ["--rate", "1", "--map", &ours, "--json", "--verbose"];
+    let own = [
+        "--rate",
+        "1",
+        "--map",
+        &ours,
+        "--json",
+        "--verbose",
+        "--publish",
+    ];
     let mut service = Program::echosplat(&replay(&[&own[..], bus.as_slice()].concat()));
     wait_until_listening(&mut service, port);
     service.wait_for("some pings in the map", LONG, |service| {
         crate::link::newest_count(&service.stderr(), "pings_mapped").filter(|&count| count > 0)
     });
-    let own = ["watch", "--until-final", "--map", &theirs, "--verbose"];
+    let own = [
+        "watch",
+        "--node",
+        "replay",
+        "--until-final",
+        "--map",
+        &theirs,
+        "--verbose",
+    ];
     let mut watch = Program::echosplat(&[&own[..], bus.as_slice()].concat());
 
     service.wait_exit_code(0, LONG);

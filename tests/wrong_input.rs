@@ -2,7 +2,11 @@
 
 use std::fs;
 use std::net::TcpListener;
+use std::path::Path;
 use std::time::Duration;
+
+use echosplat_model::glam::DVec3;
+use echosplat_recording::ply::{MapNotes, write_map};
 
 use crate::dive::file;
 use crate::harness::Program;
@@ -11,11 +15,15 @@ const SHORT: Duration = Duration::from_secs(60);
 
 /// One line on standard error that holds `words`, nothing on standard output, exit code 2.
 fn refused(arguments: &[&str], words: &[&str]) {
+    assert_eq!(refusal(arguments, words).lines().count(), 1, "{words:?}");
+}
+
+/// As [`refused`], on as many lines as it takes; what was said.
+fn refusal(arguments: &[&str], words: &[&str]) -> String {
     let mut program = Program::echosplat(arguments);
     program.wait_exit_code(2, SHORT);
     let said = program.stderr();
     let account = program.account();
-    assert_eq!(said.lines().count(), 1, "{account}");
     for word in words {
         assert!(said.contains(word), "no {word:?}\n{account}");
     }
@@ -24,6 +32,7 @@ fn refused(arguments: &[&str], words: &[&str]) {
         "{account}"
     );
     assert_eq!(program.stdout(), "", "{account}");
+    said
 }
 
 #[test]
@@ -61,11 +70,16 @@ fn what_cannot_be_is_refused_in_one_line() {
     let broken = written("broken.tum", b"1 2 3\n");
     replay(&log, &broken, &["broken.tum", "line 1"]);
     let far = b"100000 0 0 0 0 0 0 1\n100001 0 0 0 0 0 0 1\n";
-    replay(
-        &log,
-        &written("far.tum", far),
-        &["far.tum", "no time in common"],
+    let far = written("far.tum", far);
+    let mut elsewhere = Program::echosplat(&["replay", &log, "--poses", &far]);
+    elsewhere.wait_exit_code(2, SHORT);
+    let said = elsewhere.stderr();
+    let last = said.lines().last().unwrap_or_default();
+    assert!(
+        last.contains("far.tum") && last.contains("no time in common"),
+        "{said}"
     );
+    assert!(last.contains("--time-offset-s"), "{said}");
 
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("tcp://{}", taken.local_addr().unwrap());
@@ -91,6 +105,144 @@ fn what_cannot_be_is_refused_in_one_line() {
         &["text.svlog", "PLY"],
     );
     refused(&["run", "--zenoh", "no/such/key=1"], &["no/such/key"]);
+    for command in ["run", "watch"] {
+        refused(
+            &[command, "--zenoh", "connect/endpoints=['tls/rov:7447']"],
+            &["connect/endpoints", "tls/rov:7447", "built in is tcp"],
+        );
+    }
+}
+
+#[test]
+fn all_faults_of_a_configuration_are_told_a_line_each() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("my.toml");
+    let text = "[sonar]\nurrl = \"tcp://a:1\"\n[session]\nbin_count = 3\n[pose]\n\
+                capacity = \"all\"\n[mapper]\nresolution_m = 1e-9\n";
+    fs::write(&file, text).unwrap();
+    let file = file.display().to_string();
+    let words = [
+        "my.toml:2: sonar.urrl: no such key; did you mean `url`?",
+        "my.toml:4: session.bin_count: is 3; allowed is 200 to 1200",
+        "my.toml:6: pose.capacity: is \"all\"; allowed is a whole number",
+        "my.toml:8: mapper.resolution_m: is 0.000000001; allowed is 0,",
+    ];
+    for command in [&["check", &file][..], &["run", "--config", &file]] {
+        let said = refusal(command, &words);
+        assert_eq!(said.lines().count(), words.len(), "{said}");
+    }
+}
+
+#[test]
+fn settings_that_would_take_all_memory_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("my.toml");
+    let check = |text: &str, words: &[&str]| {
+        fs::write(&file, text).unwrap();
+        refused(&["check", &file.display().to_string()], words);
+    };
+    check(
+        "[bus]\nmax_gaussians = 67108864\n",
+        &["my.toml:2: bus.max_gaussians", "allowed is 2.0 GiB"],
+    );
+    check(
+        "[mapper]\nresolution_m = 0.005\n[session]\nrange_length_m = 120.0\n",
+        &["my.toml:2: mapper.resolution_m", "too much memory"],
+    );
+    check(
+        "[pose]\ncapacity = 9000000\n[mapper]\nhistory_pings = 900000\n",
+        &["pose.capacity", "mapper.history_pings"],
+    );
+}
+
+/// Makes a named pipe.
+fn named_pipe(path: &Path) -> String {
+    let made = std::process::Command::new("mkfifo").arg(path).status();
+    assert!(made.is_ok_and(|status| status.success()), "mkfifo");
+    path.display().to_string()
+}
+
+#[test]
+fn what_is_no_regular_file_is_neither_replaced_nor_waited_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = named_pipe(&folder.path().join("pipe"));
+    let directory = folder.path().display().to_string();
+    let socket = folder.path().join("socket");
+    let _listener = std::os::unix::net::UnixListener::bind(&socket).unwrap();
+    let socket = socket.display().to_string();
+    let (log, poses) = (file("dive.svlog"), file("dive.tum"));
+    for (map, what) in [
+        (pipe.as_str(), "a named pipe"),
+        (&socket, "a socket"),
+        (&directory, "a directory"),
+        ("/dev/null", "devices"),
+        ("/dev/stdout", "devices"),
+    ] {
+        let replay = [
+            "replay",
+            &log,
+            "--poses",
+            &poses,
+            "--no-publish",
+            "--map",
+            map,
+        ];
+        refused(&replay, &["--map", map, what]);
+        refused(&["watch", "--map", map], &["--map", what]);
+    }
+    refused(&["run", "--map", &pipe], &["--map", "a named pipe"]);
+    for device in [pipe.as_str(), "/dev/zero"] {
+        let no_publish = "--no-publish";
+        let words = [device, "regular file"];
+        refused(&["replay", device, "--poses", &poses, no_publish], &words);
+        refused(&["calibrate", device, "--poses", &poses], &words);
+        refused(&["evaluate", device, "--truth", "fence"], &words);
+        refused(&["export", device, &format!("{directory}/a.npz")], &words);
+        let url = format!("file://{device}");
+        refused(&["run", "--sonar", &url, "--pose", "none"], &words);
+    }
+}
+
+#[test]
+fn pings_that_a_map_was_made_of_are_not_scored() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = |name: &str, held_out_every: u64| {
+        let path = folder.path().join(name);
+        let notes = MapNotes {
+            held_out_every,
+            ..MapNotes::default()
+        };
+        write_map(&path, DVec3::ZERO, 1.0, &[], &notes).unwrap();
+        path.display().to_string()
+    };
+    let (of_all, kept) = (map("all.ply", 0), map("kept.ply", 20));
+    let (log, poses) = (file("dive.svlog"), file("dive.tum"));
+    let evaluate = |map: &str, held_out: &[&str], words: &[&str]| {
+        let arguments = ["evaluate", map, "--log", &log, "--poses", &poses];
+        refused(&[&arguments[..], held_out].concat(), words);
+    };
+    let none = ["all.ply", "does not say", "--hold-out"];
+    evaluate(&of_all, &["--held-out"], &none);
+    evaluate(&of_all, &["--held-out", "20"], &none);
+    let other = ["kept.ply", "every 20", "--held-out 10", "made of"];
+    evaluate(&kept, &["--held-out", "10"], &other);
+    evaluate(&kept, &["--held-back", "10"], &other);
+    let without_poses = ["evaluate", &kept, "--log", &log, "--held-out"];
+    refused(&without_poses, &["dive.svlog", "--poses"]);
+    refused(&["calibrate", &log], &["dive.svlog", "--poses"]);
+}
+
+#[test]
+fn a_map_is_exported_to_formats_there_are_and_not_over_itself() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("map.ply");
+    write_map(&map, DVec3::ZERO, 1.0, &[], &MapNotes::default()).unwrap();
+    let map = map.display().to_string();
+    refused(
+        &["export", &map, "map.obj"],
+        &["map.obj", ".splat, .pcd, .npz or .ply"],
+    );
+    refused(&["export", &map, &map], &["the map itself"]);
 }
 
 #[test]
@@ -111,6 +263,11 @@ fn the_printed_defaults_are_a_valid_configuration() {
     fs::write(&file, printed.stdout()).unwrap();
     let file = file.display().to_string();
     Program::echosplat(&["check", &file]).wait_exit_code(0, SHORT);
+    let mut basic = Program::echosplat(&["config", "--basic"]);
+    basic.wait_exit_code(0, SHORT);
+    assert!(basic.stdout().len() * 2 < printed.stdout().len());
+    fs::write(&file, basic.stdout()).unwrap();
+    Program::echosplat(&["check", &file]).wait_exit_code(0, SHORT);
     let mut version = Program::echosplat(&["--version"]);
     version.wait_exit_code(0, SHORT);
     assert!(
@@ -118,4 +275,17 @@ fn the_printed_defaults_are_a_valid_configuration() {
         "{}",
         version.account()
     );
+}
+
+#[test]
+fn shells_are_told_our_commands() {
+    for shell in ["bash", "zsh", "fish", "elvish", "powershell"] {
+        let mut printed = Program::echosplat(&["completions", shell]);
+        printed.wait_exit_code(0, SHORT);
+        let script = printed.stdout();
+        for word in ["echosplat", "replay", "hold-out"] {
+            assert!(script.contains(word), "{shell}: no {word}");
+        }
+        assert!(!script.contains("hold-back"), "{shell}");
+    }
 }

@@ -7,6 +7,8 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use echosplat_pose::PoseUrl;
 use echosplat_simulator::{DiveKind, NoiseLevel};
 
+use crate::recorder::RecordFormat;
+
 pub(crate) const VERSION: &str = concat!(
     env!("CARGO_PKG_VERSION"),
     " (commit ",
@@ -16,7 +18,11 @@ pub(crate) const VERSION: &str = concat!(
 
 const SONAR_HELP: &str = "The sonar: tcp://HOST:PORT, udp://HOST:PORT, \
      serial:///DEVICE?baudrate=N, sim://SCENE or file://LOG.svlog";
-const POSE_HELP: &str = "The poses: zenoh://, tum://POSES.tum or none";
+const POSE_HELP: &str = "The poses: zenoh://[KEY], mavlink+udp://HOST:PORT[?out], \
+     mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
+     dvl://HOST, log://, tum://POSES.tum or none";
+const PLACE_HELP: &str = "Try only there: tcp://HOST:PORT, udp://HOST:PORT or \
+     serial:///DEVICE?baudrate=N; repeatable";
 const LISTEN_HELP: &str =
     "tcp://HOST:PORT, udp://HOST:PORT, serial:///PATH/OF/LINK or serial://pty";
 
@@ -62,6 +68,8 @@ pub(crate) enum Command {
     Simulate(SimulateArguments),
     /// Is the sonar, for any Ping client
     Emulate(EmulateArguments),
+    /// Finds sonars over TCP, UDP and serial lines, or says what is in the way
+    Probe(ProbeArguments),
     /// Follows the map of a running service
     Watch(WatchArguments),
     /// Judges a map against the truth, or against pings that were kept from it
@@ -72,13 +80,29 @@ pub(crate) enum Command {
     Render(RenderArguments),
     /// Measures the program: speed, stiff and extreme cases, the paper's method
     Bench(BenchArguments),
+    /// Writes a map in another program's format: .splat, .pcd, .npz or one .ply
+    Export(ExportArguments),
+    /// Says what a log, a recording, a trajectory or a map holds
+    Info(InfoArguments),
+    /// Makes a clean file of a cut or damaged recording or log
+    Recover(RecoverArguments),
     /// Prints the default configuration
-    Config,
-    /// Validates a configuration file
+    Config {
+        /// Only what an owner sets
+        #[arg(long)]
+        basic: bool,
+    },
+    /// Validates a configuration file: says all that is wrong with it
     Check {
         /// The file to validate
         #[arg(value_name = "FILE")]
         file: PathBuf,
+    },
+    /// Prints what a shell needs to complete our commands
+    Completions {
+        /// Whose; its manual says where the output belongs
+        #[arg(value_enum, value_name = "SHELL")]
+        shell: clap_complete::Shell,
     },
 }
 
@@ -94,6 +118,9 @@ pub(crate) struct ServiceArguments {
     /// Directory for recordings of all that is received
     #[arg(long, value_name = "DIR")]
     pub(crate) record: Option<PathBuf>,
+    /// What recordings are written as
+    #[arg(long, value_name = "FORMAT", value_enum)]
+    pub(crate) record_format: Option<RecordFormat>,
     /// Judge the final map against this: a scene, a mesh, points or a simulated dive
     #[arg(long, value_name = "TRUTH")]
     pub(crate) truth: Option<PathBuf>,
@@ -106,8 +133,8 @@ pub(crate) struct ServiceArguments {
     /// Seed of everything random
     #[arg(long, value_name = "N")]
     pub(crate) seed: Option<u64>,
-    /// Leave every Nth ping out of the map, for `evaluate --held-back`; 0 leaves out none
-    #[arg(long, value_name = "N")]
+    /// Leave every Nth ping out of the map, for `evaluate --held-out`; 0 leaves out none
+    #[arg(long = "hold-out", alias = "hold-back", value_name = "N")]
     pub(crate) hold_back: Option<u64>,
     #[command(flatten)]
     pub(crate) bus: BusArguments,
@@ -147,10 +174,10 @@ pub(crate) struct RunArguments {
 pub(crate) struct ReplayArguments {
     #[command(flatten)]
     pub(crate) service: ServiceArguments,
-    /// Logs (.svlog), one after another
+    /// Logs (.svlog), one after another, or the recordings (.mcap) of one dive in their order
     #[arg(value_name = "LOG", required = true)]
     pub(crate) logs: Vec<PathBuf>,
-    /// Poses as a TUM file
+    /// Poses as a TUM file; without, those that the log holds
     #[arg(long, value_name = "F.tum", conflicts_with = "pose")]
     pub(crate) poses: Option<PathBuf>,
     #[arg(long, value_name = "URL", help = POSE_HELP)]
@@ -170,8 +197,11 @@ pub(crate) struct ReplayArguments {
     /// Begin again at the end, with an empty map, until told to stop
     #[arg(long = "loop")]
     pub(crate) repeat: bool,
-    /// Publish nothing
+    /// Publish as a live service does, under the node `replay` unless --node names another
     #[arg(long)]
+    pub(crate) publish: bool,
+    /// The default; kept for scripts
+    #[arg(long, hide = true, conflicts_with = "publish")]
     pub(crate) no_publish: bool,
     /// Where the report goes, error against time as HTML; beside --map without
     #[arg(long, value_name = "OUT.html")]
@@ -193,7 +223,7 @@ pub(crate) struct DemoArguments {
     #[arg(long, value_name = "N")]
     pub(crate) threads: Option<usize>,
     /// Leave every Nth ping out of the map; 0 leaves out none
-    #[arg(long, value_name = "N")]
+    #[arg(long = "hold-out", alias = "hold-back", value_name = "N")]
     pub(crate) hold_back: Option<u64>,
     #[command(flatten)]
     pub(crate) dive: DiveArguments,
@@ -275,6 +305,21 @@ pub(crate) enum PoseClock {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct ProbeArguments {
+    /// Seconds for all places together, tried side by side
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = positive)]
+    pub(crate) timeout: f64,
+    #[arg(long, value_name = "URL", help = PLACE_HELP)]
+    pub(crate) sonar: Vec<String>,
+    /// Where the call to all units goes; 255.255.255.255:30303 without --sonar
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    pub(crate) discovery: Option<String>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct WatchArguments {
     /// Where the map is written on exit; ambiguous Gaussians go beside it
     #[arg(long, value_name = "OUT.ply")]
@@ -295,20 +340,20 @@ pub(crate) struct EvaluateArguments {
     #[arg(value_name = "MAP.ply")]
     pub(crate) map: PathBuf,
     /// A scene, a mesh, points or a simulated dive's directory
-    #[arg(long, value_name = "TRUTH", required_unless_present = "held_back")]
+    #[arg(long, value_name = "TRUTH", required_unless_present = "held_out")]
     pub(crate) truth: Option<PathBuf>,
-    /// Score the pings that `--hold-back N` kept from the map
-    #[arg(long, value_name = "N", requires_all = ["log", "poses"],
+    /// Score the pings that `--hold-out N` kept from the map; the map says which
+    #[arg(long, alias = "held-back", value_name = "N", num_args = 0..=1, requires = "log",
         value_parser = clap::value_parser!(u64).range(2..))]
-    pub(crate) held_back: Option<u64>,
-    /// The log (.svlog) the map was made of
-    #[arg(long, value_name = "LOG", requires = "held_back")]
+    pub(crate) held_out: Option<Option<u64>>,
+    /// The log the map was made of
+    #[arg(long, value_name = "LOG", requires = "held_out")]
     pub(crate) log: Option<PathBuf>,
-    /// Its poses, as a TUM file
-    #[arg(long, value_name = "F.tum", requires = "held_back")]
+    /// Its poses, as a TUM file; not needed where the log holds them
+    #[arg(long, value_name = "F.tum", requires = "held_out")]
     pub(crate) poses: Option<PathBuf>,
-    /// Draw the held-back pings, measured beside predicted
-    #[arg(long, value_name = "OUT.svg", requires = "held_back")]
+    /// Draw the held-out pings, measured beside predicted
+    #[arg(long, value_name = "OUT.svg", requires = "held_out")]
     pub(crate) picture: Option<PathBuf>,
     /// Configuration file the map was made with: mount, time offset, blanking, beam
     #[arg(long, value_name = "FILE")]
@@ -320,12 +365,12 @@ pub(crate) struct EvaluateArguments {
 
 #[derive(Debug, Args)]
 pub(crate) struct CalibrateArguments {
-    /// A log (.svlog) of a dive around some structure
+    /// A log of a dive around some structure
     #[arg(value_name = "LOG")]
     pub(crate) log: PathBuf,
-    /// Its poses, as a TUM file
+    /// Its poses, as a TUM file; not needed where the log holds them
     #[arg(long, value_name = "F.tum")]
-    pub(crate) poses: PathBuf,
+    pub(crate) poses: Option<PathBuf>,
     /// Configuration file with the mount and time offset to begin with
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
@@ -335,6 +380,27 @@ pub(crate) struct CalibrateArguments {
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct InfoArguments {
+    /// A recording (.mcap), a log (.svlog), a trajectory (.tum) or a map (.ply); the files of one
+    /// recording in order
+    #[arg(value_name = "FILE", required = true)]
+    pub(crate) files: Vec<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub(crate) struct RecoverArguments {
+    /// A recording (.mcap) or a log (.svlog)
+    #[arg(value_name = "FILE")]
+    pub(crate) file: PathBuf,
+    /// Where the clean one goes; beside it without
+    #[arg(long, value_name = "OUT")]
+    pub(crate) out: Option<PathBuf>,
 }
 
 /// What may be wrong with how poses belong to pings.
@@ -356,11 +422,10 @@ pub(crate) struct RenderArguments {
     /// The map
     #[arg(value_name = "MAP.ply")]
     pub(crate) map: PathBuf,
-    /// Where the sonar is, as a TUM file
-    #[arg(long, value_name = "F.tum")]
-    pub(crate) poses: PathBuf,
-    /// A log (.svlog) whose pings are rendered, measured beside predicted; without one, a ping at
-    /// each pose
+    /// Where the sonar is, as a TUM file; not needed where the log holds it
+    #[arg(long, value_name = "F.tum", required_unless_present = "log")]
+    pub(crate) poses: Option<PathBuf>,
+    /// A log whose pings are rendered, measured beside predicted; without one, a ping at each pose
     #[arg(long, value_name = "LOG")]
     pub(crate) log: Option<PathBuf>,
     /// Only the pings at these times, seconds from the first
@@ -417,6 +482,22 @@ pub(crate) struct RenderArguments {
 }
 
 #[derive(Debug, Args)]
+pub(crate) struct ExportArguments {
+    /// The map; its ambiguous part is found beside it
+    #[arg(value_name = "MAP.ply")]
+    pub(crate) map: PathBuf,
+    /// Where it goes; the ending says the format
+    #[arg(value_name = "OUT.splat|pcd|npz|ply")]
+    pub(crate) out: PathBuf,
+    /// With the ambiguous Gaussians
+    #[arg(long)]
+    pub(crate) all: bool,
+    /// Only what the map asserts, as it is without this too
+    #[arg(long, conflicts_with = "all")]
+    pub(crate) confident: bool,
+}
+
+#[derive(Debug, Args)]
 pub(crate) struct BenchArguments {
     #[command(subcommand)]
     pub(crate) bench: Bench,
@@ -437,6 +518,8 @@ pub(crate) enum Bench {
     ErrorTime(ErrorTimeBenchArguments),
     /// Each optional part of the mapper on, off and as it chooses by itself
     Ablation(AblationBenchArguments),
+    /// The running service killed, unplugged, lied to and flooded: what is told, lost and left
+    Faults(FaultsBenchArguments),
     /// Error-time, ablation, stability and targets in turn, each within its share of the time
     All(AllBenchArguments),
     /// Makes one run and prints its outcome
@@ -523,6 +606,48 @@ pub(crate) struct AllBenchArguments {
     /// Write the table of work and error there
     #[arg(long, value_name = "TABLE.json", requires = "quick")]
     pub(crate) write_table: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct FaultsBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    /// Only these; repeatable, or with commas
+    #[arg(long, value_name = "NAME", value_enum, value_delimiter = ',')]
+    pub(crate) only: Vec<FaultFamily>,
+    /// How often the service is killed
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub(crate) kills: usize,
+    /// How often each link is taken away
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    pub(crate) unplugs: usize,
+    /// Services at a time
+    #[arg(long, value_name = "N", default_value_t = 4,
+        value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub(crate) jobs: u64,
+    /// Another build of this program, in place of this one
+    #[arg(long, hide = true, value_name = "FILE")]
+    pub(crate) program: Option<PathBuf>,
+}
+
+/// Kinds of faults.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum FaultFamily {
+    /// `kill -9` at random moments.
+    Kills,
+    /// The link to the sonar taken away and brought back, over TCP and a pseudo-terminal.
+    Unplugs,
+    /// Seven faults of sonar, poses and clock.
+    Grid,
+    /// Poses that are away, jump, freeze or come late.
+    Poses,
+    /// Steps of the host's clock; the device's wraps and begins anew.
+    Clock,
+    /// A dive with many of these, whose recording has to give its maps again; takes root, for a disk
+    /// of limited size.
+    Replayed,
+    /// Floods of datagrams, and poses that come twice.
+    Hostile,
 }
 
 /// What is run of a bench that runs dives, and how long.
@@ -640,6 +765,24 @@ mod tests {
     #[test]
     fn the_command_line_is_consistent() {
         Arguments::command().debug_assert();
+    }
+
+    #[test]
+    fn pings_are_held_out_by_the_names_of_before_too() {
+        let evaluate = |more: &[&str]| {
+            let words = ["echosplat", "evaluate", "a.ply", "--log", "a.svlog"];
+            match Arguments::try_parse_from(words.iter().chain(more)).map(|a| a.command) {
+                Ok(Command::Evaluate(arguments)) => arguments.held_out,
+                other => panic!("{other:?}"),
+            }
+        };
+        assert_eq!(evaluate(&["--held-out", "20"]), Some(Some(20)));
+        assert_eq!(evaluate(&["--held-back", "20"]), Some(Some(20)));
+        assert_eq!(evaluate(&["--held-out", "--json"]), Some(None));
+        for name in ["--hold-out", "--hold-back"] {
+            let words = ["echosplat", "replay", "a.svlog", name, "20"];
+            assert!(Arguments::try_parse_from(words).is_ok(), "{name}");
+        }
     }
 
     #[test]

@@ -20,6 +20,13 @@ pub(crate) fn compact_utc(time: Timestamp) -> String {
     time.strftime("%Y%m%dT%H%M%SZ").to_string()
 }
 
+/// `2026-01-02T03:04:05.678Z`: a time for people.
+pub(crate) fn iso_utc(time: Timestamp) -> String {
+    let time = jiff::Timestamp::from_nanosecond(time.nanos().into())
+        .unwrap_or(jiff::Timestamp::UNIX_EPOCH);
+    format!("{time:.3}")
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

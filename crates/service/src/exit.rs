@@ -23,18 +23,26 @@ impl Finish {
 
 /// The user asked for what cannot be: exit code 2.
 #[derive(Debug)]
-pub(crate) struct Usage(String);
+pub(crate) struct Usage {
+    /// One line each, at least one.
+    faults: Vec<String>,
+}
 
 impl Usage {
     /// `message` is one line that says what was wrong, where, and what would be right.
     pub(crate) fn error(message: impl std::fmt::Display) -> anyhow::Error {
-        anyhow::Error::new(Self(message.to_string()))
+        Self::faults(vec![message.to_string()])
+    }
+
+    /// As [`Usage::error`] for several things at once, a line each.
+    pub(crate) fn faults(faults: Vec<String>) -> anyhow::Error {
+        anyhow::Error::new(Self { faults })
     }
 }
 
 impl std::fmt::Display for Usage {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(&self.0)
+        f.write_str(&self.faults.join("\n"))
     }
 }
 
@@ -45,6 +53,14 @@ pub(crate) fn code_of(error: &anyhow::Error) -> ExitCode {
     match error.downcast_ref::<Usage>().is_some() {
         true => ExitCode::from(2),
         false => ExitCode::FAILURE,
+    }
+}
+
+/// What to say of an error: one line, or one for each fault of a file.
+pub(crate) fn lines(error: &anyhow::Error) -> Vec<String> {
+    match error.downcast_ref::<Usage>() {
+        Some(usage) if usage.faults.len() > 1 => usage.faults.clone(),
+        _ => vec![one_line(error)],
     }
 }
 
@@ -96,6 +112,14 @@ mod tests {
     fn drawings_are_left_out() {
         let error = Usage::error("error at line 3\n  |\n3 | r = \"x\"\n  |     ^\nno number\n");
         assert_eq!(one_line(&error), "error at line 3 no number");
+    }
+
+    #[test]
+    fn each_fault_of_a_file_is_a_line() {
+        let faults = vec!["a.toml:1: x".to_owned(), "a.toml:2: y".to_owned()];
+        let error = Usage::faults(faults.clone());
+        assert_eq!(lines(&error), faults);
+        assert_eq!(lines(&Usage::error("no\nsuch key")), ["no such key"]);
     }
 
     #[test]

@@ -4,17 +4,21 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::Context;
 use echosplat_bus::{Bus, BusConfig, BusError};
 use echosplat_driver::{DriverConfig, SonarUrl};
-use echosplat_pose::{PoseSource, PoseSourceError, PoseUrl};
+use echosplat_pose::{PoseSource, PoseSourceError, PoseUrl, StampClock};
+use echosplat_recording::mcap::Record;
+use echosplat_recording::svlog::LogClock;
 use echosplat_recording::svlog::SvlogReader;
 use echosplat_session::{ClockSource, SessionConfig};
 
 use crate::config::Config;
 use crate::exit::Usage;
-use crate::recorder::Recorder;
+use crate::recorder::{Recorder, RecorderConfig};
+use crate::{clock, files, replayed};
 
 /// A sonar's URL.
 ///
@@ -43,30 +47,50 @@ pub(crate) fn driver(config: &Config, url: SonarUrl) -> DriverConfig {
     }
 }
 
-/// Refuses what is no log before anything is started.
+/// Refuses what is no log before anything is started. A named pipe or a device is not opened: that
+/// can wait for ever.
 ///
 /// # Errors
 /// Says what the file is instead.
 pub(crate) fn check_log(path: &Path) -> anyhow::Result<()> {
     let refused =
         |error: &dyn std::fmt::Display| Usage::error(format!("log {}: {error}", path.display()));
+    files::readable(path).map_err(|why| refused(&why))?;
     let file = File::open(path).map_err(|error| refused(&error))?;
     SvlogReader::new(BufReader::new(file)).map_err(|error| refused(&error))?;
     Ok(())
 }
 
-/// Opens a source of poses. A file is read whole.
+/// Opens a source of poses. A file is read whole. `stamps` is the clock of the pings.
 ///
 /// # Errors
 /// If the file is wrong, or there is no bus to take poses from.
-pub(crate) fn poses(url: &PoseUrl, bus: Option<&Bus>) -> anyhow::Result<PoseSource> {
-    PoseSource::open(url, bus).map_err(|error| match error {
+pub(crate) fn poses(
+    url: &PoseUrl,
+    bus: Option<&Bus>,
+    clock: StampClock,
+) -> anyhow::Result<PoseSource> {
+    PoseSource::open(url, bus, clock).map_err(|error| match error {
         PoseSourceError::Bus(error) => anyhow::Error::new(error),
-        PoseSourceError::NoBus => Usage::error(
-            "poses from zenoh:// need the bus: give --poses F.tum, or leave out --no-publish",
-        ),
+        PoseSourceError::NoBus => Usage::error(format!(
+            "poses from {url} need the bus: give --poses F.tum instead"
+        )),
         wrong => Usage::error(wrong),
     })
+}
+
+/// How long others may take to answer that they are there.
+const OTHERS_ANSWER: Duration = Duration::from_millis(500);
+
+/// Two services of one name would publish under one key and mix their poses.
+///
+/// # Errors
+/// If a service of this node is there already.
+pub(crate) fn refuse_a_second_service(bus: &Bus) -> anyhow::Result<()> {
+    match bus.service_alive_elsewhere(OTHERS_ANSWER)? {
+        None => Ok(()),
+        Some(other) => Err(Usage::error(format!("{other} (--node)"))),
+    }
 }
 
 /// Opens the bus and says where it leads.
@@ -75,17 +99,16 @@ pub(crate) fn poses(url: &PoseUrl, bus: Option<&Bus>) -> anyhow::Result<PoseSour
 /// If a setting is wrong (then it is the user's), or zenoh fails.
 pub(crate) fn open_bus(config: BusConfig) -> anyhow::Result<Arc<Bus>> {
     let bus = Bus::open(config).map_err(|error| match error {
-        BusError::Config { .. } | BusError::ConfigFile { .. } | BusError::ZenohSetting { .. } => {
-            Usage::error(error)
-        }
+        BusError::Config { .. }
+        | BusError::ConfigFile { .. }
+        | BusError::ZenohSetting { .. }
+        | BusError::Endpoint { .. } => Usage::error(error),
         other => anyhow::Error::new(other),
     })?;
-    let endpoints = bus.endpoints();
     tracing::info!(
-        listen = %endpoints.listen.join(" "),
-        connect = %endpoints.connect.join(" "),
         keys = bus.keys().alive().trim_end_matches("/alive"),
-        "zenoh"
+        "zenoh: {}",
+        bus.endpoints()
     );
     Ok(Arc::new(bus))
 }
@@ -99,15 +122,31 @@ pub(crate) fn close_bus(bus: Option<Arc<Bus>>) {
     }
 }
 
-/// Starts the recording, if one is asked for, with the configuration in force.
+/// Starts the recording, if one is asked for, with the configuration in force and how the bytes are
+/// to be read: as `session` has it, of a log or of a link.
 ///
 /// # Errors
 /// If it cannot be written.
-pub(crate) fn recorder(config: &Config) -> anyhow::Result<Option<Recorder>> {
+pub(crate) fn recorder(
+    config: &Config,
+    session: &SessionConfig,
+    is_log: bool,
+) -> anyhow::Result<Option<Recorder>> {
     let Some(directory) = &config.output.record else {
         return Ok(None);
     };
     let settings = toml::to_string(config).context("the configuration as TOML")?;
-    let rotate_bytes = config.output.record_rotate_bytes;
-    Recorder::create(directory, rotate_bytes, settings).map(Some)
+    let recorder_config = RecorderConfig {
+        rotate_bytes: config.output.record_rotate_bytes,
+        format: config.output.record_format,
+        log_clock: match (is_log, session.clock) {
+            (true, _) => LogClock::Kept,
+            (false, ClockSource::Host) => LogClock::Host,
+            (false, ClockSource::Device) => LogClock::Device,
+        },
+    };
+    let recorder = Recorder::create(directory, recorder_config, settings)?;
+    let begin = replayed::begin_event(session, is_log);
+    recorder.record(clock::now(), Record::Event(begin));
+    Ok(Some(recorder))
 }

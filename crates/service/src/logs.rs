@@ -1,45 +1,66 @@
 //! A log read at once, for commands that look at a dive after it: every ping joined with its pose.
 
-use std::fs::File;
-use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
+use crossbeam_channel::bounded;
+use echosplat_driver::DriverEvent;
 use echosplat_model::{Ping, PosedPing};
-use echosplat_pose::{JoinCounters, PoseUrl};
-use echosplat_recording::svlog::SvlogReader;
-use echosplat_session::{ClockSource, Session, SessionConfig, SessionEvent};
+use echosplat_pose::{ArrivedPose, JoinCounters, PoseUrl};
 
 use crate::config::Config;
-use crate::exit::Usage;
-use crate::pipeline::{Patience, Poses};
-use crate::{clock, inputs};
+use crate::pipeline::Drivers;
+use crate::replayed::Replayed;
 
-/// Calls `take` for each ping of `log` that has its pose in `poses`, in the order of the log and
-/// with the mount and the time offset of the configuration, as a replay would.
+/// Calls `take` for each ping of `log` that has its pose in `poses`, or without that file inside the
+/// log itself; in the order of the log and with the mount and the time offset of the configuration,
+/// as a replay would.
 ///
 /// # Errors
 /// Says which of the files is not what it should be.
 pub(crate) fn posed_pings(
     log: &Path,
-    poses: &Path,
+    poses: Option<&Path>,
     config: &Config,
     mut take: impl FnMut(PosedPing),
 ) -> anyhow::Result<JoinCounters> {
-    let source = inputs::poses(&PoseUrl::Tum(poses.to_owned()), None)?;
-    let mut poses = Poses::new(&config.pose, source, Patience::HoldBack, None)?;
-    pings(log, &config.session, |ping| {
-        poses.push(ping, Instant::now());
-        while let Some((posed, _)) = poses.next() {
-            take(posed);
+    let asked = poses.map(|path| PoseUrl::Tum(path.to_owned()));
+    let replayed = Replayed::open(&[log.to_owned()])?;
+    let shed = replayed.decided().shed;
+    let mut poses = replayed.poses(asked.as_ref(), config, None, None)?;
+    events(&replayed, config, |event| match event {
+        DriverEvent::ClockStepped => poses.clock_stepped(),
+        DriverEvent::Mark(count) => {
+            poses.take_through(count);
+            while let Some(joined) = poses.next() {
+                take(joined.posed);
+            }
         }
+        DriverEvent::Ping { ping, .. } if !shed.contains(&ping.sequence()) => {
+            poses.push(ping, Instant::now());
+            while let Some(joined) = poses.next() {
+                take(joined.posed);
+            }
+        }
+        _ => {}
     })?;
     poses.finish();
-    while let Some((posed, _)) = poses.next() {
-        take(posed);
+    while let Some(joined) = poses.next() {
+        take(joined.posed);
     }
     Ok(poses.report().join)
+}
+
+/// All poses of `poses`, or without that file those inside the log.
+///
+/// # Errors
+/// If there are none: says what to give.
+pub(crate) fn poses(log: &Path, poses: Option<&Path>) -> anyhow::Result<Vec<ArrivedPose>> {
+    let asked = poses.map(|path| PoseUrl::Tum(path.to_owned()));
+    let replayed = Replayed::open(&[log.to_owned()])?;
+    let mut source = replayed.pose_source(asked.as_ref(), None)?;
+    Ok(std::iter::from_fn(|| source.try_next()).collect())
 }
 
 /// Calls `take` for each ping of `log`, in its order.
@@ -48,31 +69,33 @@ pub(crate) fn posed_pings(
 /// If the file is not a log.
 pub(crate) fn pings(
     log: &Path,
-    config: &SessionConfig,
+    config: &Config,
     mut take: impl FnMut(Arc<Ping>),
 ) -> anyhow::Result<()> {
-    let refused =
-        |error: &dyn std::fmt::Display| Usage::error(format!("log {}: {error}", log.display()));
-    let file = File::open(log).map_err(|error| refused(&error))?;
-    let mut reader = SvlogReader::new(BufReader::new(file)).map_err(|error| refused(&error))?;
-    let config = SessionConfig {
-        clock: ClockSource::Device,
-        ..config.clone()
-    };
-    let mut session = Session::listening(config, clock::now());
-    let mut deliver = |session: &mut Session| {
-        while let Some(event) = session.poll_event() {
-            if let SessionEvent::Ping { ping, .. } = event {
-                take(ping);
-            }
+    let replayed = Replayed::open(&[log.to_owned()])?;
+    events(&replayed, config, |event| {
+        if let DriverEvent::Ping { ping, .. } = event {
+            take(ping);
         }
-    };
-    while let Some(piece) = reader.next_piece().map_err(|error| refused(&error))? {
-        session.receive(piece, clock::now());
-        deliver(&mut session);
+    })
+}
+
+/// Pings that wait between the driver's thread and this one.
+const QUEUE: usize = 64;
+
+/// What a driver tells of the log, as a replay hears it.
+fn events(
+    replayed: &Replayed,
+    config: &Config,
+    mut take: impl FnMut(DriverEvent),
+) -> anyhow::Result<()> {
+    let (sender, events) = bounded(QUEUE);
+    let inputs = replayed.inputs(config, 0.0);
+    let drivers = Drivers::start(inputs, None, sender)?;
+    for event in events {
+        take(event);
     }
-    session.finish(clock::now());
-    deliver(&mut session);
+    drop(drivers);
     Ok(())
 }
 

@@ -9,6 +9,7 @@ mod commands;
 mod config;
 mod dives;
 mod exit;
+mod files;
 mod fingerprint;
 mod inputs;
 mod logging;
@@ -17,7 +18,9 @@ mod maps;
 mod pipeline;
 mod processor;
 mod recorder;
+mod replayed;
 mod rig;
+mod scene_files;
 mod signals;
 mod truth;
 
@@ -32,7 +35,9 @@ fn main() -> ExitCode {
         Ok(finish) => finish.code(),
         Err(error) => {
             tracing::debug!(?error, "failed");
-            logging::complain(&exit::one_line(&error));
+            for line in exit::lines(&error) {
+                logging::complain(&line);
+            }
             exit::code_of(&error)
         }
     }

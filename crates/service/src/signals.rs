@@ -1,11 +1,11 @@
-//! Ctrl-C and SIGTERM: the first asks for an orderly end, one that comes later ends at once.
+//! Ctrl-C, SIGTERM and a terminal that is closed: the first asks for an orderly end, one that comes later ends at once.
 
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::flag;
 
 /// Shells and supervisors send one request several times over; only a later one is impatience.
@@ -21,16 +21,16 @@ pub(crate) struct Stop {
 }
 
 impl Stop {
-    /// Set by the first Ctrl-C or SIGTERM.
+    /// Set by the first Ctrl-C, SIGTERM or SIGHUP.
     ///
     /// # Errors
     /// If the handlers cannot be installed.
     pub(crate) fn on_signals() -> anyhow::Result<Self> {
         let stop = Self::default();
-        for signal in [SIGINT, SIGTERM] {
+        for signal in [SIGINT, SIGTERM, SIGHUP] {
             flag::register_conditional_shutdown(signal, 128 + signal, Arc::clone(&stop.impatient))
                 .and_then(|_| flag::register(signal, Arc::clone(&stop.asked)))
-                .context("cannot install the handlers of Ctrl-C and SIGTERM")?;
+                .context("cannot install the handlers of Ctrl-C, SIGTERM and SIGHUP")?;
         }
         Ok(stop)
     }

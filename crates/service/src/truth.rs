@@ -1,6 +1,5 @@
 //! The truth a map is judged by: a scene, a mesh, points, or what a simulated dive left behind.
 
-use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -10,6 +9,7 @@ use echosplat_simulator::{BUILT_IN_SCENES, Dive, Scene, SurfacePoint, seen_surfa
 
 use crate::dives;
 use crate::exit::Usage;
+use crate::scene_files::SceneFiles;
 
 const SCENE_FILE: &str = "scene.toml";
 const SEEN_FILE: &str = "seen.ply";
@@ -63,22 +63,23 @@ pub(crate) fn of_simulated(scene: &Arc<Scene>, dive: &Dive) -> Truth {
     Truth::from_scene(scene, Some(seen_surface(scene, dive)))
 }
 
-/// Writes `DIR/truth/`: the scene's file and the places seen, as binary PLY with normals.
+/// Writes `DIR/truth/`: the scene's file with its meshes, and the places seen, as binary PLY with
+/// normals.
 ///
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write(
     directory: &Path,
-    scene_text: &str,
+    scene_files: &SceneFiles,
     scene: &Scene,
     dive: &Dive,
 ) -> anyhow::Result<()> {
     let directory = directory.join(DIRECTORY);
     std::fs::create_dir_all(&directory)
-        .and_then(|()| std::fs::write(directory.join(SCENE_FILE), scene_text))
+        .and_then(|()| scene_files.write(&directory, SCENE_FILE))
         .and_then(|()| {
             let seen = points_ply(&seen_surface(scene, dive));
-            std::fs::File::create(directory.join(SEEN_FILE))?.write_all(&seen)
+            std::fs::write(directory.join(SEEN_FILE), seen)
         })
         .with_context(|| format!("cannot write the truth to {}", directory.display()))
 }
@@ -117,7 +118,8 @@ mod tests {
         let dive = Dive::plan_with(DiveKind::Survey, &scene, NoiseLevel::None, 1, &options);
         let dive = dive.unwrap();
         let directory = tempfile::tempdir().unwrap();
-        write(directory.path(), text, &scene, &dive).unwrap();
+        let files = SceneFiles::of(text, Path::new("")).unwrap();
+        write(directory.path(), &files, &scene, &dive).unwrap();
         let read = load(directory.path()).unwrap();
         let direct = of_simulated(&Arc::new(scene), &dive);
         let places =

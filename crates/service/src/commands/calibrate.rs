@@ -15,17 +15,17 @@ use clap::ValueEnum;
 use echosplat_evaluation::MapRenderer;
 use echosplat_evaluation::held_back::{Pair, score};
 use echosplat_mapper::{Mapper, MapperConfig};
-use echosplat_model::{Ping, PosedPing, StampedPose};
-use echosplat_pose::{PoseSource, PoseUrl};
+use echosplat_model::{Ping, PosedPing};
+use echosplat_pose::{ArrivedPose, PoseSource};
 use serde::Serialize;
 use serde_json::json;
 
 use crate::arguments::{CalibrateArguments, Parameter};
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
+use crate::logging;
 use crate::logs::{self, Thinned};
 use crate::pipeline::{Patience, Poses, pair_of};
-use crate::{inputs, logging};
 
 /// Most pings of a dive that are looked at.
 const MOST_PINGS: usize = 6144;
@@ -103,7 +103,7 @@ pub(super) fn run(arguments: &CalibrateArguments) -> anyhow::Result<Finish> {
         Some(file) => Config::load(file)?,
         None => Config::default(),
     };
-    let dive = Dive::read(&arguments.log, &arguments.poses, &configured)?;
+    let dive = Dive::read(&arguments.log, arguments.poses.as_deref(), &configured)?;
     let all = Parameter::value_variants().iter().copied();
     let is_chosen = |p: &Parameter| arguments.only.is_empty() || arguments.only.contains(p);
     let parameters: Vec<Parameter> = all.filter(is_chosen).collect();
@@ -195,7 +195,7 @@ fn account(answers: &[Answer], best: &Config) -> String {
 /// A log in memory, thinned.
 struct Dive {
     pings: Vec<Arc<Ping>>,
-    poses: Vec<StampedPose>,
+    poses: Vec<ArrivedPose>,
     /// What becomes of a ping, by its number.
     roles: HashMap<u64, Role>,
 }
@@ -231,36 +231,33 @@ struct Found {
 }
 
 impl Dive {
-    fn read(log: &Path, poses: &Path, config: &Config) -> anyhow::Result<Self> {
-        inputs::check_log(log)?;
+    fn read(log: &Path, poses: Option<&Path>, config: &Config) -> anyhow::Result<Self> {
         let mut kept = Thinned::new(MOST_PINGS);
-        logs::pings(log, &config.session, |ping| kept.push(|| ping))?;
+        logs::pings(log, config, |ping| kept.push(|| ping))?;
         let pings: Vec<Arc<Ping>> = kept.into_kept();
-        let PoseSource::File(poses) = inputs::poses(&PoseUrl::Tum(poses.to_owned()), None)? else {
-            return Err(Usage::error("poses come from a file here".to_owned()));
-        };
+        let poses = logs::poses(log, poses)?;
         let roles = pings.iter().enumerate();
         let roles = roles.map(|(index, ping)| (ping.sequence(), role(index)));
         Ok(Self {
             roles: roles.collect(),
-            poses: poses.collect(),
+            poses,
             pings,
         })
     }
 
     fn posed(&self, config: &Config) -> anyhow::Result<Vec<PosedPing>> {
-        let source = PoseSource::File(self.poses.clone().into_iter());
+        let source = PoseSource::recorded(self.poses.clone());
         let mut poses = Poses::new(&config.pose, source, Patience::HoldBack, None)?;
         let mut posed = Vec::new();
         for ping in &self.pings {
             poses.push(Arc::clone(ping), Instant::now());
-            while let Some((ping, _)) = poses.next() {
-                posed.push(ping);
+            while let Some(joined) = poses.next() {
+                posed.push(joined.posed);
             }
         }
         poses.finish();
-        while let Some((ping, _)) = poses.next() {
-            posed.push(ping);
+        while let Some(joined) = poses.next() {
+            posed.push(joined.posed);
         }
         Ok(posed)
     }

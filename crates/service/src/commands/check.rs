@@ -7,7 +7,7 @@ use crate::exit::Finish;
 use crate::logging;
 
 /// # Errors
-/// The first thing wrong with the file: its line, key, and what is allowed.
+/// All that is wrong with the file, a line each: line, key, and what is allowed.
 pub(crate) fn run(file: &Path) -> anyhow::Result<Finish> {
     Config::load(file)?;
     logging::print(&format!("{}: valid", file.display()));

@@ -33,14 +33,13 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
         }
         said = serde_json::to_value(metrics)?;
     }
-    if let (Some(every), Some(log), Some(poses)) =
-        (arguments.held_back, &arguments.log, &arguments.poses)
-    {
+    if let (Some(asked), Some(log)) = (arguments.held_out, &arguments.log) {
+        let every = held_out_every(&arguments.map, &map, asked)?;
         let config = match &arguments.config {
             Some(file) => Config::load(file)?,
             None => Config::default(),
         };
-        let pings = rendered(&map, every, log, poses, &config)?;
+        let pings = rendered(&map, every, log, arguments.poses.as_deref(), &config)?;
         let found = score_of(&pings, log, every)?;
         if let Some(path) = &arguments.picture {
             write_picture(path, picture(&pings.held, &found).to_svg().as_bytes())?;
@@ -54,6 +53,27 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
         logging::print(&said.to_string());
     }
     Ok(Finish::Done)
+}
+
+/// Which pings were kept from the map, by the map's own word: a score on pings that it was made of
+/// says nothing of others.
+///
+/// # Errors
+/// If the map says nothing, or something else than was asked for.
+fn held_out_every(path: &Path, map: &MapFile, asked: Option<u64>) -> anyhow::Result<u64> {
+    let refused = |why: String| Err(Usage::error(format!("map {}: {why}", path.display())));
+    match (map.notes.held_out_every, asked) {
+        (0, _) => refused(
+            "it does not say that pings were kept from it, so all may be in it; make it with \
+             --hold-out N, then --held-out scores those"
+                .to_owned(),
+        ),
+        (kept, Some(asked)) if asked != kept => refused(format!(
+            "of every {kept} pings one was kept from it, so --held-out {asked} would score pings \
+             that it was made of; allowed is --held-out {kept}, or --held-out alone"
+        )),
+        (kept, _) => Ok(kept),
+    }
 }
 
 /// One ping beside what the map says of it, without its blanked bins.
@@ -75,7 +95,7 @@ fn rendered(
     map: &MapFile,
     every: u64,
     log: &Path,
-    poses: &Path,
+    poses: Option<&Path>,
     config: &Config,
 ) -> anyhow::Result<RenderedPings> {
     let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
@@ -118,7 +138,7 @@ fn score_of(pings: &RenderedPings, log: &Path, every: u64) -> anyhow::Result<Hel
     let pairs = |all: &[Rendered]| all.iter().map(|one| one.pair.clone()).collect::<Vec<_>>();
     score(&pairs(&pings.fit), &pairs(&pings.held)).ok_or_else(|| {
         Usage::error(format!(
-            "log {}: of its pings with a pose, {} are held back by {every} and {} are not; both \
+            "log {}: of its pings with a pose, {} are held out by {every} and {} are not; both \
              must be there, and something heard",
             log.display(),
             pings.held.len(),
@@ -163,7 +183,7 @@ fn picture(held: &[Rendered], found: &HeldBack) -> SonarImage {
 fn account(found: &HeldBack) -> String {
     let HeldBack { map, constant, .. } = found;
     format!(
-        "{} held-back pings, {} bins: {:+.4} nats per bin against a constant\n\
+        "{} held-out pings, {} bins: {:+.4} nats per bin against a constant\n\
          the map: log likelihood {:.4} per bin ({} looks), L1 {:.4e}; gain {:.3}, noise floor {:.3e}\n\
          a constant of {:.3e}: log likelihood {:.4} per bin ({} looks), L1 {:.4e}",
         found.ping_count,

@@ -3,10 +3,15 @@
 mod bench;
 mod calibrate;
 mod check;
+mod completions;
 mod demo;
 mod emulate;
 mod evaluate;
+mod export;
+mod info;
 mod judging;
+mod probe;
+mod recover;
 mod render;
 mod replay;
 mod run;
@@ -14,15 +19,16 @@ mod simulate;
 mod watch;
 
 use std::path::Path;
+use std::time::{Duration, Instant};
 
 use echosplat_evaluation::{MapPoints, evaluate, table};
 use echosplat_model::Snapshot;
 use serde_json::Value;
 
 use crate::arguments::Command;
-use crate::config::DEFAULT_TOML;
+use crate::config::{BASIC_TOML, DEFAULT_TOML};
 use crate::exit::Finish;
-use crate::pipeline::OnStatus;
+use crate::pipeline::{OnStatus, Phase, Status};
 use crate::{logging, truth};
 
 /// # Errors
@@ -34,23 +40,34 @@ pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
         Command::Replay(arguments) => replay::run(&arguments),
         Command::Simulate(arguments) => simulate::run(&arguments),
         Command::Emulate(arguments) => emulate::run(&arguments),
+        Command::Probe(arguments) => probe::run(&arguments),
         Command::Watch(arguments) => watch::run(&arguments),
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
         Command::Bench(arguments) => bench::run(&arguments),
-        Command::Config => {
-            logging::print(DEFAULT_TOML.trim_end());
+        Command::Info(arguments) => info::run(&arguments),
+        Command::Recover(arguments) => recover::run(&arguments),
+        Command::Export(arguments) => export::run(&arguments),
+        Command::Config { basic } => {
+            let text = if basic { BASIC_TOML } else { DEFAULT_TOML };
+            logging::print(text.trim_end());
             Ok(Finish::Done)
         }
         Command::Check { file } => check::run(&file),
+        Command::Completions { shell } => Ok(completions::run(shell)),
     }
 }
 
-/// A line of live figures on a terminal.
+/// Away from a terminal the figures are a line of the log, so often.
+const LINE_EVERY: Duration = Duration::from_secs(10);
+
+/// A line of live figures, renewed in place on a terminal, else one every ten seconds.
 fn show_figures() -> OnStatus {
     let figures = logging::figures_line();
     let mut said_s = None;
+    let mut line = Instant::now();
+    let mut before = 0;
     Box::new(move |status| {
         let prediction = status.report.prediction;
         // A line for each moment: on a terminal or not, error against time can be read.
@@ -64,16 +81,42 @@ fn show_figures() -> OnStatus {
                 found.pings
             );
         }
-        figures.set_message(format!(
-            "{:.1} s · {} pings, {:.0}/s · {} + {} Gaussians",
-            status.report.dive_s,
-            status.report.pings_mapped,
-            status.rates.mapped_per_s,
-            status.report.mapper.confident,
-            status.report.mapper.ambiguous,
-        ));
+        let is_line_due = status.is_final || line.elapsed() >= LINE_EVERY;
+        let text = figures_of(status, before);
+        if is_line_due && !logging::is_terminal() {
+            tracing::info!("{text}");
+        }
+        if is_line_due {
+            line = Instant::now();
+            before = status.report.mapper.confident;
+        }
+        figures.set_message(text);
         figures.tick();
     })
+}
+
+/// What came, what became of it, and what the map gained since it had `before` Gaussians.
+fn figures_of(status: &Status, before: u64) -> String {
+    let report = &status.report;
+    let progress = match (status.phase, status.input_share) {
+        (Phase::Finishing, _) => " · finishing".to_owned(),
+        (_, Some(share)) => format!(" · {:.0} % of the log", 100.0 * share),
+        (_, None) => String::new(),
+    };
+    let notice = status.newest_notice.as_ref();
+    let notice = notice.map_or(String::new(), |notice| format!(" · {notice}"));
+    let gained = report.mapper.confident as i64 - before as i64;
+    format!(
+        "{:.1} s{progress} · {} pings received, {:.0}/s, {} mapped, {} without pose · {} Gaussians \
+         ({gained:+}) and {} ambiguous{notice}",
+        report.dive_s,
+        status.ledger.received,
+        status.rates.pings_per_s,
+        report.pings_mapped,
+        status.ledger.without_pose,
+        report.mapper.confident,
+        report.mapper.ambiguous,
+    )
 }
 
 /// The figures of a finished map, if there is a truth to judge it by; also logged.

@@ -4,21 +4,20 @@ use std::f64::consts::PI;
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Context;
 use echosplat_acoustics::Look;
 use echosplat_evaluation::MapRenderer;
 use echosplat_evaluation::report::{Column, Panel, SonarImage};
 use echosplat_mapper::look_of;
 use echosplat_model::{Ping, PingSettings, PosedPing, StampedPose, Timestamp, Twist};
 use echosplat_model::{Trajectory, TrajectoryLimits};
-use echosplat_pose::{PoseSource, PoseUrl};
+use echosplat_pose::{PoseSource, PoseUrl, StampClock};
 use serde_json::{Value, json};
 
 use crate::arguments::RenderArguments;
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
 use crate::logs::{self, Thinned};
-use crate::{inputs, logging, maps};
+use crate::{files, inputs, logging, maps};
 
 /// Most pings of one image.
 const MOST_VIEWS: usize = 1024;
@@ -127,7 +126,7 @@ fn views(arguments: &RenderArguments, config: &Config) -> anyhow::Result<Vec<Vie
 fn of_log(log: &Path, arguments: &RenderArguments, config: &Config) -> anyhow::Result<Vec<View>> {
     let mut first: Option<Timestamp> = None;
     let mut chosen = Chosen::new(arguments);
-    logs::posed_pings(log, &arguments.poses, config, |posed| {
+    logs::posed_pings(log, arguments.poses.as_deref(), config, |posed| {
         let time = posed.ping.transmit_time();
         let across = time.seconds_since(*first.get_or_insert(time));
         let number = posed.ping.sequence();
@@ -143,8 +142,12 @@ fn of_log(log: &Path, arguments: &RenderArguments, config: &Config) -> anyhow::R
 
 /// Pings that nobody made, one for each pose or for each time asked for.
 fn of_poses(arguments: &RenderArguments, config: &Config) -> anyhow::Result<Vec<View>> {
-    let url = PoseUrl::Tum(arguments.poses.clone());
-    let PoseSource::File(poses) = inputs::poses(&url, None)? else {
+    // The command line has asked for them where there is no log.
+    let Some(file) = &arguments.poses else {
+        return Ok(Vec::new());
+    };
+    let url = PoseUrl::Tum(file.clone());
+    let PoseSource::File(poses) = inputs::poses(&url, None, StampClock::Data)? else {
         return Ok(Vec::new());
     };
     let poses: Vec<StampedPose> = poses.collect();
@@ -364,8 +367,7 @@ fn write(path: &Path, format: Format, image: &SonarImage) -> anyhow::Result<()> 
 /// # Errors
 /// If it cannot be written.
 pub(crate) fn write_picture(path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
-    maps::prepare(path)?;
-    std::fs::write(path, bytes).with_context(|| format!("cannot write {}", path.display()))
+    files::write("picture", path, bytes)
 }
 
 fn summary(views: &[View], rendered: &[Vec<f32>]) -> Value {

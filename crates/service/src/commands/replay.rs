@@ -3,10 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use echosplat_driver::{DriverConfig, SonarUrl};
 use echosplat_evaluation::report::Report;
 use echosplat_evaluation::table;
-use echosplat_pose::{PoseSource, PoseUrl};
+use echosplat_pose::PoseUrl;
 use serde_json::Value;
 
 use crate::arguments::ReplayArguments;
@@ -14,17 +13,16 @@ use crate::commands::judging::{Judge, Verdict};
 use crate::commands::show_figures;
 use crate::config::{Config, Overrides};
 use crate::exit::{Finish, Usage};
-use crate::pipeline::{self, Gate, Hooks, Outcome, Patience, Poses, Setup};
+use crate::pipeline::{self, Expectations, Gate, Hooks, Outcome, Setup, Span};
+use crate::replayed::Replayed;
 use crate::signals::Stop;
 use crate::{clock, inputs, logging, maps, processor, truth};
 
 /// # Errors
 /// If something asked for cannot be, or the map cannot be written.
 pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
-    let config = configuration(arguments)?;
-    for log in &arguments.logs {
-        inputs::check_log(log)?;
-    }
+    let replayed = Replayed::open(&arguments.logs)?;
+    let config = configuration(arguments, &replayed)?;
     if let Some(map) = &config.output.map {
         maps::prepare(map)?;
     }
@@ -41,7 +39,13 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
     let mut epoch = clock::now().nanos().unsigned_abs();
     loop {
         let judge = judge(arguments, &config)?;
-        let outcome = once(arguments, &config, epoch, judge.as_ref(), &stop)?;
+        let outcome = once(
+            arguments,
+            &replayed,
+            (&config, epoch),
+            judge.as_ref(),
+            &stop,
+        )?;
         let is_last = !arguments.repeat || stop.is_set();
         if is_last {
             return conclude(arguments, &config, &outcome, judge, report.as_deref());
@@ -50,16 +54,39 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
     }
 }
 
-fn configuration(arguments: &ReplayArguments) -> anyhow::Result<Config> {
-    let file = arguments.poses.as_ref();
+/// A recording is replayed with the settings of its dive, unless a file gives others.
+fn configuration(arguments: &ReplayArguments, replayed: &Replayed) -> anyhow::Result<Config> {
+    let base = match arguments.service.config {
+        Some(_) => None,
+        None => replayed.settings().map(Config::of_recording).transpose()?,
+    };
     let overrides = Overrides {
-        pose: file
-            .map(|file| PoseUrl::Tum(file.clone()))
-            .or_else(|| arguments.pose.clone()),
+        base,
+        pose: asked_poses(arguments),
         time_offset_s: arguments.time_offset_s,
         ..Overrides::default()
     };
-    Config::assemble(&arguments.service, overrides)
+    let mut config = Config::assemble(&arguments.service, overrides)?;
+    if arguments.service.bus.node.is_none() {
+        // A service of the vehicle's own name may be running.
+        config.bus.node = "replay".to_owned();
+    }
+    Ok(config)
+}
+
+/// Poses as the command line asks for them.
+fn asked_poses(arguments: &ReplayArguments) -> Option<PoseUrl> {
+    let file = arguments.poses.as_ref();
+    file.map(|file| PoseUrl::Tum(file.clone()))
+        .or_else(|| arguments.pose.clone())
+}
+
+/// As the command line asks, or as a configuration file that names a file of them.
+fn poses_url(arguments: &ReplayArguments, config: &Config) -> Option<PoseUrl> {
+    let of_file = Some(config.pose.url.clone()).filter(|url| {
+        arguments.service.config.is_some() && matches!(url, PoseUrl::Tum(_) | PoseUrl::None)
+    });
+    asked_poses(arguments).or(of_file)
 }
 
 /// Where `--report` says, or beside the map; nowhere without a truth.
@@ -81,25 +108,37 @@ fn judge(arguments: &ReplayArguments, config: &Config) -> anyhow::Result<Option<
 
 fn once(
     arguments: &ReplayArguments,
-    config: &Config,
-    epoch: u64,
+    replayed: &Replayed,
+    (config, epoch): (&Config, u64),
     judge: Option<&Judge>,
     stop: &Stop,
 ) -> anyhow::Result<Outcome> {
-    let bus = match arguments.no_publish {
-        true => None,
-        false => Some(inputs::open_bus(config.bus.clone())?),
+    let poses_url = poses_url(arguments, config);
+    let takes_poses_live = poses_url.as_ref().is_some_and(is_live);
+    let bus = match arguments.publish || takes_poses_live {
+        true => Some(inputs::open_bus(config.bus.clone())?),
+        false => None,
     };
-    let source = inputs::poses(&config.pose.url, bus.as_deref())?;
-    let is_file = matches!(source, PoseSource::File(_));
-    let recorder = inputs::recorder(config)?;
+    if let Some(bus) = &bus {
+        inputs::refuse_a_second_service(bus)?;
+    }
+    let inputs = replayed.inputs(config, arguments.rate);
+    let session = &inputs[0].config.session;
+    let recorder = inputs::recorder(config, session, true)?;
+    let poses = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
     let setup = Setup {
-        drivers: drivers(arguments, config),
-        poses: Poses::new(&config.pose, source, Patience::HoldBack, recorder.clone())?,
+        inputs,
+        poses,
         gate: Gate::new(arguments.start, arguments.end, config.output.duration_s),
-        bus: bus.clone(),
+        bus: bus.clone().filter(|_| arguments.publish),
         recorder,
+        shed: replayed.decided().shed,
         epoch,
+        expectations: Expectations {
+            sonar: arguments.logs[0].display().to_string(),
+            is_live: false,
+            ping_interval_s: 0.0,
+        },
         hooks: Hooks {
             observer: judge.map(Judge::observer),
             on_status: Some(show_figures()),
@@ -109,28 +148,47 @@ fn once(
     let outcome = pipeline::run(config, setup, stop);
     inputs::close_bus(bus);
     let outcome = outcome?;
-    match is_file && !stop.is_set() && nothing_overlaps(&outcome) {
-        true => Err(Usage::error(format!(
-            "the poses of {} and the pings of {} have no time in common; --time-offset-s shifts \
-             the pings",
-            config.pose.url,
-            arguments.logs[0].display()
-        ))),
+    let is_whole = !takes_poses_live && !stop.is_set();
+    match is_whole && nothing_overlaps(&outcome) {
+        true => Err(Usage::error(no_time_in_common(arguments, &outcome))),
         false => Ok(outcome),
     }
+}
+
+/// Whether poses come from somebody who sends them meanwhile.
+fn is_live(url: &PoseUrl) -> bool {
+    !matches!(url, PoseUrl::Tum(_) | PoseUrl::Log(_) | PoseUrl::None)
+}
+
+/// Both spans, and the offset that would join their beginnings.
+fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome) -> String {
+    let poses = &outcome.status.report.poses;
+    let span = |span: Option<Span>| {
+        span.map_or("none".to_owned(), |span| {
+            let [first_s, last_s] = [span.first_ns, span.last_ns].map(|ns| ns as f64 * 1e-9);
+            format!("{first_s:.3} to {last_s:.3} s")
+        })
+    };
+    let offset = poses
+        .pose_times
+        .zip(poses.ping_times)
+        .map(|(poses, pings)| {
+            let offset_s = (poses.first_ns - pings.first_ns) as f64 * 1e-9;
+            format!("; --time-offset-s {offset_s:.3} would join their beginnings")
+        });
+    let given = asked_poses(arguments).map_or("the log".to_owned(), |url| url.to_string());
+    format!(
+        "the poses of {given} ({}) and the pings of {} ({}) have no time in common{}",
+        span(poses.pose_times),
+        arguments.logs[0].display(),
+        span(poses.ping_times),
+        offset.unwrap_or_default()
+    )
 }
 
 fn nothing_overlaps(outcome: &Outcome) -> bool {
     let report = &outcome.status.report;
     report.pings_mapped == 0 && report.poses.join.pings_without_pose() > 0
-}
-
-fn drivers(arguments: &ReplayArguments, config: &Config) -> Vec<DriverConfig> {
-    let driver = |log: &PathBuf| DriverConfig {
-        rate: arguments.rate,
-        ..inputs::driver(config, SonarUrl::File(log.clone()))
-    };
-    arguments.logs.iter().map(driver).collect()
 }
 
 fn conclude(

@@ -1,17 +1,18 @@
 //! `echosplat run`: the service.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 
 use echosplat_bus::Bus;
 use echosplat_driver::{ListenUrl, SonarUrl};
-use echosplat_pose::PoseUrl;
+use echosplat_pose::{PoseUrl, StampClock};
 use echosplat_session::ClockSource;
 
 use crate::arguments::{DiveArguments, PoseClock, RunArguments};
 use crate::commands::{judge, show_figures};
 use crate::config::{Config, Overrides};
 use crate::exit::Finish;
-use crate::pipeline::{self, Gate, Hooks, Patience, Poses, Setup};
+use crate::pipeline::{self, Expectations, Gate, Hooks, Input, Patience, Poses, Setup};
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
 use crate::{clock, dives, inputs, logging, maps};
@@ -23,6 +24,7 @@ pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
         sonar: arguments.sonar.clone(),
         pose: arguments.pose.clone(),
         time_offset_s: arguments.time_offset_s,
+        ..Overrides::default()
     };
     let config = Config::assemble(&arguments.service, overrides)?;
     let url = inputs::sonar_url(&config.sonar.url)?;
@@ -34,13 +36,13 @@ pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
     }
     let stop = Stop::on_signals()?;
     let bus = inputs::open_bus(config.bus.clone())?;
+    inputs::refuse_a_second_service(&bus)?;
     let finish = serve(&config, url, &bus, &stop);
     inputs::close_bus(Some(bus));
     finish
 }
 
 fn serve(config: &Config, url: SonarUrl, bus: &Arc<Bus>, stop: &Stop) -> anyhow::Result<Finish> {
-    let source = inputs::poses(&config.pose.url, Some(bus))?;
     let rig = match &url {
         SonarUrl::Sim(scene) => Some(simulate(config, scene, bus)?),
         _ => None,
@@ -49,17 +51,25 @@ fn serve(config: &Config, url: SonarUrl, bus: &Arc<Bus>, stop: &Stop) -> anyhow:
         Some(rig) => rig.driver(config)?,
         None => inputs::driver(config, url),
     };
-    let patience = match driver.session.clock {
-        ClockSource::Device => Patience::HoldBack,
-        ClockSource::Host => Patience::LetGo,
+    let (patience, clock) = match driver.session.clock {
+        ClockSource::Device => (Patience::HoldBack, StampClock::Data),
+        ClockSource::Host => (Patience::LetGo, StampClock::Host),
     };
-    let recorder = inputs::recorder(config)?;
+    let source = inputs::poses(&config.pose.url, Some(bus), clock)?;
+    let is_log = matches!(driver.url, SonarUrl::File(_));
+    let recorder = inputs::recorder(config, &driver.session, is_log)?;
     let setup = Setup {
-        drivers: vec![driver],
+        expectations: Expectations {
+            sonar: config.sonar.url.clone(),
+            is_live: !is_log,
+            ping_interval_s: driver.session.expected_interval_s(),
+        },
+        inputs: vec![Input::link(driver)],
         poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
         gate: Gate::new(None, None, config.output.duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,
+        shed: HashSet::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             on_status: Some(show_figures()),

@@ -12,6 +12,7 @@ use echosplat_simulator::SimulatedSonar;
 
 use crate::arguments::SimulateArguments;
 use crate::exit::{Finish, Usage};
+use crate::scene_files::SceneFiles;
 use crate::{dives, logging, truth};
 
 /// Source id of the simulated unit's packets.
@@ -30,7 +31,9 @@ pub(crate) fn run(arguments: &SimulateArguments) -> anyhow::Result<Finish> {
         .map_err(|error| Usage::error(format!("--out {}: {error}", out.display())))?;
     write_log(&sonar, &out.join("dive.svlog")).context("cannot write dive.svlog")?;
     write_poses(&sonar, &out.join("dive.tum")).context("cannot write dive.tum")?;
-    truth::write(out, &scene_text, sonar.scene(), sonar.dive())?;
+    let beside = Path::new(&arguments.dive.scene).parent();
+    let scene_files = SceneFiles::of(&scene_text, beside.unwrap_or(Path::new("")))?;
+    truth::write(out, &scene_files, sonar.scene(), sonar.dive())?;
     logging::print(&format!(
         "{}: {} pings over {:.0} s, their poses, and the truth",
         out.display(),

@@ -3,15 +3,15 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
 use echosplat_bus::{Bus, Liveliness, MapSubscriber};
 use serde_json::Value;
 
 use crate::arguments::WatchArguments;
 use crate::config::Config;
 use crate::exit::Finish;
+use crate::maps::MapNotes;
 use crate::signals::Stop;
-use crate::{logging, maps};
+use crate::{inputs, logging, maps};
 
 /// How often figures are renewed and the stop flag is asked.
 const TICK: Duration = Duration::from_millis(200);
@@ -27,13 +27,13 @@ pub(crate) fn run(arguments: &WatchArguments) -> anyhow::Result<Finish> {
         maps::prepare(map)?;
     }
     let stop = Stop::on_signals()?;
-    let bus = Bus::open(config.bus)?;
+    let bus = inputs::open_bus(config.bus)?;
     tracing::info!(keys = %bus.keys().deltas(), "watching");
     let subscriber = bus.subscribe_map()?;
     let ending = follow(&bus, &subscriber, arguments, &stop)?;
     let finish = conclude(&subscriber, arguments.map.as_deref(), ending)?;
     drop(subscriber);
-    bus.close().context("closing")?;
+    inputs::close_bus(Some(bus));
     Ok(finish)
 }
 
@@ -61,7 +61,9 @@ fn follow(
     let mut known = None;
     let mut newest_status = None;
     loop {
-        known = subscriber.wait_beyond(known, TICK);
+        let position = subscriber.wait_beyond(known, TICK);
+        tell_of_new_epoch(known, position);
+        known = position;
         if let Some(status) = status.take_newest() {
             tracing::debug!(%status, "status");
             newest_status = Some(status);
@@ -83,6 +85,19 @@ fn follow(
         if stop.is_set() || limit.is_some_and(|limit| begin.elapsed() >= limit) {
             return Ok(Ending::Asked);
         }
+    }
+}
+
+/// Says when the map in hand is no longer the one followed so far.
+fn tell_of_new_epoch(before: Option<(u64, u64)>, now: Option<(u64, u64)>) {
+    if let (Some((before, _)), Some((now, _))) = (before, now)
+        && before != now
+    {
+        tracing::warn!(
+            epoch = now,
+            "the service began a new map: the one followed so far is let go, and this one followed; \
+             the service keeps the earlier one where it writes its maps"
+        );
     }
 }
 
@@ -121,7 +136,10 @@ fn conclude(
         "no longer watching"
     );
     match (snapshot, map) {
-        (Some(snapshot), Some(map)) => maps::write(&snapshot, map)?,
+        // What was kept from it only the service knows.
+        (Some(snapshot), Some(map)) => {
+            maps::write(&snapshot, map, &MapNotes::default())?;
+        }
         (None, Some(_)) => tracing::warn!("no map came, so none is written"),
         (_, None) => {}
     }

@@ -1,4 +1,4 @@
-//! What is wrong with a configuration, as one line: file, line, key, and what is allowed.
+//! What is wrong with a configuration, one line each: file, line, key, and what is allowed.
 
 use std::path::Path;
 
@@ -19,44 +19,47 @@ impl BadSetting {
         }
     }
 
-    /// With file and line, if the key stands in `text`.
-    pub(crate) fn located(&self, file: &Path, text: &str) -> String {
-        let place = match line_of_key(text, &self.key) {
+    /// The key without what a check says of a list, as in `session.gain_offset_db (number of
+    /// values)`.
+    pub(super) fn leaf(&self) -> &str {
+        self.key.split(' ').next().unwrap_or_default()
+    }
+}
+
+/// One thing wrong in a file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Fault {
+    /// From 1; `None` for what stands nowhere in the file.
+    pub(super) line: Option<usize>,
+    /// Dotted; empty where no key is at fault.
+    pub(super) key: String,
+    /// What is wrong and what is allowed.
+    pub(super) message: String,
+}
+
+impl Fault {
+    /// `file:line: key: message`.
+    pub(super) fn located(&self, file: &Path) -> String {
+        let place = match self.line {
             Some(line) => format!("{}:{line}", file.display()),
             None => file.display().to_string(),
         };
-        format!("{place}: {}: {}", self.key, self.message)
-    }
-}
-
-/// What TOML or serde say, as one line.
-pub(crate) fn parse_error(file: &Path, text: &str, mut error: toml::de::Error) -> String {
-    let line = error
-        .span()
-        .map(|span| 1 + text[..span.start.min(text.len())].matches('\n').count());
-    error.set_input(None);
-    let said = error.to_string();
-    let said = said.split_whitespace().collect::<Vec<_>>().join(" ");
-    match line {
-        Some(line) => format!("{}:{line}: {said}", file.display()),
-        None => format!("{}: {said}", file.display()),
-    }
-}
-
-/// The line, from 1, where a dotted key is set.
-fn line_of_key(text: &str, key: &str) -> Option<usize> {
-    let mut table = String::new();
-    for (index, line) in text.lines().enumerate() {
-        let line = line.trim();
-        if let Some(header) = line.strip_prefix('[').and_then(|l| l.split(']').next()) {
-            table = format!("{}.", header.trim());
-        } else if let Some((name, _)) = line.split_once('=')
-            && format!("{table}{}", name.trim()) == key
-        {
-            return Some(index + 1);
+        match self.key.as_str() {
+            "" => format!("{place}: {}", self.message),
+            key => format!("{place}: {key}: {}", self.message),
         }
     }
-    None
+}
+
+/// Text of a file as part of one line: no control characters, and not more than so many.
+pub(super) fn shown(text: &str, most: usize) -> String {
+    let one_line = text.split_whitespace().collect::<Vec<_>>().join(" ");
+    let mut chars = one_line.chars().filter(|c| !c.is_control());
+    let mut start: String = chars.by_ref().take(most).collect();
+    if chars.next().is_some() {
+        start.push('…');
+    }
+    start
 }
 
 #[cfg(test)]
@@ -64,18 +67,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn keys_are_found_in_their_table() {
-        let text = "a = 1\n[x]\na = 2\n# b = 0\n[x.y]\nb=3\n";
-        assert_eq!(line_of_key(text, "a"), Some(1));
-        assert_eq!(line_of_key(text, "x.a"), Some(3));
-        assert_eq!(line_of_key(text, "x.y.b"), Some(6));
-        assert_eq!(line_of_key(text, "x.b"), None);
+    fn a_fault_says_where() {
+        let fault = Fault {
+            line: Some(2),
+            key: "x.a".to_owned(),
+            message: "is 2; allowed is 0 to 1".to_owned(),
+        };
+        let line = fault.located(Path::new("my.toml"));
+        assert_eq!(line, "my.toml:2: x.a: is 2; allowed is 0 to 1");
     }
 
     #[test]
-    fn a_located_setting_says_where() {
-        let bad = BadSetting::new("x.a", "it is 2; allowed is 0 to 1");
-        let line = bad.located(Path::new("my.toml"), "[x]\na = 2\n");
-        assert_eq!(line, "my.toml:2: x.a: it is 2; allowed is 0 to 1");
+    fn what_a_file_says_stays_one_short_line() {
+        assert_eq!(shown("a\n\u{1b}[31mb", 20), "a [31mb");
+        assert_eq!(shown(&"x".repeat(100), 3), "xxx…");
     }
 }

@@ -2,6 +2,9 @@
 //! anything starts.
 
 mod errors;
+mod faults;
+mod keys;
+mod memory;
 mod overrides;
 
 use std::path::{Path, PathBuf};
@@ -16,11 +19,15 @@ use echosplat_session::SessionConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Usage;
+use crate::recorder::RecordFormat;
 use errors::BadSetting;
 pub(crate) use overrides::Overrides;
 
 /// `config/default.toml`, which equals [`Config::default`].
 pub(crate) const DEFAULT_TOML: &str = include_str!("../../../../config/default.toml");
+
+/// `config/basic.toml`: what an owner sets.
+pub(crate) const BASIC_TOML: &str = include_str!("../../../../config/basic.toml");
 
 /// Longest configuration file read.
 const MAX_FILE_BYTES: u64 = 1 << 20;
@@ -168,6 +175,8 @@ pub(crate) struct OutputConfig {
     /// Directory of recordings.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) record: Option<PathBuf>,
+    /// What recordings are written as.
+    pub(crate) record_format: RecordFormat,
     /// A recording goes on in a new file beyond this.
     pub(crate) record_rotate_bytes: u64,
     /// Stop after this much of the pings' clock.
@@ -181,6 +190,7 @@ impl Default for OutputConfig {
             map: None,
             truth: None,
             record: None,
+            record_format: RecordFormat::Mcap,
             record_rotate_bytes: 1 << 30,
             duration_s: None,
         }
@@ -191,7 +201,7 @@ impl Config {
     /// Reads and checks a file.
     ///
     /// # Errors
-    /// The first thing wrong: file, line, key, and what is allowed.
+    /// All that is wrong, a line each: file, line, key, and what is allowed.
     pub(crate) fn load(file: &Path) -> anyhow::Result<Self> {
         let text = read_bounded(file)
             .map_err(|error| Usage::error(format!("configuration {}: {error}", file.display())))?;
@@ -199,16 +209,14 @@ impl Config {
     }
 
     fn parse(file: &Path, text: &str) -> anyhow::Result<Self> {
-        let config: Self = toml::from_str(text)
-            .map_err(|error| Usage::error(errors::parse_error(file, text, error)))?;
-        match config.check() {
-            Ok(()) => Ok(config),
-            Err(bad) => Err(Usage::error(bad.located(file, text))),
-        }
+        faults::read(text).map_err(|found| {
+            let lines = found.iter().map(|fault| fault.located(file));
+            Usage::faults(lines.collect())
+        })
     }
 
     /// # Errors
-    /// The first setting out of range.
+    /// The first setting out of range, or what takes most where all together take too much memory.
     pub(crate) fn check(&self) -> Result<(), BadSetting> {
         self.sonar.check()?;
         self.session.check().map_err(|error| {
@@ -220,9 +228,29 @@ impl Config {
         })?;
         self.pose.check()?;
         self.mapper.check().map_err(bad_mapper_setting)?;
+        check_resolution(self.mapper.resolution_m)?;
         self.pipeline.check()?;
         self.output.check()?;
-        self.bus.check().map_err(bad_bus_setting)
+        self.bus.check().map_err(bad_bus_setting)?;
+        memory::check(self)
+    }
+}
+
+/// Finest voxels that can be asked for, metres: a beam of 0.8° is as wide 36 cm from the sonar, within
+/// its blanking, and every halving takes eight times the memory.
+const FINEST_M: f64 = 0.005;
+
+fn check_resolution(resolution_m: f64) -> Result<(), BadSetting> {
+    let is_fine = resolution_m > 0.0 && resolution_m < FINEST_M;
+    let message = || {
+        format!(
+            "is {resolution_m}; allowed is 0, which takes what the beam resolves, or {FINEST_M} to 10: \
+             finer voxels show no more and take memory by the third power"
+        )
+    };
+    match is_fine {
+        true => Err(BadSetting::new("mapper.resolution_m", message())),
+        false => Ok(()),
     }
 }
 
@@ -236,6 +264,13 @@ fn bad_mapper_setting(error: MapperError) -> BadSetting {
         } => {
             let message = format!("is {value}; allowed is {low} to {high}");
             BadSetting::new(format!("mapper.{key}"), message)
+        }
+        MapperError::Beam(error) => {
+            let message = format!(
+                "is {}; allowed is {} to {}",
+                error.value, error.low, error.high
+            );
+            BadSetting::new(format!("mapper.beam.{}", error.name), message)
         }
         other => BadSetting::new("mapper", other),
     }

@@ -21,6 +21,8 @@ fn owned((key, value): (&str, &str)) -> (String, String) {
 /// What a command adds to the shared arguments.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Overrides {
+    /// Stands for the defaults where no file is given: of a recorded dive.
+    pub(crate) base: Option<Config>,
     pub(crate) sonar: Option<String>,
     pub(crate) pose: Option<PoseUrl>,
     pub(crate) time_offset_s: Option<f64>,
@@ -37,7 +39,7 @@ impl Config {
     ) -> anyhow::Result<Self> {
         let mut config = match &arguments.config {
             Some(file) => Self::load(file)?,
-            None => Self::default(),
+            None => overrides.base.unwrap_or_default(),
         };
         config.sonar.url = overrides.sonar.unwrap_or(config.sonar.url);
         config.sonar.seed = arguments.seed.unwrap_or(config.sonar.seed);
@@ -51,9 +53,26 @@ impl Config {
         output.map = arguments.map.clone().or(output.map.take());
         output.truth = arguments.truth.clone().or(output.truth.take());
         output.record = arguments.record.clone().or(output.record.take());
+        output.record_format = arguments.record_format.unwrap_or(output.record_format);
         output.duration_s = arguments.duration.or(output.duration_s);
         config.override_bus(&arguments.bus);
         config.checked()
+    }
+
+    /// What a recorded dive was mapped with. Where its files went, and how many threads it had, is its
+    /// own business.
+    ///
+    /// # Errors
+    /// If this version does not understand the settings.
+    pub(crate) fn of_recording(settings: &str) -> anyhow::Result<Self> {
+        let mut config = Self::parse(Path::new("settings of the recording"), settings)?;
+        let default = Self::default();
+        config.output.map = None;
+        config.output.truth = None;
+        config.output.record = None;
+        config.mapper.threads = default.mapper.threads;
+        config.bus = default.bus;
+        Ok(config)
     }
 
     /// Defaults with some keys set, each by its dotted name to a TOML value.

@@ -4,21 +4,45 @@ use std::collections::VecDeque;
 
 use crossbeam_channel::Sender;
 use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState,
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, Tape,
 };
 use echosplat_session::{ProfilesRejected, SessionCounters};
 
 use crate::exit::Usage;
 use crate::recorder::Recorder;
 
+/// Where pings come from: a link, a log, or a recording.
+pub(crate) struct Input {
+    pub(crate) config: DriverConfig,
+    /// Opens a recording in place of the link; `None` for a link or a log.
+    pub(crate) tape: Option<OpenTape>,
+    /// How many bytes it holds, where that is known.
+    pub(crate) byte_count: Option<u64>,
+}
+
+pub(crate) type OpenTape = Box<dyn FnOnce() -> anyhow::Result<Tape>>;
+
+impl Input {
+    /// A link.
+    pub(crate) fn link(config: DriverConfig) -> Self {
+        Self {
+            config,
+            tape: None,
+            byte_count: None,
+        }
+    }
+}
+
 /// Inputs in order; only the last may be one that does not end by itself.
 pub(crate) struct Drivers {
     running: Option<DriverHandle>,
-    waiting: VecDeque<DriverConfig>,
+    waiting: VecDeque<Input>,
     done: Vec<DriverStatus>,
     recorder: Option<Recorder>,
     /// Given up with the last input, so that the mapper's thread sees the end.
     events: Option<Sender<DriverEvent>>,
+    /// Of all inputs, if all say it.
+    byte_count: Option<u64>,
 }
 
 impl Drivers {
@@ -27,19 +51,27 @@ impl Drivers {
     /// # Errors
     /// If it cannot be started.
     pub(crate) fn start(
-        configs: Vec<DriverConfig>,
+        inputs: Vec<Input>,
         recorder: Option<&Recorder>,
         events: Sender<DriverEvent>,
     ) -> anyhow::Result<Self> {
         let mut drivers = Self {
             running: None,
-            waiting: configs.into(),
+            byte_count: inputs.iter().map(|input| input.byte_count).sum(),
+            waiting: inputs.into(),
             done: Vec::new(),
             recorder: recorder.cloned(),
             events: Some(events),
         };
         drivers.start_next()?;
         Ok(drivers)
+    }
+
+    /// How much of the logs has been read, 0 to 1.
+    pub(crate) fn share_read(&self) -> Option<f64> {
+        let byte_count = self.byte_count.filter(|&count| count > 0)?;
+        let read = self.status().session.bytes_received;
+        Some((read as f64 / byte_count as f64).min(1.0))
     }
 
     /// Inputs, begun or not.
@@ -61,7 +93,7 @@ impl Drivers {
 
     fn start_next(&mut self) -> anyhow::Result<()> {
         self.stop_running();
-        let Some(config) = self.waiting.pop_front() else {
+        let Some(input) = self.waiting.pop_front() else {
             return Ok(());
         };
         let events = match self.waiting.is_empty() {
@@ -70,8 +102,12 @@ impl Drivers {
         };
         let Some(events) = events else { return Ok(()) };
         let tap = self.recorder.as_ref().map(Recorder::raw_tap);
-        let url = config.url.to_string();
-        let handle = echosplat_driver::spawn(config, tap, events).map_err(|error| match error {
+        let url = input.config.url.to_string();
+        let handle = match input.tape {
+            Some(open) => echosplat_driver::spawn_tape(input.config, open()?, tap, events),
+            None => echosplat_driver::spawn(input.config, tap, events),
+        };
+        let handle = handle.map_err(|error| match error {
             DriverError::Thread(_) => anyhow::Error::new(error),
             wrong => Usage::error(format!("{url}: {wrong}")),
         })?;
@@ -135,7 +171,7 @@ fn add_session(sum: &mut SessionCounters, other: &SessionCounters) {
 }
 
 /// Every counter; the compiler says when one is missing here.
-fn fields(counters: &mut SessionCounters) -> [&mut u64; 27] {
+fn fields(counters: &mut SessionCounters) -> [&mut u64; 33] {
     let SessionCounters {
         bytes_received,
         frames_good,
@@ -145,6 +181,7 @@ fn fields(counters: &mut SessionCounters) -> [&mut u64; 27] {
         frames_unused,
         profiles,
         pings,
+        pings_late,
         pings_missing,
         settings_mismatched,
         resends,
@@ -162,7 +199,12 @@ fn fields(counters: &mut SessionCounters) -> [&mut u64; 27] {
     let ProfilesRejected {
         payload,
         other_channel,
-        settings,
+        range,
+        bins,
+        speed_of_sound,
+        frequency,
+        pulse,
+        gain,
         scale,
         duplicate,
         late,
@@ -177,6 +219,7 @@ fn fields(counters: &mut SessionCounters) -> [&mut u64; 27] {
         frames_unused,
         profiles,
         pings,
+        pings_late,
         pings_missing,
         settings_mismatched,
         resends,
@@ -191,7 +234,12 @@ fn fields(counters: &mut SessionCounters) -> [&mut u64; 27] {
         status,
         payload,
         other_channel,
-        settings,
+        range,
+        bins,
+        speed_of_sound,
+        frequency,
+        pulse,
+        gain,
         scale,
         duplicate,
         late,

@@ -6,6 +6,8 @@ use echosplat_model::Timestamp;
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Gate {
     first: Option<Timestamp>,
+    /// Of the newest ping so far.
+    newest_s: f64,
     start_s: f64,
     end_s: Option<f64>,
 }
@@ -28,6 +30,7 @@ impl Gate {
         let by_duration = duration_s.map(|duration_s| start_s + duration_s);
         Self {
             first: None,
+            newest_s: 0.0,
             start_s,
             end_s: match (end_s, by_duration) {
                 (Some(a), Some(b)) => Some(a.min(b)),
@@ -36,14 +39,22 @@ impl Gate {
         }
     }
 
+    /// The clock of the pings stepped: the stream's own time goes on with the next one.
+    pub(crate) fn clock_stepped(&mut self) {
+        self.first = None;
+    }
+
     /// Decides on the next ping.
     pub(crate) fn pass(&mut self, time: Timestamp) -> Passage {
-        let first = *self.first.get_or_insert(time);
+        let newest_s = self.newest_s;
+        let first = *self.first.get_or_insert_with(|| time.offset_by(-newest_s));
         let at_s = time.seconds_since(first);
+        self.newest_s = self.newest_s.max(at_s);
         if self.end_s.is_some_and(|end_s| at_s >= end_s) {
             return Passage::Closed;
         }
-        if at_s < self.start_s {
+        // A late ping may be older than the first, which is no start asked for.
+        if self.start_s > 0.0 && at_s < self.start_s {
             return Passage::Early;
         }
         Passage::Open
@@ -62,6 +73,18 @@ mod tests {
         assert_eq!(at(1.0), Passage::Open);
         assert_eq!(at(2.9), Passage::Open);
         assert_eq!(at(3.0), Passage::Closed);
+    }
+
+    #[test]
+    fn a_step_of_the_clock_neither_ends_nor_begins_anything() {
+        let mut gate = Gate::new(None, None, Some(10.0));
+        let at = |s| Timestamp::from_secs_f64(s);
+        assert_eq!(gate.pass(at(5000.0)), Passage::Open);
+        assert_eq!(gate.pass(at(5004.0)), Passage::Open);
+        gate.clock_stepped();
+        assert_eq!(gate.pass(at(1404.0)), Passage::Open);
+        assert_eq!(gate.pass(at(1409.0)), Passage::Open);
+        assert_eq!(gate.pass(at(1410.0)), Passage::Closed);
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! The mapper's thread fed with pings that are there already: the same worker as in every run,
 //! without a device before it and a bus behind it.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
@@ -9,6 +10,7 @@ use crossbeam_channel::{Sender, bounded};
 use echosplat_driver::DriverEvent;
 use echosplat_model::{Ping, Snapshot};
 
+use super::earlier::EarlierMaps;
 use super::shared::{MapperReport, Shared};
 use super::{Feed, Gate, Observer, Outlet, Poses, start_worker};
 use crate::config::Config;
@@ -36,6 +38,9 @@ impl Mapping {
             poses,
             gate: Gate::default(),
             outlet: Outlet::new(None, None, observer),
+            shed: HashSet::new(),
+            earlier: EarlierMaps::default(),
+            frame_check: None,
         };
         let thread = start_worker(config, feed, &shared)?;
         Ok(Self {

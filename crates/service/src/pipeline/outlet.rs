@@ -100,6 +100,11 @@ impl Outlet {
         Self { epoch, ..self }
     }
 
+    /// Maps from now on are of another world than those before.
+    pub(crate) fn begin_epoch(&mut self) {
+        self.epoch += 1;
+    }
+
     /// The same, asking the map for pings that are kept from it.
     pub(crate) fn predicting(self, prediction: Option<Prediction>) -> Self {
         Self { prediction, ..self }

@@ -1,18 +1,24 @@
-//! Pings meet their poses: what comes from the source goes into the join, and when each ping
-//! arrived is remembered.
+//! Pings meet their poses: what comes from the source is guarded, goes into the join, and when each
+//! ping arrived is remembered.
 
-use std::collections::VecDeque;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use echosplat_bus::PoseCounters;
-use echosplat_model::{Ping, PosedPing, StampedPose};
-use echosplat_pose::{JoinCounters, PoseJoin, PoseJoinConfig, PoseSource};
+use echosplat_model::{Ping, PosedPing, StampedPose, Timestamp};
+use echosplat_pose::{
+    ArrivedPose, GuardReport, Guarded, JoinCounters, PoseGuard, PoseJoin, PoseJoinConfig,
+    PoseSource, PoseSourceStatus, StampClock, Verdict,
+};
+use echosplat_recording::mcap::Record;
 use serde::Serialize;
+use serde_json::json;
 
+use crate::clock;
 use crate::config::PoseConfig;
 use crate::exit::Usage;
 use crate::recorder::Recorder;
+use crate::replayed::{PING_LET_GO, PING_SHED};
 
 /// What happens to pings whose poses have not come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,26 +29,66 @@ pub(crate) enum Patience {
     LetGo,
 }
 
+/// From the first to the newest of something, nanoseconds on its own clock.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+pub(crate) struct Span {
+    pub(crate) first_ns: i64,
+    pub(crate) last_ns: i64,
+}
+
+impl Span {
+    fn extended(span: Option<Self>, time: Timestamp) -> Option<Self> {
+        let nanos = time.nanos();
+        let first_ns = span.map_or(nanos, |span| span.first_ns.min(nanos));
+        let last_ns = span.map_or(nanos, |span| span.last_ns.max(nanos));
+        Some(Self { first_ns, last_ns })
+    }
+}
+
 /// What became of poses and pings.
-#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(crate) struct PoseReport {
     /// By the join.
     #[serde(flatten)]
     pub(crate) join: JoinCounters,
     /// Pings that wait for a pose.
     pub(crate) waiting: usize,
-    /// By the subscription.
-    pub(crate) bus: Option<PoseCounters>,
+    /// By the source.
+    pub(crate) source: PoseSourceStatus,
+    /// By the guard.
+    pub(crate) guard: GuardReport,
+    /// Times of the poses taken.
+    pub(crate) pose_times: Option<Span>,
+    /// Times of the pings that asked for one.
+    pub(crate) ping_times: Option<Span>,
+}
+
+/// A ping with its pose.
+pub(crate) struct Joined {
+    pub(crate) posed: PosedPing,
+    pub(crate) arrived: Instant,
+    /// Of the pose; poses of two epochs make two maps.
+    pub(crate) epoch: u32,
 }
 
 /// Pings in, posed pings out, in the order they came.
 pub(crate) struct Poses {
     source: PoseSource,
+    /// `None` for a file, which holds one track by its nature.
+    guard: Option<PoseGuard>,
     join: PoseJoin,
     /// Of the pings that wait in the join, in their order.
     arrivals: VecDeque<Instant>,
+    /// Pings that got their verdict when the clock went back.
+    ready: VecDeque<Joined>,
     patience: Patience,
     recorder: Option<Recorder>,
+    /// Poses taken so far.
+    taken: u64,
+    /// They are taken as the recording's marks say, and not as pings ask for them.
+    follows_marks: bool,
+    pose_times: Option<Span>,
+    ping_times: Option<Span>,
 }
 
 impl Poses {
@@ -65,19 +111,66 @@ impl Poses {
             max_wait_s: (patience == Patience::LetGo).then_some(config.max_wait_s),
         })
         .map_err(Usage::error)?;
+        let clock = match patience {
+            Patience::HoldBack => StampClock::Data,
+            Patience::LetGo => StampClock::Host,
+        };
         Ok(Self {
+            guard: source.is_live().then(|| PoseGuard::new(clock)),
             source,
             join,
             arrivals: VecDeque::new(),
+            ready: VecDeque::new(),
             patience,
             recorder,
+            taken: 0,
+            follows_marks: false,
+            pose_times: None,
+            ping_times: None,
         })
     }
 
-    /// A ping to be posed; one too many is dropped and counted.
+    /// The poses of a recorded dive, judged on the clock it was dived on, and pings let go exactly
+    /// as then.
+    pub(crate) fn of_recording(
+        mut self,
+        clock: StampClock,
+        let_go: HashMap<u64, Timestamp>,
+    ) -> Self {
+        self.guard = Some(PoseGuard::new(clock));
+        self.join.let_go_again(let_go);
+        self.follows_marks = true;
+        self
+    }
+
+    /// Takes poses of a recorded dive until there were so many, as the dive had by then.
+    pub(crate) fn take_through(&mut self, count: u64) {
+        while self.follows_marks && self.taken < count {
+            let Some(pose) = self.source.try_next() else {
+                return;
+            };
+            self.take(pose);
+        }
+    }
+
+    /// A ping to be posed; one too many is dropped, counted and recorded as such.
     pub(crate) fn push(&mut self, ping: Arc<Ping>, arrived: Instant) {
+        self.ping_times = Span::extended(self.ping_times, ping.transmit_time());
+        let sequence = ping.sequence();
         if self.join.push_ping(ping) {
             self.arrivals.push_back(arrived);
+        } else if let Some(recorder) = &self.recorder {
+            let event = json!({ "event": PING_SHED, "ping": sequence });
+            recorder.record(clock::now(), Record::Event(event));
+        }
+    }
+
+    /// The clock of the pings stepped: those that wait get their verdict, and poses begin anew.
+    pub(crate) fn clock_stepped(&mut self) {
+        if let Some(guard) = &mut self.guard {
+            guard.clock_stepped();
+            self.ping_times = None;
+            self.restart();
         }
     }
 
@@ -95,20 +188,20 @@ impl Poses {
     }
 
     /// The next ping that has its pose; those that will never have one are counted.
-    pub(crate) fn next(&mut self) -> Option<(PosedPing, Instant)> {
-        self.take_what_came();
-        while let Some(verdict) = self.join.poll() {
-            let arrived = self.arrivals.pop_front();
-            match verdict {
-                Ok(posed) => return Some((posed, arrived.unwrap_or_else(Instant::now))),
-                Err(rejected) => tracing::debug!(
-                    ping = rejected.ping.sequence(),
-                    reason = ?rejected.reason,
-                    "left out: no pose"
-                ),
+    pub(crate) fn next(&mut self) -> Option<Joined> {
+        if self.source.is_live() {
+            self.take_what_came();
+        }
+        loop {
+            if let Some(joined) = self.ready.pop_front() {
+                return Some(joined);
+            }
+            match self.join.poll() {
+                Some(verdict) => self.judged(verdict),
+                None if !self.take_one_more() => return None,
+                None => {}
             }
         }
-        None
     }
 
     /// Whether pings wait whose poses may yet come.
@@ -116,42 +209,114 @@ impl Poses {
         self.join.waiting_len() > 0 && !self.source.is_ended()
     }
 
-    /// No more poses are waited for: every ping gets its verdict.
+    /// No more poses are waited for: every ping gets its verdict. Poses that no ping asked for are
+    /// recorded all the same.
     pub(crate) fn finish(&mut self) {
+        if !self.source.is_live() {
+            self.take_what_came();
+        }
         self.join.finish();
     }
 
     pub(crate) fn report(&self) -> PoseReport {
+        let guard = self.guard.as_ref().map(PoseGuard::report).cloned();
         PoseReport {
             join: self.join.counters(),
-            waiting: self.join.waiting_len(),
-            bus: self.source.live_counters(),
+            waiting: self.join.waiting_len() + self.ready.len(),
+            source: self.source.status(),
+            guard: guard.unwrap_or_default(),
+            pose_times: self.pose_times,
+            ping_times: self.ping_times,
         }
+    }
+
+    fn judged(&mut self, verdict: Verdict) {
+        let arrived = self.arrivals.pop_front().unwrap_or_else(Instant::now);
+        let sequence = match &verdict.result {
+            Ok(posed) => posed.ping.sequence(),
+            Err(rejected) => rejected.ping.sequence(),
+        };
+        if let (Some(recorder), Some(newest)) = (&self.recorder, verdict.let_go_at) {
+            let newest_ns = newest.nanos();
+            let event =
+                json!({ "event": PING_LET_GO, "ping": sequence, "newest_pose_ns": newest_ns });
+            recorder.record(clock::now(), Record::Event(event));
+        }
+        match verdict.result {
+            Ok(posed) => self.ready.push_back(Joined {
+                posed,
+                arrived,
+                epoch: verdict.epoch,
+            }),
+            Err(rejected) => {
+                tracing::debug!(ping = sequence, reason = ?rejected.reason, "left out: no pose");
+            }
+        }
+    }
+
+    /// Of a source that ends, one pose at a time and only for pings that need it: so a replay holds
+    /// no more of the trajectory than the dive did.
+    fn take_one_more(&mut self) -> bool {
+        if self.source.is_live() || (self.follows_marks && !self.source.is_ended()) {
+            return false;
+        }
+        if self.source.is_ended() {
+            let were_waiting = self.join.waiting_len() > 0;
+            self.join.finish();
+            return were_waiting;
+        }
+        if self.join.waiting_len() == 0 {
+            return false;
+        }
+        let pose = self.source.try_next();
+        let came = pose.is_some();
+        pose.into_iter().for_each(|pose| self.take(pose));
+        came
     }
 
     fn take_what_came(&mut self) {
         while let Some(pose) = self.source.try_next() {
             self.take(pose);
         }
-        if self.source.is_ended() {
-            self.join.finish();
+    }
+
+    fn take(&mut self, arrived: ArrivedPose) {
+        self.taken += 1;
+        if let Some(recorder) = &self.recorder {
+            recorder.record(arrived.arrived, Record::Pose(arrived.pose));
+        }
+        let Some(mut guard) = self.guard.take() else {
+            return self.join_with(arrived.pose);
+        };
+        guard.push(arrived, &mut |guarded| match guarded {
+            Guarded::Pose(pose) => self.join_with(pose),
+            Guarded::ClockWentBack => self.restart(),
+        });
+        self.guard = Some(guard);
+    }
+
+    fn join_with(&mut self, pose: StampedPose) {
+        match self.join.push_pose(pose) {
+            Ok(()) => self.pose_times = Span::extended(self.pose_times, pose.time),
+            Err(error) => tracing::debug!(%error, "pose left out"),
         }
     }
 
-    fn take(&mut self, pose: StampedPose) {
-        if let Some(recorder) = &self.recorder {
-            recorder.pose(&pose);
+    /// What waits gets its verdict from the poses that are there, and these are forgotten.
+    fn restart(&mut self) {
+        self.join.finish();
+        while let Some(verdict) = self.join.poll() {
+            self.judged(verdict);
         }
-        if let Err(error) = self.join.push_pose(pose) {
-            tracing::debug!(%error, "pose left out");
-        }
+        self.join.restart();
+        self.pose_times = None;
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_model::{PingSettings, Timestamp};
+    use echosplat_model::PingSettings;
     use echosplat_pose::PoseUrl;
 
     fn ping(seconds: f64) -> Arc<Ping> {
@@ -173,7 +338,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.tum");
         std::fs::write(&path, "1 0 0 0 0 0 0 1\n1.4 1 0 0 0 0 0 1\n").unwrap();
-        let source = PoseSource::open(&PoseUrl::Tum(path), None).unwrap();
+        let source = PoseSource::open(&PoseUrl::Tum(path), None, StampClock::Data).unwrap();
         let config = PoseConfig::default();
         let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         for seconds in [0.5, 1.1, 1.2, 2.0] {
@@ -191,7 +356,8 @@ mod tests {
             waiting_pings: 1,
             ..PoseConfig::default()
         };
-        let mut poses = Poses::new(&config, PoseSource::None, Patience::HoldBack, None).unwrap();
+        let source = PoseSource::open(&PoseUrl::None, None, StampClock::Data).unwrap();
+        let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         poses.push(ping(0.0), Instant::now());
         assert!(!poses.holds_back());
         assert!(poses.next().is_none());

@@ -1,13 +1,16 @@
 //! What the mapper's thread and the one that watches over it tell each other.
 
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use echosplat_driver::DriverEvent;
+use echosplat_evaluation::frame_check::FrameVerdict;
 use echosplat_mapper::{LeftOut, MapperStatus};
+use echosplat_model::Snapshot;
 use serde::Serialize;
 
 use super::latency::LatencyReport;
+use super::listening::ListeningReport;
 use super::poses::PoseReport;
 use super::prediction::Predicted;
 
@@ -26,6 +29,10 @@ pub(crate) enum Phase {
 /// What the mapper's thread did so far.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
 pub(crate) struct MapperReport {
+    /// Pings that this thread took from the sonar's.
+    pub(crate) pings_taken: u64,
+    /// Pings left out since the recorded dive had no time for them.
+    pub(crate) pings_shed: u64,
     /// Pings whose evidence is in the map.
     pub(crate) pings_mapped: u64,
     /// Pings kept from the map to judge it by.
@@ -38,6 +45,10 @@ pub(crate) struct MapperReport {
     pub(crate) pings_rejected: u64,
     /// Maps handed on.
     pub(crate) snapshots: u64,
+    /// Maps of earlier epochs, each kept apart.
+    pub(crate) maps: u64,
+    /// Of the newest map handed on.
+    pub(crate) newest_sequence: u64,
     /// From the first ping to the newest map, on the pings' clock.
     pub(crate) dive_s: f64,
     /// All that was done so far.
@@ -51,6 +62,10 @@ pub(crate) struct MapperReport {
     pub(crate) prediction: Option<Predicted>,
     /// What became of poses.
     pub(crate) poses: PoseReport,
+    /// Whether what the sonar says is alive.
+    pub(crate) listening: ListeningReport,
+    /// Whether poses can be read as they are, once the dive has told.
+    pub(crate) frames: Option<FrameVerdict>,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
     /// Parts that the dive so far does not need, and why.
@@ -105,6 +120,7 @@ pub(crate) struct Shared {
     report_wanted: AtomicBool,
     report: Mutex<MapperReport>,
     link: Mutex<Link>,
+    newest_map: Mutex<Option<Arc<Snapshot>>>,
 }
 
 impl Shared {
@@ -114,7 +130,17 @@ impl Shared {
             report_wanted: AtomicBool::new(false),
             report: Mutex::default(),
             link: Mutex::default(),
+            newest_map: Mutex::default(),
         }
+    }
+
+    /// The map as it stands.
+    pub(crate) fn newest_map(&self) -> Option<Arc<Snapshot>> {
+        lock(&self.newest_map).clone()
+    }
+
+    pub(crate) fn keep_map(&self, map: &Arc<Snapshot>) {
+        *lock(&self.newest_map) = Some(Arc::clone(map));
     }
 
     pub(crate) fn phase(&self) -> Phase {
@@ -183,7 +209,10 @@ impl Shared {
                 link.warning = Some(format!("request {id} refused: {text}"));
             }
             DriverEvent::Rebooted => link.warning = Some("the sonar was restarted".to_owned()),
-            DriverEvent::Ping { .. } | DriverEvent::Ended => {}
+            DriverEvent::Ping { .. }
+            | DriverEvent::ClockStepped
+            | DriverEvent::Mark(_)
+            | DriverEvent::Ended => {}
         }
     }
 }

@@ -1,13 +1,14 @@
 //! What is told of a run: rates, every counter of what was left out and why, link, latency,
 //! memory.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use echosplat_bus::MapPublisherCounters;
 use echosplat_driver::DriverStatus;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::notices::Notice;
 use super::shared::{Link, MapperReport, Phase};
 use crate::processor;
 use crate::recorder::RecorderCounters;
@@ -44,8 +45,63 @@ pub(crate) struct Status {
     /// Raw pings that the bus dropped.
     pub(crate) pings_not_published: u64,
     pub(crate) recording: Option<RecorderCounters>,
+    /// Why the recording lacks something just now.
+    pub(crate) recording_fault: Option<String>,
+    /// Why the map could not be written last.
+    pub(crate) map_fault: Option<String>,
+    /// That another service maps under the same name.
+    pub(crate) other_service: Option<String>,
+    /// What is wrong, and what was.
+    pub(crate) notices: Vec<Notice>,
+    #[serde(skip)]
+    pub(crate) newest_notice: Option<String>,
+    /// How much of the logs has been read, 0 to 1; `null` for a sonar.
+    pub(crate) input_share: Option<f64>,
+    /// Where every ping received is.
+    pub(crate) ledger: Ledger,
     pub(crate) memory_bytes: u64,
     pub(crate) peak_memory_bytes: u64,
+}
+
+/// Where the pings are: `received` is the sum of all others, at any moment.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct Ledger {
+    /// Intact pings that the session made of profiles.
+    pub(crate) received: u64,
+    /// In the map.
+    pub(crate) mapped: u64,
+    /// Kept from the map to judge it by.
+    pub(crate) held_out: u64,
+    /// Without a pose.
+    pub(crate) without_pose: u64,
+    /// With a pose or motion that cannot be.
+    pub(crate) rejected: u64,
+    /// Before `--start` or after `--end`, `--duration` or the end asked for.
+    pub(crate) not_wanted: u64,
+    /// Dropped since a queue was full, or as the recorded dive had dropped them.
+    pub(crate) shed: u64,
+    /// Between the sonar's thread and the mapper's.
+    pub(crate) queued: u64,
+    /// Waiting for poses.
+    pub(crate) waiting: u64,
+}
+
+impl Ledger {
+    fn of(report: &MapperReport, sonar: &DriverStatus) -> Self {
+        let join = &report.poses.join;
+        let taken = report.pings_taken;
+        Self {
+            received: sonar.pings_sent + sonar.pings_dropped,
+            mapped: report.pings_mapped,
+            held_out: report.pings_held_back,
+            without_pose: join.pings_without_pose() - join.pings_dropped_full,
+            rejected: report.pings_rejected,
+            not_wanted: report.pings_before_start + report.pings_after_end,
+            shed: sonar.pings_dropped + join.pings_dropped_full + report.pings_shed,
+            queued: sonar.pings_sent.saturating_sub(taken),
+            waiting: report.poses.waiting as u64,
+        }
+    }
 }
 
 /// Per second of wall time, since the status before.
@@ -60,22 +116,32 @@ pub(crate) struct Rates {
 #[derive(Debug, Default)]
 pub(crate) struct RateMeter {
     before: Option<(Instant, [u64; 3])>,
+    rates: Rates,
 }
 
+/// Rates over less would be those of a few pings.
+const RATES_OVER: Duration = Duration::from_millis(900);
+
 impl RateMeter {
-    /// Counters of the moment to rates since the last call.
-    pub(crate) fn measure(&mut self, now: Instant, counters: [u64; 3]) -> Rates {
-        let before = self.before.replace((now, counters));
-        let Some((then, old)) = before else {
-            return Rates::default();
-        };
-        let seconds = now.saturating_duration_since(then).as_secs_f64().max(1e-3);
-        let rate = |i: usize| counters[i].saturating_sub(old[i]) as f64 / seconds;
-        Rates {
+    /// Takes the counters of the moment.
+    pub(crate) fn measure(&mut self, now: Instant, counters: [u64; 3]) {
+        let (then, old) = *self.before.get_or_insert((now, counters));
+        let passed = now.saturating_duration_since(then);
+        if passed < RATES_OVER {
+            return;
+        }
+        let rate = |i: usize| counters[i].saturating_sub(old[i]) as f64 / passed.as_secs_f64();
+        self.rates = Rates {
             pings_per_s: rate(0),
             mapped_per_s: rate(1),
             bytes_per_s: rate(2),
-        }
+        };
+        self.before = Some((now, counters));
+    }
+
+    /// Over the last second or so.
+    pub(crate) fn rates(&self) -> Rates {
+        self.rates
     }
 }
 
@@ -94,11 +160,18 @@ impl Status {
                 + report.pings_rejected,
             rates: Rates::default(),
             link: Link::default(),
+            ledger: Ledger::of(&report, &sonar),
             report,
             sonar,
             publisher: None,
             pings_not_published: 0,
             recording: None,
+            recording_fault: None,
+            map_fault: None,
+            other_service: None,
+            notices: Vec::new(),
+            newest_notice: None,
+            input_share: None,
             memory_bytes: processor::memory_bytes(),
             peak_memory_bytes: processor::peak_memory_bytes(),
         }
@@ -130,6 +203,9 @@ impl Status {
             "prediction": self.report.prediction,
             "mapper": self.report.mapper,
             "recording": self.recording,
+            "ledger": self.ledger,
+            "notices": self.notices,
+            "maps": 1 + self.report.maps,
         })
     }
 
@@ -168,8 +244,7 @@ impl Status {
     /// Why the run counts as lossy, if it does: damage, truncation, or more than 1 % left out.
     pub(crate) fn loss(&self) -> Option<String> {
         let session = &self.sonar.session;
-        let rejected = session.profiles_rejected;
-        let damaged = rejected.payload + rejected.settings + rejected.scale + rejected.unconfirmed;
+        let damaged = damaged_profiles(&self.sonar);
         if session.bytes_skipped > 0 || session.frames_bad > 0 || damaged > 0 {
             return Some(format!(
                 "{} damaged frames, {damaged} damaged profiles, {} bytes skipped",
@@ -187,22 +262,38 @@ impl Status {
         let lost = self
             .recording
             .map_or(0, |recording| recording.lost_messages);
-        (lost > 0).then(|| format!("{lost} messages are not in the recording"))
+        if lost > 0 {
+            return Some(format!("{lost} messages are not in the recording"));
+        }
+        let notice = self.notices.iter().find(|notice| notice.is_loss)?;
+        Some(notice.sentence.clone())
+    }
+
+    /// Profiles whose fields say what no sonar does.
+    pub(crate) fn profiles_refused(&self) -> u64 {
+        implausible_profiles(&self.sonar)
     }
 }
 
 /// Profiles whose frame and fields were sound, whether or not they were new.
 fn intact_profiles(sonar: &DriverStatus) -> u64 {
     let session = &sonar.session;
-    let rejected = session.profiles_rejected;
-    let damaged = rejected.payload + rejected.settings + rejected.scale + rejected.unconfirmed;
-    session.profiles.saturating_sub(damaged)
+    session.profiles.saturating_sub(damaged_profiles(sonar))
+}
+
+fn damaged_profiles(sonar: &DriverStatus) -> u64 {
+    let rejected = sonar.session.profiles_rejected;
+    implausible_profiles(sonar) + rejected.unconfirmed
+}
+
+fn implausible_profiles(sonar: &DriverStatus) -> u64 {
+    let rejected = sonar.session.profiles_rejected;
+    rejected.payload + rejected.implausible()
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     fn sonar(profiles: u64) -> DriverStatus {
         let mut sonar = DriverStatus::default();
@@ -253,8 +344,10 @@ mod tests {
     fn rates_are_per_second_since_the_last_look() {
         let mut meter = RateMeter::default();
         let begin = Instant::now();
-        assert_eq!(meter.measure(begin, [5, 5, 5]), Rates::default());
-        let rates = meter.measure(begin + Duration::from_secs(2), [105, 5, 25]);
+        meter.measure(begin, [5, 5, 5]);
+        assert_eq!(meter.rates(), Rates::default());
+        meter.measure(begin + Duration::from_secs(2), [105, 5, 25]);
+        let rates = meter.rates();
         assert!((rates.pings_per_s - 50.0).abs() < 1e-9);
         assert!((rates.bytes_per_s - 10.0).abs() < 1e-9);
     }

@@ -1,19 +1,23 @@
 //! The mapper's thread: pings in, posed, mapped, and handed on. Everything that shapes the map
 //! happens here, in one order, on the pings' own clock.
 
+use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use echosplat_driver::DriverEvent;
 use echosplat_evaluation::held_back::is_held_back;
-use echosplat_mapper::{Budget, Mapper};
+use echosplat_mapper::{Budget, Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
 
+use super::earlier::EarlierMaps;
+use super::frame_check::FrameCheck;
 use super::gate::{Gate, Passage};
 use super::latency::Latency;
+use super::listening::Listening;
 use super::outlet::{Moment, Outlet};
-use super::poses::Poses;
+use super::poses::{Joined, Poses};
 use super::shared::{MapperReport, Phase, Shared, Work};
 use crate::processor;
 
@@ -44,6 +48,13 @@ pub(crate) struct Worker {
     pub(crate) inputs_left: usize,
     pub(crate) poses: Poses,
     pub(crate) mapper: Mapper,
+    pub(crate) mapper_config: MapperConfig,
+    /// Maps of epochs that are over.
+    pub(crate) earlier: EarlierMaps,
+    /// Asks whether poses can be read as they are; not in benches.
+    pub(crate) frame_check: Option<FrameCheck>,
+    /// Pings that a recorded dive had no time for.
+    pub(crate) shed: HashSet<u64>,
     pub(crate) gate: Gate,
     pub(crate) outlet: Outlet,
     pub(crate) shared: Arc<Shared>,
@@ -68,6 +79,12 @@ pub(crate) struct State {
     first_ping: Option<Timestamp>,
     next_snapshot_s: f64,
     next_snapshot_at: Instant,
+    listening: Listening,
+    /// Epoch of the poses that the map at hand is made of.
+    epoch: Option<u32>,
+    /// Of the last map of the epochs before.
+    past_sequence: u64,
+    past_work: Work,
 }
 
 impl State {
@@ -82,6 +99,10 @@ impl State {
             first_ping: None,
             next_snapshot_s: 0.0,
             next_snapshot_at: begin,
+            listening: Listening::default(),
+            epoch: None,
+            past_sequence: 0,
+            past_work: Work::default(),
         }
     }
 }
@@ -112,6 +133,14 @@ impl Worker {
         match event {
             DriverEvent::Ping { ping, frame } => self.take_ping(ping, &frame),
             DriverEvent::Ended => self.input_ended(),
+            DriverEvent::Mark(poses) => {
+                self.poses.take_through(poses);
+                self.map_what_is_posed();
+            }
+            DriverEvent::ClockStepped => {
+                self.gate.clock_stepped();
+                self.poses.clock_stepped();
+            }
             other => self.shared.link_event(other),
         }
     }
@@ -125,6 +154,11 @@ impl Worker {
 
     fn take_ping(&mut self, ping: Arc<Ping>, frame: &[u8]) {
         let time = ping.transmit_time();
+        self.state.report.pings_taken += 1;
+        if self.shed.contains(&ping.sequence()) {
+            return self.state.report.pings_shed += 1;
+        }
+        self.state.listening.take(&ping);
         match self.gate.pass(time) {
             Passage::Open => {}
             Passage::Early => return self.state.report.pings_before_start += 1,
@@ -142,13 +176,21 @@ impl Worker {
     }
 
     fn map_what_is_posed(&mut self) {
-        while let Some((posed, arrived)) = self.poses.next() {
-            self.map(&posed, arrived);
+        while let Some(joined) = self.poses.next() {
+            self.map(&joined);
         }
     }
 
-    fn map(&mut self, posed: &PosedPing, arrived: Instant) {
+    fn map(&mut self, joined: &Joined) {
+        let posed: &PosedPing = &joined.posed;
+        let before = self.state.epoch.replace(joined.epoch);
+        if before.is_some_and(|before| before != joined.epoch) {
+            self.begin_new_map(posed.ping.transmit_time());
+        }
         self.outlet.posed(posed);
+        if let Some(frame_check) = &self.frame_check {
+            frame_check.ping(posed);
+        }
         if is_held_back(posed.ping.sequence(), self.hold_back_every) {
             return self.state.report.pings_held_back += 1;
         }
@@ -160,13 +202,39 @@ impl Worker {
         let allowed = self.pairs_per_ping.min(looks as u64);
         let state = &mut self.state;
         state.report.pings_mapped += 1;
-        state.latency.arrived(arrived);
+        state.latency.arrived(joined.arrived);
         state.credit_pairs = state.credit_pairs.saturating_add_unsigned(allowed);
         if inserted.slice_taken_in {
             self.optimize();
         }
         self.publish_if_due(posed.ping.transmit_time(), inserted.slice_taken_in);
         self.note_published();
+    }
+
+    /// Poses of a new epoch have nothing to do with those before: the map so far is finished and
+    /// kept apart, and another begins at `time`.
+    fn begin_new_map(&mut self, time: Timestamp) {
+        let mut mapper = match Mapper::new(self.mapper_config.clone()) {
+            Ok(mapper) => mapper,
+            Err(error) => return tracing::error!(%error, "no new map can be begun"),
+        };
+        let work = self.work();
+        // This thread is one of the pool's: the map that goes on keeps it.
+        mapper.swap_threads(&mut self.mapper);
+        std::mem::swap(&mut mapper, &mut self.mapper);
+        let state = &mut self.state;
+        state.past_work = work;
+        state.observing_pairs = 0;
+        state.credit_pairs = 0;
+        state.report.maps += 1;
+        state.past_sequence = state.report.newest_sequence;
+        // The dive's own time goes on.
+        state.first_ping = Some(time.offset_by(-state.report.dive_s));
+        self.outlet.begin_epoch();
+        if let Some(frame_check) = &self.frame_check {
+            frame_check.begin_anew();
+        }
+        self.earlier.keep(mapper);
     }
 
     fn note_published(&mut self) {
@@ -224,8 +292,10 @@ impl Worker {
         self.events.len() > capacity / 2
     }
 
-    fn hand_on(&mut self, snapshot: Snapshot, dive_s: f64) -> Arc<Snapshot> {
+    fn hand_on(&mut self, mut snapshot: Snapshot, dive_s: f64) -> Arc<Snapshot> {
         let work = self.work();
+        snapshot.sequence += self.state.past_sequence;
+        self.state.report.newest_sequence = snapshot.sequence;
         let moment = Moment {
             dive_s,
             compute_s: work.compute_s,
@@ -235,6 +305,7 @@ impl Worker {
         };
         let snapshot = self.outlet.map(snapshot, moment);
         self.state.latency.offered(snapshot.sequence);
+        self.shared.keep_map(&snapshot);
         self.state.report.snapshots += 1;
         self.state.report.dive_s = dive_s;
         snapshot
@@ -242,11 +313,11 @@ impl Worker {
 
     /// Maps made only to be judged do not count.
     fn work(&self) -> Work {
-        let status = self.mapper.status();
+        let (status, past) = (self.mapper.status(), self.state.past_work);
         Work {
             compute_s: thread_seconds() - self.state.observing_s,
-            pairs: status.pairs - self.state.observing_pairs,
-            voxel_looks: status.voxel_looks,
+            pairs: past.pairs + status.pairs - self.state.observing_pairs,
+            voxel_looks: past.voxel_looks + status.voxel_looks,
         }
     }
 
@@ -256,6 +327,9 @@ impl Worker {
         self.state.report.latency_s = self.state.latency.report();
         self.state.report.work = self.work();
         self.state.report.poses = self.poses.report();
+        self.state.report.listening = self.state.listening.report();
+        let frame_check = self.frame_check.as_ref();
+        self.state.report.frames = frame_check.and_then(FrameCheck::verdict);
         self.state.report.prediction = self.outlet.predicted();
         self.shared.hand_over(self.state.report.clone());
     }
@@ -282,6 +356,7 @@ impl Worker {
         self.hand_over_report();
         self.state.report.prediction = self.outlet.finish(&last, dive_s);
         self.shared.hand_over(self.state.report.clone());
+        self.earlier.finish();
         last
     }
 }

@@ -7,6 +7,7 @@
 mod ablation;
 mod all;
 mod error_time;
+mod faults;
 mod kernels;
 mod machine;
 mod paper;
@@ -49,6 +50,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Targets(arguments) => publish(targets::run(arguments)?, &arguments.options),
         Bench::ErrorTime(arguments) => publish(error_time::run(arguments)?, &arguments.options),
         Bench::Ablation(arguments) => publish(ablation::run(arguments)?, &arguments.options),
+        Bench::Faults(arguments) => faults::run(arguments),
         Bench::All(arguments) => all::run(arguments),
         Bench::Run(arguments) => runs::run_one(arguments),
     }

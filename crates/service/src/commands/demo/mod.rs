@@ -3,6 +3,7 @@
 
 mod report;
 
+use std::collections::HashSet;
 use std::net::TcpListener;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -14,7 +15,7 @@ use echosplat_driver::ListenUrl;
 use echosplat_evaluation::curve::Sample;
 use echosplat_evaluation::table;
 use echosplat_model::{Gaussian, Snapshot};
-use echosplat_pose::PoseUrl;
+use echosplat_pose::StampClock;
 use echosplat_simulator::SimulatedSonar;
 use indicatif::ProgressBar;
 
@@ -23,7 +24,8 @@ use crate::commands::judging::Judge;
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::pipeline::{
-    self, Gate, Hooks, OnFinal, OnStatus, Outcome, Patience, Phase, Poses, Setup,
+    self, Expectations, Gate, Hooks, Input, OnFinal, OnStatus, Outcome, Patience, Phase, Poses,
+    Setup,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
@@ -64,7 +66,8 @@ fn configuration(arguments: &DemoArguments) -> anyhow::Result<Config> {
     let mut config = Config::default();
     config.mapper.threads = arguments.threads.unwrap_or(config.mapper.threads);
     config.output.map = Some(map);
-    config.pose.url = PoseUrl::Zenoh;
+    // Nothing that runs on the vehicle has this name.
+    config.bus.node = "demo".to_owned();
     let pipeline = &mut config.pipeline;
     pipeline.hold_back_every = arguments.hold_back.unwrap_or(pipeline.hold_back_every);
     config.checked()
@@ -78,7 +81,7 @@ fn set_up(
     judge: &Judge,
     received: &Arc<Received>,
 ) -> anyhow::Result<Setup> {
-    let poses = inputs::poses(&config.pose.url, Some(&buses.service))?;
+    let poses = inputs::poses(&config.pose.url, Some(&buses.service), StampClock::Data)?;
     let subscriber = buses.subscriber.subscribe_map()?;
     let length_s = sonar.dive().duration_s();
     let scene = sonar.scene().name().to_owned();
@@ -93,12 +96,19 @@ fn set_up(
         rig.url(),
         buses.service.keys().deltas()
     ));
+    let driver = rig.driver(config)?;
     Ok(Setup {
-        drivers: vec![rig.driver(config)?],
+        expectations: Expectations {
+            sonar: rig.url().to_owned(),
+            is_live: false,
+            ping_interval_s: 0.0,
+        },
+        inputs: vec![Input::link(driver)],
         poses: Poses::new(&config.pose, poses, Patience::HoldBack, None)?,
         gate: Gate::default(),
         bus: Some(Arc::clone(&buses.service)),
         recorder: None,
+        shed: HashSet::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             observer: Some(judge.observer()),

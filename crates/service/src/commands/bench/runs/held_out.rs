@@ -62,8 +62,8 @@ fn pairs(
     let mut pairs = Vec::new();
     for ping in pings {
         poses.push(ping, Instant::now());
-        while let Some((posed, _)) = poses.next() {
-            pairs.push(evaluate::render(&mut renderer, &posed, 0.0, config).pair);
+        while let Some(joined) = poses.next() {
+            pairs.push(evaluate::render(&mut renderer, &joined.posed, 0.0, config).pair);
         }
     }
     Ok(pairs)

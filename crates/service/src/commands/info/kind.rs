@@ -1,0 +1,56 @@
+//! What a file is, by its first bytes.
+
+use std::fs::File;
+use std::io::Read;
+use std::path::Path;
+
+use super::refused;
+
+/// Enough to tell.
+const LOOKED_AT_BYTES: u64 = 512;
+
+/// What a file is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Kind {
+    Recording,
+    Log,
+    Trajectory,
+    Map,
+}
+
+impl Kind {
+    /// # Errors
+    /// If it cannot be read, is empty, or is no regular file: a fifo would be waited for for ever.
+    pub(crate) fn of(file: &Path) -> anyhow::Result<Self> {
+        let found = std::fs::metadata(file).map_err(|error| refused(file, &error))?;
+        if !found.is_file() {
+            return Err(refused(file, &"not a regular file"));
+        }
+        let opened = File::open(file).map_err(|error| refused(file, &error))?;
+        let mut start = Vec::new();
+        let read = opened.take(LOOKED_AT_BYTES).read_to_end(&mut start);
+        read.map_err(|error| refused(file, &error))?;
+        Self::of_bytes(&start).ok_or_else(|| refused(file, &"the file is empty"))
+    }
+
+    fn of_bytes(start: &[u8]) -> Option<Self> {
+        let is_text = |byte: &u8| byte.is_ascii_graphic() || b" \t\r\n".contains(byte);
+        let text = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
+        match start {
+            [] => None,
+            [0x89, b'M', b'C', b'A', b'P', ..] => Some(Self::Recording),
+            [b'p', b'l', b'y', b'\n' | b'\r', ..] => Some(Self::Map),
+            _ if text.iter().all(is_text) => Some(Self::Trajectory),
+            _ => Some(Self::Log),
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        match self {
+            Self::Recording => "recording (mcap)",
+            Self::Log => "log (svlog)",
+            Self::Trajectory => "trajectory (tum)",
+            Self::Map => "map (ply)",
+        }
+    }
+}

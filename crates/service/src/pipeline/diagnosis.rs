@@ -1,0 +1,88 @@
+//! From figures to sentences: what is wrong with what comes in, said so that the reader knows what to
+//! do. Each condition is found within two seconds of its beginning; none is guessed from a map.
+
+mod disk;
+mod poses;
+mod sonar;
+
+use std::collections::HashMap;
+use std::time::{Duration, Instant};
+
+use super::notices::Finding;
+use super::status::Status;
+
+/// Growth of a counter is news for so long.
+const NEWS: Duration = Duration::from_millis(1200);
+/// Longest wait for something that should come all the time.
+const PATIENCE: Duration = Duration::from_millis(1500);
+
+/// What the command knows and the status does not.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Expectations {
+    /// The sonar's URL, or that of the log.
+    pub(crate) sonar: String,
+    /// Whether pings come at their own pace; a log is read as fast as it is mapped.
+    pub(crate) is_live: bool,
+    /// Between pings as configured, seconds.
+    pub(crate) ping_interval_s: f64,
+}
+
+/// Remembers what counters were, so that growth can be told.
+#[derive(Debug)]
+pub(crate) struct Diagnosis {
+    expectations: Expectations,
+    begin: Instant,
+    grown: HashMap<&'static str, (u64, Option<Instant>)>,
+}
+
+impl Diagnosis {
+    pub(crate) fn new(expectations: Expectations, begin: Instant) -> Self {
+        Self {
+            expectations,
+            begin,
+            grown: HashMap::new(),
+        }
+    }
+
+    /// All that is wrong at `now`.
+    pub(crate) fn findings(&mut self, status: &Status, now: Instant) -> Vec<Finding> {
+        let mut findings = Vec::new();
+        self.sonar(status, now, &mut findings);
+        self.poses(status, now, &mut findings);
+        self.disk_and_queues(status, now, &mut findings);
+        findings
+    }
+
+    /// Whether a counter grew of late.
+    fn grows(&mut self, name: &'static str, value: u64, now: Instant) -> bool {
+        let (before, at) = self.grown.entry(name).or_insert((0, None));
+        if value > *before {
+            *at = Some(now);
+        }
+        *before = value;
+        at.is_some_and(|at| now.saturating_duration_since(at) < NEWS)
+    }
+
+    fn has_run_for(&self, duration: Duration, now: Instant) -> bool {
+        now.saturating_duration_since(self.begin) >= duration
+    }
+}
+
+fn loss(code: &'static str, sentence: String) -> Finding {
+    Finding {
+        code,
+        sentence,
+        is_loss: true,
+    }
+}
+
+fn warning(code: &'static str, sentence: String) -> Finding {
+    Finding {
+        code,
+        sentence,
+        is_loss: false,
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,129 @@
+use std::time::Duration;
+
+use echosplat_driver::{DriverStatus, LinkState};
+
+use super::*;
+use crate::pipeline::poses::Span;
+use crate::pipeline::shared::MapperReport;
+
+fn diagnosis(begin: Instant) -> Diagnosis {
+    let expectations = Expectations {
+        sonar: "tcp://127.0.0.1:51200".to_owned(),
+        is_live: true,
+        ping_interval_s: 0.017,
+    };
+    Diagnosis::new(expectations, begin)
+}
+
+/// Codes found two seconds into a run in this state.
+fn codes(report: MapperReport, sonar: DriverStatus) -> Vec<&'static str> {
+    let begin = Instant::now();
+    let status = Status::of(report, sonar);
+    let found = diagnosis(begin).findings(&status, begin + Duration::from_secs(2));
+    found.into_iter().map(|finding| finding.code).collect()
+}
+
+fn healthy() -> (MapperReport, DriverStatus) {
+    let mut report = MapperReport::default();
+    report.poses.source.accepted = 100;
+    report.poses.source.age_s = Some(0.02);
+    let sonar = DriverStatus {
+        link: LinkState::Up,
+        since_byte_s: Some(0.01),
+        since_frame_s: Some(0.01),
+        since_profile_s: Some(0.01),
+        since_ping_s: Some(0.01),
+        ..DriverStatus::default()
+    };
+    (report, sonar)
+}
+
+#[test]
+fn a_healthy_run_has_nothing_to_tell() {
+    let (report, sonar) = healthy();
+    assert_eq!(codes(report, sonar), [""; 0]);
+}
+
+#[test]
+fn silence_is_told_by_the_first_link_of_the_chain_that_is_broken() {
+    let after = |change: &dyn Fn(&mut DriverStatus)| {
+        let (report, mut sonar) = healthy();
+        change(&mut sonar);
+        codes(report, sonar)
+    };
+    let quiet = Some(2.0);
+    assert_eq!(after(&|s| s.since_ping_s = quiet), ["no-new-pings"]);
+    assert_eq!(
+        after(&|s| (s.since_ping_s, s.since_profile_s) = (None, quiet)),
+        ["no-profiles"]
+    );
+    assert_eq!(
+        after(&|s| (s.since_ping_s, s.since_profile_s, s.since_frame_s) = (None, None, quiet)),
+        ["no-frames"]
+    );
+    assert_eq!(
+        after(&|s| {
+            (s.since_ping_s, s.since_profile_s) = (None, None);
+            (s.since_frame_s, s.since_byte_s) = (None, None);
+        }),
+        ["no-bytes"]
+    );
+    assert_eq!(
+        after(&|s| (s.link, s.since_ping_s) = (LinkState::Down, None)),
+        ["no-link"]
+    );
+}
+
+#[test]
+fn poses_that_are_missing_stopped_frozen_or_elsewhere_in_time_are_told() {
+    let after = |change: &dyn Fn(&mut MapperReport)| {
+        let (mut report, mut sonar) = healthy();
+        sonar.session.profiles = 100;
+        change(&mut report);
+        codes(report, sonar)
+    };
+    assert_eq!(
+        after(&|r| (r.poses.source.age_s, r.poses.source.accepted) = (None, 0)),
+        ["no-poses"]
+    );
+    assert_eq!(
+        after(&|r| r.poses.source.age_s = Some(1.6)),
+        ["poses-stopped"]
+    );
+    assert_eq!(
+        after(&|r| {
+            r.poses.guard.still_s = 1.2;
+            r.listening.view_changes = true;
+        }),
+        ["poses-frozen"]
+    );
+    assert_eq!(after(&|r| r.poses.guard.still_s = 60.0), [""; 0], "at rest");
+    let hour_ns = 3_600_000_000_000;
+    assert_eq!(
+        after(&|r| {
+            let (first_ns, last_ns) = (0, 1_000_000_000);
+            r.poses.pose_times = Some(Span { first_ns, last_ns });
+            let (first_ns, last_ns) = (hour_ns, hour_ns + last_ns);
+            r.poses.ping_times = Some(Span { first_ns, last_ns });
+            r.poses.waiting = 40;
+        }),
+        ["pose-times"]
+    );
+    assert_eq!(after(&|r| r.poses.guard.lead_s = -3.0), ["pose-clock"]);
+}
+
+#[test]
+fn growth_of_a_counter_is_news_for_a_while() {
+    let begin = Instant::now();
+    let mut diagnosis = diagnosis(begin);
+    let status = || {
+        let (report, mut sonar) = healthy();
+        sonar.session.profiles_rejected.scale = 3;
+        Status::of(report, sonar)
+    };
+    let mut found = |after: f64| {
+        let at = begin + Duration::from_secs_f64(after);
+        diagnosis.findings(&status(), at).len()
+    };
+    assert_eq!((found(1.0), found(2.0), found(2.5)), (1, 1, 0));
+}

@@ -1,0 +1,58 @@
+//! Maps of epochs that are over: finished on threads of their own while the next map is made, and
+//! written beside it.
+
+use std::path::PathBuf;
+use std::thread::JoinHandle;
+
+use echosplat_mapper::Mapper;
+
+use crate::maps::{self, MapNotes};
+
+/// Finishes and keeps the maps of earlier epochs.
+#[derive(Debug, Default)]
+pub(crate) struct EarlierMaps {
+    /// Where the newest map goes; those before go beside it, under a number.
+    map: Option<PathBuf>,
+    notes: MapNotes,
+    finishing: Vec<JoinHandle<()>>,
+}
+
+impl EarlierMaps {
+    pub(crate) fn beside(map: Option<PathBuf>, notes: MapNotes) -> Self {
+        Self {
+            map,
+            notes,
+            finishing: Vec::new(),
+        }
+    }
+
+    /// Goes through the whole dive of `mapper` once more and writes what it gives.
+    pub(crate) fn keep(&mut self, mut mapper: Mapper) {
+        let Some(map) = self.map.clone() else {
+            tracing::warn!("the map of the poses before is let go; --map keeps it");
+            return;
+        };
+        let (notes, number) = (self.notes.clone(), self.finishing.len() as u32 + 1);
+        let work = move || {
+            let snapshot = mapper.finish();
+            let path = maps::epoch_path(&map, number);
+            if let Err(error) = maps::write(&snapshot, &path, &notes) {
+                tracing::error!("{error:#}");
+            }
+        };
+        let thread = std::thread::Builder::new().name("earlier-map".to_owned());
+        match thread.spawn(work) {
+            Ok(thread) => self.finishing.push(thread),
+            Err(error) => tracing::error!(%error, "the map of the poses before is lost"),
+        }
+    }
+
+    /// Waits until all are written.
+    pub(crate) fn finish(self) {
+        for thread in self.finishing {
+            if thread.join().is_err() {
+                tracing::error!("finishing an earlier map panicked; the log above says where");
+            }
+        }
+    }
+}

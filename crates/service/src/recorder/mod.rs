@@ -1,0 +1,179 @@
+//! The recording of a dive: what is kept, who writes it when, and what becomes of failures.
+//!
+//! Callers only put records into a queue, bounded in bytes: none ever waits for a disk. One thread
+//! writes them, each whole before the next; another syncs twice a second and sees whether the file
+//! is still there. While the disk refuses, the record at hand is kept and tried again and the queue
+//! holds what comes; what finds no room is counted and told.
+
+mod queue;
+mod storage;
+mod syncer;
+mod worker;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::time::Duration;
+
+use clap::ValueEnum;
+use echosplat_driver::{RawTap, Tapped};
+use echosplat_model::Timestamp;
+use echosplat_recording::mcap::Record;
+use echosplat_recording::svlog::LogClock;
+use serde::{Deserialize, Serialize};
+
+use crate::exit::Usage;
+use crate::replayed::PING_SHED;
+use queue::Queue;
+use storage::Folder;
+use syncer::Syncer;
+use worker::{Progress, Worker};
+
+/// Longest that [`Recorder::finish`] takes.
+const FINISH_LIMIT: Duration = Duration::from_secs(3);
+/// A longer piece of raw bytes is recorded in several.
+const MAX_RAW_BYTES: usize = 512 << 10;
+
+/// What a recording is written as.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ValueEnum)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum RecordFormat {
+    /// Everything: replays by itself, read by Foxglove, Rerun and ROS
+    #[default]
+    Mcap,
+    /// The sonar's frames only, read by `SonarView` and `PINGVerter`
+    Svlog,
+    /// Both, side by side
+    Both,
+}
+
+/// How it is written.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RecorderConfig {
+    /// Another file begins beyond this.
+    pub(crate) rotate_bytes: u64,
+    pub(crate) format: RecordFormat,
+    /// That of the pings, by which a log tells times.
+    pub(crate) log_clock: LogClock,
+}
+
+/// Shared by all threads that have something to record.
+#[derive(Clone)]
+pub(crate) struct Recorder {
+    queue: Arc<Queue>,
+    progress: Arc<Progress>,
+}
+
+/// What was recorded.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
+pub(crate) struct RecorderCounters {
+    /// Bytes written.
+    pub(crate) bytes: u64,
+    /// Records written.
+    pub(crate) messages: u64,
+    /// Records that are in no file.
+    pub(crate) lost_messages: u64,
+    /// Files begun.
+    pub(crate) files: u64,
+    /// Bytes that wait to be written.
+    pub(crate) queued_bytes: u64,
+    /// Whether writing fails at the moment.
+    pub(crate) failing: bool,
+}
+
+impl Recorder {
+    /// Starts a file in `directory`, with the configuration in force as its first record.
+    ///
+    /// # Errors
+    /// If the directory or the file cannot be made.
+    pub(crate) fn create(
+        directory: &Path,
+        config: RecorderConfig,
+        settings: String,
+    ) -> anyhow::Result<Self> {
+        let folder = Folder::new(directory, config.format, config.log_clock, &settings);
+        if config.format == RecordFormat::Svlog {
+            tracing::warn!("an .svlog keeps no poses: --record-format both keeps them beside it");
+        }
+        Self::start(Box::new(folder), config.rotate_bytes, settings)
+            .map_err(|error| Usage::error(format!("--record {}: {error}", directory.display())))
+    }
+
+    fn start(
+        storage: Box<dyn storage::Storage>,
+        rotate_bytes: u64,
+        settings: String,
+    ) -> anyhow::Result<Self> {
+        let queue = Arc::new(Queue::default());
+        let progress = Arc::new(Progress::default());
+        let syncer = Syncer::start(Arc::clone(&progress))?;
+        let shared = (Arc::clone(&queue), Arc::clone(&progress));
+        let worker = Worker::begin(storage, syncer, rotate_bytes, settings, shared)?;
+        std::thread::Builder::new()
+            .name("recorder".to_owned())
+            .spawn(move || worker.run())?;
+        Ok(Self { queue, progress })
+    }
+
+    /// For the driver: records bytes as they come.
+    pub(crate) fn raw_tap(&self) -> RawTap {
+        let recorder = self.clone();
+        Box::new(
+            move |host_time: Timestamp, tapped: Tapped<'_>| match tapped {
+                Tapped::Bytes(bytes) => recorder.raw(host_time, bytes),
+                Tapped::LinkUp => recorder.record(host_time, Record::LinkUp),
+                Tapped::LinkDown => recorder.record(host_time, Record::LinkDown),
+                Tapped::HalfFrameExpired => recorder.record(host_time, Record::HalfFrameExpired),
+                Tapped::PingShed(sequence) => {
+                    let event = serde_json::json!({ "event": PING_SHED, "ping": sequence });
+                    recorder.record(host_time, Record::Event(event));
+                }
+            },
+        )
+    }
+
+    fn raw(&self, host_time: Timestamp, bytes: &[u8]) {
+        for piece in bytes.chunks(MAX_RAW_BYTES) {
+            self.record(host_time, Record::Raw(piece.into()));
+        }
+    }
+
+    /// Records what came or happened at `host_time`. Never waits for the disk.
+    pub(crate) fn record(&self, host_time: Timestamp, record: Record) {
+        self.queue.push(host_time, record);
+    }
+
+    /// What was recorded so far.
+    pub(crate) fn counters(&self) -> RecorderCounters {
+        let (queued_bytes, dropped) = self.queue.state();
+        let mut counters = self.progress.counters();
+        counters.queued_bytes = queued_bytes;
+        counters.lost_messages += dropped;
+        counters.failing = self.fault().is_some();
+        counters
+    }
+
+    /// While it fails: what fails and what to do.
+    pub(crate) fn fault(&self) -> Option<String> {
+        self.progress.fault()
+    }
+
+    /// Writes what waits and the end of the file, within 3 s; nothing is recorded after it.
+    pub(crate) fn finish(&self) {
+        self.queue.close();
+        let ended = self.progress.wait_ended(FINISH_LIMIT);
+        let counters = self.counters();
+        if !ended {
+            tracing::error!(
+                queued_bytes = counters.queued_bytes,
+                "the recording was not finished within 3 s: what waits or was written last may be lost"
+            );
+        }
+        if counters.lost_messages > 0 {
+            let lost = counters.lost_messages;
+            tracing::error!("the recording lacks {lost} messages");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,374 @@
+//! The thread that writes: one record after another, through every failure of the disk.
+
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+
+use echosplat_model::Timestamp;
+use echosplat_recording::mcap::{Record, RecordingError};
+
+use super::RecorderCounters;
+use super::queue::{MAX_QUEUED_BYTES, Popped, Queue};
+use super::storage::{Sink, Storage};
+use super::syncer::Syncer;
+use crate::clock;
+
+/// Time between two tries while the disk refuses, and between two looks at whether the file is
+/// there.
+const RETRY_EVERY: Duration = Duration::from_millis(200);
+/// So long after the end is asked for, a disk that refuses is waited for.
+const LAST_TRIES: Duration = Duration::from_millis(2_500);
+/// After another file could not be begun, so long the old one is written on.
+const ROTATE_AGAIN_AFTER: Duration = Duration::from_secs(5);
+
+/// What the thread has done, for those who ask.
+#[derive(Default)]
+pub(super) struct Progress {
+    state: Mutex<State>,
+    ended: Condvar,
+}
+
+#[derive(Default)]
+struct State {
+    counters: RecorderCounters,
+    write_fault: Option<String>,
+    sync_fault: Option<String>,
+    /// Records written when the files were last seen.
+    seen_messages: u64,
+    has_ended: bool,
+}
+
+impl Progress {
+    pub(super) fn counters(&self) -> RecorderCounters {
+        self.lock().counters
+    }
+
+    pub(super) fn fault(&self) -> Option<String> {
+        let state = self.lock();
+        state
+            .write_fault
+            .clone()
+            .or_else(|| state.sync_fault.clone())
+    }
+
+    pub(super) fn seen(&self, messages: u64) {
+        self.lock().seen_messages = messages;
+    }
+
+    /// The outcome of a sync; told when it changes.
+    pub(super) fn synced(&self, failed: Option<String>) {
+        let fault = failed.map(|error| {
+            format!(
+                "the recording is written but may not survive a power cut: {error}; check the disk"
+            )
+        });
+        let before = std::mem::replace(&mut self.lock().sync_fault, fault.clone());
+        match (before, fault) {
+            (None, Some(fault)) => tracing::error!("{fault}"),
+            (Some(_), None) => tracing::warn!("the recording survives a power cut again"),
+            _ => {}
+        }
+    }
+
+    /// Whether the thread ended within the limit.
+    pub(super) fn wait_ended(&self, limit: Duration) -> bool {
+        let waiting = |state: &mut State| !state.has_ended;
+        let waited = self.ended.wait_timeout_while(self.lock(), limit, waiting);
+        let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        state.has_ended
+    }
+
+    fn end(&self) {
+        self.lock().has_ended = true;
+        self.ended.notify_all();
+    }
+
+    fn lock(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Writes the queue's records.
+pub(super) struct Worker {
+    storage: Box<dyn Storage>,
+    syncer: Syncer,
+    queue: Arc<Queue>,
+    progress: Arc<Progress>,
+    sinks: Vec<Box<dyn Sink>>,
+    rotate_bytes: u64,
+    /// Not before this.
+    rotate_from: Instant,
+    /// Bytes in the files before.
+    past_bytes: u64,
+    /// Said at the start of every file.
+    settings: Record,
+    static_transform: Option<Record>,
+}
+
+impl Worker {
+    /// With its first file begun.
+    ///
+    /// # Errors
+    /// If there can be none.
+    pub(super) fn begin(
+        storage: Box<dyn Storage>,
+        syncer: Syncer,
+        rotate_bytes: u64,
+        settings: String,
+        (queue, progress): (Arc<Queue>, Arc<Progress>),
+    ) -> Result<Self, RecordingError> {
+        let mut worker = Self {
+            storage,
+            syncer,
+            queue,
+            progress,
+            sinks: Vec::new(),
+            rotate_bytes,
+            rotate_from: Instant::now(),
+            past_bytes: 0,
+            settings: Record::Settings(settings),
+            static_transform: None,
+        };
+        worker.sinks = worker.new_sinks()?;
+        Ok(worker)
+    }
+
+    pub(super) fn run(mut self) {
+        loop {
+            match self.queue.pop(RETRY_EVERY) {
+                Popped::Record(host_time, record) => self.take(host_time, &record),
+                Popped::Nothing => self.replace_vanished(),
+                Popped::Closed => break,
+            }
+        }
+        self.conclude();
+    }
+
+    fn take(&mut self, host_time: Timestamp, record: &Record) {
+        self.replace_vanished();
+        if matches!(record, Record::StaticTransform(_)) {
+            self.static_transform = Some(record.clone());
+        }
+        let written = match write_all(&mut self.sinks, host_time, record) {
+            Ok(()) => true,
+            Err(error @ RecordingError::TooLong { .. }) => {
+                tracing::error!("not recorded: {error}");
+                false
+            }
+            Err(error) => self.outlast(error, host_time, record),
+        };
+        self.count(written);
+        self.rotate_if_large();
+    }
+
+    fn count(&mut self, written: bool) {
+        let bytes = self.past_bytes + byte_count(&mut self.sinks);
+        let counters = &mut self.progress.lock().counters;
+        counters.bytes = bytes;
+        counters.messages += u64::from(written);
+        counters.lost_messages += u64::from(!written);
+    }
+
+    /// Tries again until the record is written, or the end was asked for and its time is up.
+    fn outlast(
+        &mut self,
+        mut error: RecordingError,
+        host_time: Timestamp,
+        record: &Record,
+    ) -> bool {
+        let lost_before = self.lost();
+        let began = Instant::now();
+        let mut told = false;
+        loop {
+            let fault = self.words_of(&error);
+            if !told {
+                tracing::error!("{fault}");
+                told = true;
+            }
+            self.progress.lock().write_fault = Some(fault);
+            let closed = self.queue.wait_closed(RETRY_EVERY);
+            match self.try_again(&error, host_time, record) {
+                Ok(()) => break,
+                Err(again) => error = again,
+            }
+            if closed.is_some_and(|since| since.elapsed() > LAST_TRIES) {
+                self.queue.give_up();
+                return false;
+            }
+            if closed.is_some() {
+                // The queue wakes at once from now on.
+                std::thread::sleep(RETRY_EVERY);
+            }
+        }
+        self.progress.lock().write_fault = None;
+        let lost = self.lost() - lost_before;
+        let outage_s = began.elapsed().as_secs_f64();
+        tracing::warn!("recording again after {outage_s:.1} s; {lost} messages lost");
+        true
+    }
+
+    fn lost(&self) -> u64 {
+        self.queue.state().1 + self.progress.counters().lost_messages
+    }
+
+    /// On a full disk the files at hand go on as soon as there is room. After any other failure
+    /// they may never be written again, and the record at hand goes into new ones.
+    fn try_again(
+        &mut self,
+        error: &RecordingError,
+        host_time: Timestamp,
+        record: &Record,
+    ) -> Result<(), RecordingError> {
+        let is_there = !self.syncer.has_vanished();
+        let caught_up = self.sinks.iter_mut().try_for_each(|sink| sink.catch_up());
+        if is_there && (caught_up.is_ok() || is_full(error)) {
+            return caught_up;
+        }
+        let mut sinks = self.new_sinks()?;
+        write_all(&mut sinks, host_time, record)?;
+        self.past_bytes += byte_count(&mut self.sinks);
+        let before = std::mem::replace(&mut self.sinks, sinks);
+        before.into_iter().for_each(Sink::abandon);
+        Ok(())
+    }
+
+    /// What was written into a file that is no longer there may be in none.
+    fn replace_vanished(&mut self) {
+        if !self.syncer.has_vanished() {
+            return;
+        }
+        let path = self.path().display().to_string();
+        match self.new_sinks() {
+            Ok(sinks) => {
+                let mut state = self.progress.lock();
+                let unseen = state.counters.messages - state.seen_messages;
+                state.counters.messages -= unseen;
+                state.counters.lost_messages += unseen;
+                state.seen_messages = state.counters.messages;
+                state.write_fault = None;
+                drop(state);
+                tracing::error!(
+                    "the recording's file {path} is gone (moved, deleted, or its disk removed); \
+                     recording goes on in a new file; {unseen} messages lost"
+                );
+                self.past_bytes += byte_count(&mut self.sinks);
+                let before = std::mem::replace(&mut self.sinks, sinks);
+                before.into_iter().for_each(Sink::abandon);
+            }
+            Err(error) => {
+                let fault = format!(
+                    "the recording's file {path} is gone, and no new one can be begun: {error}; \
+                     make the folder writable again"
+                );
+                let before = self.progress.lock().write_fault.replace(fault.clone());
+                if before.is_none() {
+                    tracing::error!("{fault}");
+                }
+            }
+        }
+    }
+
+    fn rotate_if_large(&mut self) {
+        let is_large = byte_count(&mut self.sinks) > self.rotate_bytes;
+        if !is_large || Instant::now() < self.rotate_from {
+            return;
+        }
+        match self.new_sinks() {
+            Ok(sinks) => {
+                self.past_bytes += byte_count(&mut self.sinks);
+                let before = std::mem::replace(&mut self.sinks, sinks);
+                close_all(before);
+            }
+            Err(error) => {
+                self.rotate_from = Instant::now() + ROTATE_AGAIN_AFTER;
+                tracing::warn!("no further file of the recording, the old one goes on: {error}");
+            }
+        }
+    }
+
+    /// Files that begin with what every file has to say.
+    fn new_sinks(&mut self) -> Result<Vec<Box<dyn Sink>>, RecordingError> {
+        let mut sinks = self.storage.begin()?;
+        let now = clock::now();
+        for record in std::iter::once(&self.settings).chain(&self.static_transform) {
+            write_all(&mut sinks, now, record)?;
+        }
+        let mut watched = Vec::new();
+        for sink in &sinks {
+            tracing::info!(file = %sink.path().display(), "recording");
+            if let Some(handle) = sink.handle()? {
+                watched.push((sink.path().to_owned(), handle));
+            }
+        }
+        self.syncer.watch(watched);
+        self.progress.lock().counters.files += 1;
+        Ok(sinks)
+    }
+
+    fn words_of(&self, error: &RecordingError) -> String {
+        let path = self.path();
+        let path = path.display();
+        let room = MAX_QUEUED_BYTES >> 20;
+        match is_full(error) {
+            true => format!(
+                "disk full: the recording {path} cannot grow; free space on its disk and it goes \
+                 on by itself (up to {room} MiB wait in memory)"
+            ),
+            false => format!(
+                "the recording {path} cannot be written: {error}; tried again until it can \
+                 (up to {room} MiB wait in memory)"
+            ),
+        }
+    }
+
+    fn path(&self) -> PathBuf {
+        self.sinks
+            .first()
+            .map(|sink| Path::to_owned(sink.path()))
+            .unwrap_or_default()
+    }
+
+    fn conclude(mut self) {
+        let handles = self.sinks.iter().filter_map(|sink| sink.handle().ok()?);
+        let handles: Vec<_> = handles.collect();
+        close_all(std::mem::take(&mut self.sinks));
+        for handle in handles {
+            if let Err(error) = handle.sync_all() {
+                tracing::error!("the recording may not survive a power cut: {error}");
+            }
+        }
+        self.progress.end();
+    }
+}
+
+fn write_all(
+    sinks: &mut [Box<dyn Sink>],
+    host_time: Timestamp,
+    record: &Record,
+) -> Result<(), RecordingError> {
+    // Each keeps what it could not write, so each is given the record whatever the others say.
+    let results = sinks.iter_mut().map(|sink| sink.write(host_time, record));
+    results.fold(Ok(()), Result::and)
+}
+
+fn byte_count(sinks: &mut [Box<dyn Sink>]) -> u64 {
+    sinks.iter_mut().map(|sink| sink.byte_count()).sum()
+}
+
+fn close_all(sinks: Vec<Box<dyn Sink>>) {
+    for sink in sinks {
+        let path = sink.path().display().to_string();
+        if let Err(error) = sink.close() {
+            tracing::warn!("{path} has no end, but reads up to it: {error}");
+        }
+    }
+}
+
+fn is_full(error: &RecordingError) -> bool {
+    let kind = error.io_kind();
+    matches!(
+        kind,
+        Some(ErrorKind::StorageFull | ErrorKind::QuotaExceeded)
+    )
+}

@@ -1,0 +1,293 @@
+//! What a replay takes: logs or recordings, the poses that belong to them, and what the recorded
+//! dive itself decided, so that its map comes out again.
+
+use std::collections::{HashMap, HashSet};
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use echosplat_bus::Bus;
+use echosplat_driver::{DriverConfig, SonarUrl, Tape, TapeItem};
+use echosplat_model::Timestamp;
+use echosplat_pose::{ArrivedPose, PoseSource, PoseUrl, StampClock};
+use echosplat_recording::mcap::{Record, Recording, RecordingReader, Scan};
+use echosplat_session::{ClockSource, SessionConfig};
+use serde_json::Value;
+
+use crate::config::Config;
+use crate::exit::Usage;
+use crate::inputs;
+use crate::pipeline::{Input, Patience, Poses};
+use crate::recorder::Recorder;
+
+/// Name of the event that a recording begins with.
+pub(crate) const BEGIN: &str = "begin";
+/// A ping that no queue had room for.
+pub(crate) const PING_SHED: &str = "ping_shed";
+/// A ping that was not waited for any longer.
+pub(crate) const PING_LET_GO: &str = "ping_let_go";
+
+/// Logs, or the files of one recorded dive.
+pub(crate) struct Replayed {
+    paths: Vec<PathBuf>,
+    dive: Option<RecordedDive>,
+}
+
+/// What a recording says of its dive beside the bytes.
+struct RecordedDive {
+    scan: Scan,
+    /// As the dive asked the sonar, if the recording says it.
+    session: Option<SessionConfig>,
+    /// The bytes are those of a log, not of a link.
+    is_log: bool,
+}
+
+/// What a recorded dive decided under its load.
+#[derive(Debug, Default)]
+pub(crate) struct Decided {
+    /// Pings it dropped.
+    pub(crate) shed: HashSet<u64>,
+    /// Pings it did not wait for, each with the newest pose there was.
+    pub(crate) let_go: HashMap<u64, Timestamp>,
+}
+
+/// The event that says how a dive is recorded.
+pub(crate) fn begin_event(session: &SessionConfig, is_log: bool) -> Value {
+    serde_json::json!({ "event": BEGIN, "is_log": is_log, "session": session })
+}
+
+/// Whether a file is a recording by its name; what it holds is checked when it is read.
+pub(crate) fn is_recording(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|ext| ext.eq_ignore_ascii_case("mcap"))
+}
+
+impl Replayed {
+    /// Looks into the files: what is no log is refused before anything is started.
+    ///
+    /// # Errors
+    /// Says which file is what instead; also if logs and recordings are mixed.
+    pub(crate) fn open(paths: &[PathBuf]) -> anyhow::Result<Self> {
+        let recordings = paths.iter().filter(|path| is_recording(path)).count();
+        if recordings == 0 {
+            for path in paths {
+                inputs::check_log(path)?;
+            }
+            return Ok(Self {
+                paths: paths.to_owned(),
+                dive: None,
+            });
+        }
+        if recordings < paths.len() {
+            let message = "logs (.svlog) and recordings (.mcap) cannot be replayed as one dive";
+            return Err(Usage::error(message));
+        }
+        let scan = Recording::scan(paths).map_err(Usage::error)?;
+        Ok(Self {
+            paths: paths.to_owned(),
+            dive: Some(RecordedDive::of(scan)),
+        })
+    }
+
+    /// The configuration a recorded dive was mapped with.
+    pub(crate) fn settings(&self) -> Option<&str> {
+        self.dive.as_ref()?.scan.settings.as_deref()
+    }
+
+    /// The drivers, one log after another, or one tape of a recorded dive.
+    pub(crate) fn inputs(&self, config: &Config, rate: f64) -> Vec<Input> {
+        match &self.dive {
+            Some(dive) => vec![self.tape(dive, config, rate)],
+            None => self
+                .paths
+                .iter()
+                .map(|log| of_log(log, config, rate))
+                .collect(),
+        }
+    }
+
+    fn tape(&self, dive: &RecordedDive, config: &Config, rate: f64) -> Input {
+        let paths = self.paths.clone();
+        let url = SonarUrl::File(paths[0].clone());
+        let driver = inputs::driver(config, url);
+        Input {
+            config: DriverConfig {
+                rate,
+                tape_is_log: dive.is_log,
+                session: dive.session.clone().unwrap_or(driver.session),
+                ..driver
+            },
+            tape: Some(Box::new(move || open_tape(&paths))),
+            byte_count: Some(dive.scan.counts.raw_bytes),
+        }
+    }
+
+    /// Where poses come from: as asked, else those that the files hold. Those of a recorded dive are
+    /// judged as they were then.
+    ///
+    /// # Errors
+    /// If none were asked for and the files hold none: says what to give.
+    pub(crate) fn poses(
+        &self,
+        asked: Option<&PoseUrl>,
+        config: &Config,
+        bus: Option<&Bus>,
+        recorder: Option<Recorder>,
+    ) -> anyhow::Result<Poses> {
+        let source = self.pose_source(asked, bus)?;
+        let poses = Poses::new(&config.pose, source, Patience::HoldBack, recorder)?;
+        let takes_its_own = asked.is_none() || matches!(asked, Some(PoseUrl::Log(None)));
+        let dive = self
+            .dive
+            .as_ref()
+            .filter(|dive| !dive.is_log && takes_its_own);
+        Ok(match dive {
+            Some(dive) => poses.of_recording(dive.clock(), self.decided().let_go),
+            None => poses,
+        })
+    }
+
+    /// As [`Replayed::poses`] has them, before anybody judges them.
+    ///
+    /// # Errors
+    /// As [`Replayed::poses`].
+    pub(crate) fn pose_source(
+        &self,
+        asked: Option<&PoseUrl>,
+        bus: Option<&Bus>,
+    ) -> anyhow::Result<PoseSource> {
+        match asked {
+            Some(PoseUrl::Tum(path)) if is_recording(path) => foreign(path, None),
+            Some(PoseUrl::Log(Some(topic))) => foreign(&self.paths[0], Some(topic)),
+            Some(PoseUrl::Log(None)) | None => self.own_poses(),
+            Some(url) => inputs::poses(url, bus, StampClock::Data),
+        }
+    }
+
+    fn own_poses(&self) -> anyhow::Result<PoseSource> {
+        let recorded = self.dive.as_ref().map(|dive| &dive.scan.poses);
+        let held = match recorded.filter(|poses| !poses.is_empty()) {
+            Some(poses) => poses
+                .iter()
+                .map(|&(pose, arrived)| ArrivedPose { pose, arrived })
+                .collect(),
+            None => self.poses_of_logs(),
+        };
+        match held.is_empty() {
+            false => Ok(PoseSource::recorded(held)),
+            true => Err(Usage::error(format!(
+                "replay needs poses, and {} holds none: give --poses F.tum (lines `timestamp tx ty tz \
+                 qx qy qz qw`), or --pose zenoh:// to take them from the bus",
+                self.paths[0].display()
+            ))),
+        }
+    }
+
+    /// What the recorded dive dropped and let go; nothing of a log.
+    pub(crate) fn decided(&self) -> Decided {
+        let mut decided = Decided::default();
+        let dive = self.dive.as_ref().filter(|dive| !dive.is_log);
+        for (_, event) in dive.map_or(&[][..], |dive| &dive.scan.events) {
+            decided.take(event);
+        }
+        decided
+    }
+
+    /// Poses in `MAVLink` packets of the logs.
+    fn poses_of_logs(&self) -> Vec<ArrivedPose> {
+        let mut all = Vec::new();
+        for path in self.paths.iter().filter(|path| !is_recording(path)) {
+            match echosplat_pose::poses_of_svlog(path) {
+                Ok(poses) => all.extend(poses),
+                Err(error) => tracing::debug!(%error, "no poses inside the log"),
+            }
+        }
+        all.sort_by_key(|arrived| arrived.pose.time);
+        all
+    }
+}
+
+impl RecordedDive {
+    fn of(scan: Scan) -> Self {
+        let begin = scan
+            .events
+            .iter()
+            .map(|(_, event)| event)
+            .find(|event| event["event"] == BEGIN);
+        let session = begin.and_then(|event| serde_json::from_value(event["session"].clone()).ok());
+        Self {
+            session,
+            is_log: begin.is_some_and(|event| event["is_log"] == true),
+            scan,
+        }
+    }
+
+    /// Whose clock the pings were on.
+    fn clock(&self) -> StampClock {
+        match self.session.as_ref().map(|session| session.clock) {
+            Some(ClockSource::Device) => StampClock::Data,
+            _ => StampClock::Host,
+        }
+    }
+}
+
+impl Decided {
+    fn take(&mut self, event: &Value) {
+        let Some(ping) = event["ping"].as_u64() else {
+            return;
+        };
+        if event["event"] == PING_SHED {
+            self.shed.insert(ping);
+        } else if event["event"] == PING_LET_GO
+            && let Some(newest_ns) = event["newest_pose_ns"].as_i64()
+        {
+            self.let_go.insert(ping, Timestamp::from_nanos(newest_ns));
+        }
+    }
+}
+
+/// Poses in an MCAP file of another program.
+fn foreign(path: &Path, topic: Option<&str>) -> anyhow::Result<PoseSource> {
+    let held = echosplat_pose::poses_of_mcap(path, topic).map_err(Usage::error)?;
+    Ok(PoseSource::recorded(held))
+}
+
+fn of_log(log: &Path, config: &Config, rate: f64) -> Input {
+    let url = SonarUrl::File(log.to_owned());
+    Input {
+        config: DriverConfig {
+            rate,
+            ..inputs::driver(config, url)
+        },
+        tape: None,
+        byte_count: fs::metadata(log).ok().map(|metadata| metadata.len()),
+    }
+}
+
+/// The bytes and the link's news of a recording, in the order they came, with a mark behind each pose
+/// that says how many there were.
+///
+/// # Errors
+/// If a file is no recording.
+pub(crate) fn open_tape(paths: &[PathBuf]) -> anyhow::Result<Tape> {
+    let mut reader = RecordingReader::open(paths).map_err(Usage::error)?;
+    let mut poses = 0;
+    let next = move || loop {
+        let recorded = match reader.next_message() {
+            Ok(recorded) => recorded?,
+            Err(error) => return Some(Err(error.to_string())),
+        };
+        let item = match recorded.record {
+            Record::LinkUp => TapeItem::LinkUp,
+            Record::LinkDown => TapeItem::LinkDown,
+            Record::HalfFrameExpired => TapeItem::HalfFrameExpired,
+            Record::Raw(bytes) => TapeItem::Bytes(bytes),
+            Record::Pose(_) => {
+                poses += 1;
+                TapeItem::Mark(poses)
+            }
+            _ => continue,
+        };
+        return Some(Ok((recorded.host_time, item)));
+    };
+    Ok(Box::new(std::iter::from_fn(next)))
+}
