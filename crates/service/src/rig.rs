@@ -102,7 +102,9 @@ impl Rig {
         Box::new(move |driver| {
             let seen = self.seen();
             let received = driver.session.profiles;
-            if !seen.is_finished || received >= seen.counters.pings {
+            // What is decoded may still be on its way to the mapper.
+            let is_delivered = driver.pings_sent + driver.pings_dropped >= driver.session.pings;
+            if !seen.is_finished || (received >= seen.counters.pings && is_delivered) {
                 return seen.is_finished;
             }
             // Over a link that loses some, a mapper that has nothing to do is the end.
