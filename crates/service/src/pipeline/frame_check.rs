@@ -4,8 +4,8 @@
 //! Everything is timed by the pings but the rest after a check: in a replay as fast as can be, checks
 //! would take the processor from the map.
 //!
-//! Cost: a check is less than a second of one core; at most one in 15 s of the dive, one in 60 s once
-//! poses were found right, and a fifth of the thread's time unless one has just been found wrong.
+//! Cost: at most one check in 15 s of the dive, one in 60 s once poses were found right, and a fifth of the
+//! thread's time unless one has just been found wrong.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
