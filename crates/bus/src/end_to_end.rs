@@ -87,8 +87,9 @@ fn a_port_held_by_no_zenoh_is_told() {
     let warnings = &bus.endpoints().warnings;
     assert_eq!(warnings.len(), 1, "{warnings:?}");
     assert!(warnings[0].contains(&endpoint), "{warnings:?}");
-    bus.close().unwrap();
+    // While it is there, the next try to connect to it waits for its answer.
     drop(stranger);
+    bus.close().unwrap();
 
     let (first, second) = pair();
     for bus in [&first, &second] {
@@ -119,6 +120,17 @@ fn only_what_is_open_is_said_to_be_listened_on() {
     let warnings = nowhere.endpoints().warnings.join("\n");
     let words = "could not listen on tcp/203.0.113.9:7447 (no interface of this machine has";
     assert!(warnings.contains(words), "{warnings}");
+}
+
+#[test]
+fn who_was_not_there_at_first_is_met_once_it_is() {
+    let here = format!("['tcp/127.0.0.1:{}']", free_port());
+    let early = Bus::open(config(&here, "[]")).unwrap();
+    let subscriber = early.subscribe_map().unwrap();
+    let late = Bus::open(config("[]", &here)).unwrap();
+    let publisher = late.publish_map().unwrap();
+    publisher.offer(round(0));
+    until("the map arrives", || subscriber.gaussian_count() > 0);
 }
 
 #[test]
@@ -236,6 +248,10 @@ fn a_gap_is_fetched_and_nonsense_is_counted() {
     let message = &cut.delta(&ahead, false)[0];
     let session = stranger(&receiver);
     let key = receiver.keys().delta(message.tile);
+    let matching = session.declare_publisher(key.clone()).wait().unwrap();
+    until("what it puts has a way", || {
+        matching.matching_status().wait().unwrap().matching()
+    });
     let put = |payload: &[u8], attachment: &[u8]| {
         let put = session.put(&key, payload).attachment(attachment);
         put.congestion_control(CongestionControl::Block)

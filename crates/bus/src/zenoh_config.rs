@@ -6,7 +6,9 @@
 //!
 //! The safe default keeps to this machine: no multicast, no gossip, connect to and listen on
 //! [`LOOPBACK`], neither being an error if it fails. So the first program on a machine listens,
-//! and the second connects to it, or both connect to a router that is there already.
+//! and the second connects to it, or both connect to a router. Connecting is tried until it
+//! succeeds: with a time limit of 0 zenoh would try once, and a router that starts later, or a
+//! first try that fails, would leave the program alone for good.
 
 use std::path::{Path, PathBuf};
 
@@ -24,7 +26,7 @@ const SAFE_DEFAULT: [(&str, &str); 9] = [
     ("scouting/multicast/enabled", "false"),
     ("scouting/gossip/enabled", "false"),
     ("connect/endpoints", "[\"tcp/127.0.0.1:7447\"]"),
-    ("connect/timeout_ms", "0"),
+    ("connect/timeout_ms", "-1"),
     ("connect/exit_on_failure", "false"),
     ("listen/endpoints", "[\"tcp/127.0.0.1:7447\"]"),
     ("listen/timeout_ms", "0"),
