@@ -189,7 +189,7 @@ impl Link {
             }
             DriverEvent::Rebooted => {
                 if let Some(more) = self.restarts_said.admit(host_time()) {
-                    tracing::warn!(url = %self.config.url, unsaid = more, "sonar was restarted");
+                    tracing::warn!(url = %self.config.url, unsaid = (more > 0).then_some(more), "sonar was restarted");
                 }
             }
             _ => {}
@@ -202,7 +202,7 @@ impl Link {
             return Flow::GoesOn;
         }
         if let Some(more) = self.ups_said.admit(host_time()) {
-            tracing::info!(url = %self.config.url, unsaid = more, "sonar link is up");
+            tracing::info!(url = %self.config.url, unsaid = (more > 0).then_some(more), "sonar link is up");
         }
         self.tap(host_time(), Tapped::LinkUp);
         self.state = LinkState::Up;
@@ -231,7 +231,7 @@ impl Link {
         }
         if let Some(more) = self.downs_said.admit(now) {
             let url = &self.config.url;
-            tracing::warn!(%url, unsaid = more, "sonar link is down, trying again: {reason}");
+            tracing::warn!(%url, unsaid = (more > 0).then_some(more), "sonar link is down, trying again: {reason}");
         }
         self.outlet.send(DriverEvent::LinkDown { reason })
     }

@@ -4,8 +4,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 
-use crate::ArrivedPose;
 use crate::status::PoseSourceStatus;
+use echosplat_join::ArrivedPose;
 
 /// Poses that wait to be taken: 20 minutes at 50 Hz.
 const QUEUE_LEN: usize = 65_536;

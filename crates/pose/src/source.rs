@@ -10,15 +10,16 @@ use echosplat_bus::{Bus, BusError, PoseSubscription};
 use echosplat_model::StampedPose;
 use echosplat_recording::tum::{self, TumError};
 
-use crate::arrived::{ArrivedPose, StampClock, now};
 use crate::dvl;
 use crate::link::Address;
 use crate::log::LogPosesError;
 use crate::mavlink::run::{JSON_MESSAGES, OverLink, over_bus};
+use crate::now::now;
 use crate::outlet::{Inlet, Outlet, queue};
 use crate::status::{PoseSourceStatus, Rate};
 use crate::stop::{Stop, Stopper, stop_pair};
 use crate::url::PoseUrl;
+use echosplat_join::{ArrivedPose, StampClock};
 
 /// Poses as they become known.
 #[derive(Debug)]

@@ -6,8 +6,9 @@ use std::time::Instant;
 
 use crossbeam_channel::bounded;
 use echosplat_driver::DriverEvent;
+use echosplat_join::{ArrivedPose, JoinCounters};
 use echosplat_model::{Ping, PosedPing};
-use echosplat_pose::{ArrivedPose, JoinCounters, PoseUrl};
+use echosplat_pose::PoseUrl;
 
 use crate::config::Config;
 use crate::pipeline::Drivers;

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 
 use echosplat_bus::Bus;
 use echosplat_driver::{DriverConfig, SonarUrl, Tape, TapeItem};
+use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_model::Timestamp;
-use echosplat_pose::{ArrivedPose, PoseSource, PoseUrl, StampClock};
+use echosplat_pose::{PoseSource, PoseUrl};
 use echosplat_recording::mcap::{Record, Recording, RecordingReader, Scan};
 use echosplat_session::{ClockSource, SessionConfig};
 use serde_json::Value;

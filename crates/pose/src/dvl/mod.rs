@@ -14,11 +14,11 @@ use std::io;
 
 use self::report::Report;
 use self::track::Track;
-use crate::StampClock;
-use crate::arrived::now;
 use crate::link::{Address, BackOff};
+use crate::now::now;
 use crate::outlet::Outlet;
 use crate::stop::Stop;
+use echosplat_join::StampClock;
 
 /// Longest line read; a velocity with four transducers has some 1,000 bytes.
 const MAX_LINE_BYTES: usize = 16 * 1024;

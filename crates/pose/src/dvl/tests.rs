@@ -4,7 +4,7 @@ use echosplat_model::glam::DVec3;
 use super::report::Report;
 use super::track::Track;
 use super::*;
-use crate::ArrivedPose;
+use echosplat_join::ArrivedPose;
 
 const UNIX: i64 = 1_700_000_000;
 

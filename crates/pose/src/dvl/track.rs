@@ -11,7 +11,7 @@ use crate::clock::UnknownClock;
 use crate::fault::{self, Fault};
 use crate::mavlink::message::ned_from_frd;
 use crate::status::PoseSourceStatus;
-use crate::{ArrivedPose, StampClock};
+use echosplat_join::{ArrivedPose, StampClock};
 
 /// Two stamps this near are of one clock.
 const ONE_CLOCK_NANOS: i64 = 5_000_000_000;

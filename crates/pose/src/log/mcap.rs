@@ -12,8 +12,8 @@ use echosplat_bus::pose_message;
 use echosplat_model::Timestamp;
 
 use super::{LogPosesError, in_order};
-use crate::ArrivedPose;
 use crate::fault::quoted;
+use echosplat_join::ArrivedPose;
 
 /// Longest record or chunk taken into memory.
 const MAX_RECORD_BYTES: usize = 256 << 20;

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 
 pub use self::mcap::poses_of_mcap;
 pub use self::svlog::poses_of_svlog;
-use crate::ArrivedPose;
+use echosplat_join::ArrivedPose;
 
 /// Why a log gives no poses.
 #[derive(Debug, thiserror::Error)]

@@ -17,7 +17,7 @@ use super::{LogPosesError, in_order};
 use crate::mavlink::json;
 use crate::mavlink::message::Message;
 use crate::mavlink::vehicle::Vehicle;
-use crate::{ArrivedPose, StampClock};
+use echosplat_join::{ArrivedPose, StampClock};
 
 const NANOS_PER_MILLI: i64 = 1_000_000;
 /// Stamps beyond 2001 are Unix time already, not time since boot.
@@ -268,7 +268,7 @@ mod tests {
         let since_start_ms = poses[0].pose.time.nanos() / 1_000_000 - 1_714_564_800_000;
         assert!((0..=40).contains(&(since_start_ms)), "{since_start_ms}");
         let place = poses[0].pose.world_from_vehicle.translation_m;
-        let expected = glam::DVec3::new(2.0, 1.0, -3.0);
+        let expected = echosplat_model::glam::DVec3::new(2.0, 1.0, -3.0);
         assert_eq!(place, expected);
     }
 

@@ -5,8 +5,8 @@ use std::collections::VecDeque;
 
 use echosplat_model::Timestamp;
 
-use crate::StampClock;
 use crate::clock::{LeastDelay, drift_since};
+use echosplat_join::StampClock;
 
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
 /// Questions whose answers are still taken.

@@ -10,11 +10,11 @@ use super::json;
 use super::message::{Message, Sender};
 use super::requests::{Requests, timesync_answer};
 use super::vehicle::Vehicle;
-use crate::StampClock;
-use crate::arrived::now;
 use crate::link::{Address, BackOff, Link};
+use crate::now::now;
 use crate::outlet::Outlet;
 use crate::stop::Stop;
+use echosplat_join::StampClock;
 
 /// Longest read at once; a datagram is never longer.
 const PIECE_BYTES: usize = 64 * 1024;

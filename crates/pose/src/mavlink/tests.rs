@@ -10,7 +10,7 @@ use super::message::{Message, Odometry, Sender, ned_from_frd};
 use super::requests::Requests;
 use super::run::sender_of_key;
 use super::vehicle::Vehicle;
-use crate::{ArrivedPose, StampClock};
+use echosplat_join::{ArrivedPose, StampClock};
 
 const UNIX: i64 = 1_700_000_000_000;
 const ROV: Sender = Sender {

@@ -17,7 +17,7 @@ use crate::advance::Motion;
 use crate::clock::UnknownClock;
 use crate::fault::{self, Fault};
 use crate::status::PoseSourceStatus;
-use crate::{ArrivedPose, StampClock};
+use echosplat_join::{ArrivedPose, StampClock};
 
 const NANOS_PER_MILLI: i64 = 1_000_000;
 /// The better message is waited for so long before the next best is used.

@@ -14,10 +14,11 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use echosplat_bus::{Bus, BusConfig};
+use echosplat_join::{ArrivedPose, StampClock};
+use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{Pose, StampedPose, Timestamp};
-use echosplat_pose::{ArrivedPose, PoseSource, StampClock, poses_of_mcap};
+use echosplat_pose::{PoseSource, poses_of_mcap};
 use echosplat_recording::tum;
-use glam::{DQuat, DVec3};
 
 const LONG: Duration = Duration::from_secs(60);
 const START_S: i64 = 1_700_000_000;

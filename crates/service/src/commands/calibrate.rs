@@ -14,9 +14,10 @@ use std::time::Instant;
 use clap::ValueEnum;
 use echosplat_evaluation::MapRenderer;
 use echosplat_evaluation::held_back::{Pair, score};
+use echosplat_join::ArrivedPose;
 use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing};
-use echosplat_pose::{ArrivedPose, PoseSource};
+use echosplat_pose::PoseSource;
 use serde::Serialize;
 use serde_json::json;
 

@@ -7,10 +7,11 @@ use std::sync::Arc;
 use echosplat_acoustics::Look;
 use echosplat_evaluation::MapRenderer;
 use echosplat_evaluation::report::{Column, Panel, SonarImage};
+use echosplat_join::StampClock;
 use echosplat_mapper::look_of;
 use echosplat_model::{Ping, PingSettings, PosedPing, StampedPose, Timestamp, Twist};
 use echosplat_model::{Trajectory, TrajectoryLimits};
-use echosplat_pose::{PoseSource, PoseUrl, StampClock};
+use echosplat_pose::{PoseSource, PoseUrl};
 use serde_json::{Value, json};
 
 use crate::arguments::RenderArguments;

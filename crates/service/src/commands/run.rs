@@ -5,7 +5,8 @@ use std::sync::Arc;
 
 use echosplat_bus::Bus;
 use echosplat_driver::{ListenUrl, SonarUrl};
-use echosplat_pose::{PoseUrl, StampClock};
+use echosplat_join::StampClock;
+use echosplat_pose::PoseUrl;
 use echosplat_session::ClockSource;
 
 use crate::arguments::{DiveArguments, PoseClock, RunArguments};

@@ -4,6 +4,9 @@
 //! Everything is timed by the pings but the rest after a check: in a replay as fast as can be, checks
 //! would take the processor from the map.
 //!
+//! A log that has come to its end is looked at once more, and waited for: read as fast as can be, it may
+//! have left no time before.
+//!
 //! Cost: at most one check in 15 s of the dive, one in 60 s once poses were found right, and a fifth of the
 //! thread's time unless one has just been found wrong.
 
@@ -37,10 +40,14 @@ const SETTLED_EVERY_S: f64 = 60.0;
 const TURN_DEG: f64 = 45.0;
 /// After a check that found nothing wrong, so many times its own length without one.
 const REST: u32 = 4;
+/// The last check of a log is waited for so long.
+const LAST_CHECK: Duration = Duration::from_secs(10);
 
 /// The thread, and what it found.
 pub(crate) struct FrameCheck {
-    pings: Sender<Arrived>,
+    /// Gone once nothing more comes.
+    pings: Option<Sender<Arrived>>,
+    thread_ended: Receiver<()>,
     mount: Pose,
     /// Counts epochs of the poses.
     epoch: AtomicU32,
@@ -75,14 +82,19 @@ impl FrameCheck {
     /// If the thread cannot be started.
     pub(crate) fn start(config: MapperConfig, mount: Pose) -> anyhow::Result<Self> {
         let (pings, receiver) = bounded(QUEUE);
+        let (ends, thread_ended) = bounded(0);
         let shared = Arc::new(Shared::default());
         let shown = Arc::clone(&shared);
         std::thread::Builder::new()
             .name(THREAD_NAME.to_owned())
-            .spawn(move || check_all(&receiver, &config, &mount, &shown))
+            .spawn(move || {
+                check_all(&receiver, &config, &mount, &shown);
+                drop(ends);
+            })
             .context("cannot start the thread that checks how poses are read")?;
         Ok(Self {
-            pings,
+            pings: Some(pings),
+            thread_ended,
             mount,
             epoch: AtomicU32::new(0),
             shared,
@@ -96,7 +108,19 @@ impl FrameCheck {
             ping: VehiclePing::of(posed, &self.mount),
         };
         // Full: a check is under way, and will do without this one.
-        let _ = self.pings.try_send(arrived);
+        let _ = self.pings.as_ref().map(|pings| pings.try_send(arrived));
+    }
+
+    /// Nothing more comes: begins a last check of what came last.
+    pub(crate) fn end(&mut self) {
+        self.pings = None;
+    }
+
+    /// Waits for the last check, if [`FrameCheck::end`] began it.
+    pub(crate) fn wait_for_last(&self) {
+        if self.pings.is_none() {
+            let _ = self.thread_ended.recv_timeout(LAST_CHECK);
+        }
     }
 
     /// What follows belongs to a new epoch of the poses: nothing before it counts.
@@ -116,12 +140,20 @@ impl FrameCheck {
 impl Drop for FrameCheck {
     /// The thread ends after the check under way; nobody waits for it.
     fn drop(&mut self) {
+        // Before the channel closes, so that nothing is looked at any more.
         self.shared.is_over.store(true, Ordering::Relaxed);
     }
 }
 
 fn check_all(pings: &Receiver<Arrived>, config: &MapperConfig, mount: &Pose, shared: &Shared) {
     let (mut watch, mut rest_until) = (Watch::default(), Instant::now());
+    let check = |watch: &mut Watch| {
+        let verdict = judge(watch.window(), mount, config);
+        tracing::debug!(?verdict, "how poses are read");
+        watch.checked(verdict);
+        shared.show(watch.confirmed);
+        verdict.is_some_and(|verdict| verdict.is_telling)
+    };
     for arrived in pings {
         if shared.is_over.load(Ordering::Relaxed) {
             return;
@@ -131,13 +163,11 @@ fn check_all(pings: &Receiver<Arrived>, config: &MapperConfig, mount: &Pose, sha
         if now < rest_until || !watch.is_due() {
             continue;
         }
-        let verdict = judge(watch.window(), mount, config);
-        tracing::debug!(?verdict, "how poses are read");
-        watch.checked(verdict);
-        let is_telling = verdict.is_some_and(|verdict| verdict.is_telling);
-        let rest = if is_telling { 0 } else { REST };
+        let rest = if check(&mut watch) { 0 } else { REST };
         rest_until = Instant::now() + rest * now.elapsed().max(Duration::from_millis(1));
-        shared.show(watch.confirmed);
+    }
+    if !shared.is_over.load(Ordering::Relaxed) && watch.turn.deg() >= TURN_DEG {
+        check(&mut watch);
     }
 }
 

@@ -441,6 +441,10 @@ impl Run {
                 .map_err(|_| anyhow!("the mapper's thread panicked; the log above says where"))?,
             false => self.map_as_it_stands(),
         };
+        if let Some(finding) = diagnosis::frames(&self.status(false)) {
+            self.record_notice(&finding);
+            self.notices.update(vec![finding], Instant::now());
+        }
         let written = self.write_map(&snapshot);
         let is_published = self.publish_final(ending.limited(FLUSH_LIMIT));
         self.tell(true)?;

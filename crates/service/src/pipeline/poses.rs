@@ -5,11 +5,12 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use echosplat_model::{Ping, PosedPing, StampedPose, Timestamp};
-use echosplat_pose::{
+use echosplat_join::{
     ArrivedPose, GuardReport, Guarded, JoinCounters, PoseGuard, PoseJoin, PoseJoinConfig,
-    PoseSource, PoseSourceStatus, StampClock, Verdict,
+    StampClock, Verdict,
 };
+use echosplat_model::{Ping, PosedPing, StampedPose, Timestamp};
+use echosplat_pose::{PoseSource, PoseSourceStatus};
 use echosplat_recording::mcap::Record;
 use serde::Serialize;
 use serde_json::json;

@@ -346,6 +346,9 @@ impl Worker {
         self.shared.set_phase(Phase::Finishing);
         self.state.report.before_finish = self.work();
         self.hand_over_report();
+        if let Some(frame_check) = self.frame_check.as_mut().filter(|_| self.inputs_left == 0) {
+            frame_check.end();
+        }
         let snapshot = self.mapper.finish();
         let first = self.state.first_ping.unwrap_or_default();
         let dive_s = match self.state.first_ping {
@@ -353,6 +356,9 @@ impl Worker {
             None => 0.0,
         };
         let last = self.hand_on(snapshot, dive_s);
+        if let Some(frame_check) = &self.frame_check {
+            frame_check.wait_for_last();
+        }
         self.hand_over_report();
         self.state.report.prediction = self.outlet.finish(&last, dive_s);
         self.shared.hand_over(self.state.report.clone());

@@ -14,8 +14,8 @@ use echosplat_bus::{Bus, BusConfig, MapSubscriber};
 use echosplat_driver::ListenUrl;
 use echosplat_evaluation::curve::Sample;
 use echosplat_evaluation::table;
+use echosplat_join::StampClock;
 use echosplat_model::{Gaussian, Snapshot};
-use echosplat_pose::StampClock;
 use echosplat_simulator::SimulatedSonar;
 use indicatif::ProgressBar;
 

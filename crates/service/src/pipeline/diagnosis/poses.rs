@@ -17,6 +17,13 @@ const ODD_LEAD_S: f64 = 0.5;
 const STAMPS_REPEATED: u64 = 10;
 const NANOS_PER_SECOND: f64 = 1e9;
 
+/// Poses that cannot be what they are read as.
+pub(crate) fn frames(status: &Status) -> Option<Finding> {
+    let verdict = status.report.frames.as_ref();
+    let verdict = verdict.filter(|verdict| verdict.is_telling)?;
+    Some(loss("pose-frame", verdict.best.sentence().to_owned()))
+}
+
 impl Diagnosis {
     pub(super) fn poses(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         let poses = &status.report.poses;
@@ -40,9 +47,7 @@ impl Diagnosis {
                 ),
             ));
         }
-        if let Some(verdict) = status.report.frames.as_ref().filter(|v| v.is_telling) {
-            findings.push(loss("pose-frame", verdict.best.sentence().to_owned()));
-        }
+        findings.extend(frames(status));
     }
 
     fn malformed(&mut self, poses: &PoseReport, now: Instant) -> Option<Finding> {

@@ -1,7 +1,5 @@
 //! A pose, when it came, and whose clock the pings are on.
 
-use std::time::SystemTime;
-
 use echosplat_model::{StampedPose, Timestamp};
 
 /// A pose and when it arrived on this host (Unix time).
@@ -31,11 +29,4 @@ pub enum StampClock {
     /// The data's own: simulated or replayed. Stamps are taken as they are, or on the Unix time
     /// that the source itself gives for its clock.
     Data,
-}
-
-/// Now, on this host's clock.
-pub(crate) fn now() -> Timestamp {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-    let nanos = since.map_or(0, |since| since.as_nanos());
-    Timestamp::from_nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
 }
