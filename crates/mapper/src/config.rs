@@ -32,10 +32,12 @@ pub struct MapperConfig {
     pub history_pings: usize,
     /// Evidence at which a place becomes a Gaussian, in units of one clear look.
     pub spawn_evidence: f32,
-    /// Steps of each stage when a dive is finished.
-    pub finish_passes: usize,
-    /// About how many Gaussian–bin pairs a finish may take; crowded maps look at fewer pings.
-    pub finish_pairs: u64,
+    /// Work that each ping allows, in Gaussian–bin pairs; less makes the map lag, not worse.
+    pub work_pairs_per_ping: u64,
+    /// Steps of each stage when tiles are worked out.
+    pub workout_passes: usize,
+    /// About how many Gaussian–bin pairs a work-out may take; crowded maps look at fewer pings.
+    pub workout_pairs: u64,
     /// Least share of an echo that a confident Gaussian and its surroundings explain.
     pub confident_share: f32,
     /// Most one-sigma uncertainty of a confident Gaussian, metres; one that continues a surface may
@@ -60,8 +62,9 @@ impl Default for MapperConfig {
             slice_pings: 4,
             history_pings: 65_536,
             spawn_evidence: 4.5,
-            finish_passes: 16,
-            finish_pairs: 6_000_000_000,
+            work_pairs_per_ping: 200_000,
+            workout_passes: 16,
+            workout_pairs: 6_000_000_000,
             confident_share: 0.7,
             confident_sigma_m: 0.25,
             threads: 0,
@@ -119,8 +122,14 @@ impl MapperConfig {
         within("slice_pings", self.slice_pings as f64, 1.0, 1024.0)?;
         within("history_pings", self.history_pings as f64, 16.0, 1e6)?;
         within("spawn_evidence", self.spawn_evidence.into(), 0.1, 1e3)?;
-        within("finish_passes", self.finish_passes as f64, 0.0, 1000.0)?;
-        within("finish_pairs", self.finish_pairs as f64, 1e6, 1e13)?;
+        within(
+            "work_pairs_per_ping",
+            self.work_pairs_per_ping as f64,
+            0.0,
+            1e12,
+        )?;
+        within("workout_passes", self.workout_passes as f64, 0.0, 1000.0)?;
+        within("workout_pairs", self.workout_pairs as f64, 1e6, 1e13)?;
         within("confident_share", self.confident_share.into(), 0.0, 1.0)?;
         within(
             "confident_sigma_m",

@@ -1,34 +1,24 @@
 //! From posed pings to a map of Gaussians: evidence along arcs, Gaussians where evidence asks for
 //! them, reflectivity by expectation-maximisation, and what of it the map dares to assert.
 //!
-//! [`Mapper`] is the face: `insert`, `optimize`, `snapshot`, `finish`. Everything else is inside.
+//! A ping goes through five rooms in order: `detect`, `accumulate`, `spawn`, `refine`, `classify`; the method is
+//! in `docs/algorithm.md`. [`Mapper`] is the face: `insert`, `snapshot`, `finish`. Everything else is inside.
 //! This crate deliberately has no sockets, no files, no clock and no randomness: the same pings,
 //! configuration and budgets give the same bits at any number of threads.
 
-mod assess;
-mod compact;
+mod accumulate;
+mod classify;
 mod config;
-mod evidence;
-mod expectation;
-mod fan;
-mod field;
-mod gaussians;
-mod history;
+mod detect;
 mod mapper;
-mod multiples;
-mod neighbours;
 mod parts;
-mod profile;
+mod refine;
 mod seabed;
-mod shade;
-mod shape;
-mod splats;
-mod step;
-mod tally;
-mod visibility;
+mod spawn;
+mod world;
 
+pub use accumulate::history::look_of;
 pub use config::{ConfigError, MapperConfig};
-pub use history::look_of;
-pub use mapper::{Budget, InsertReport, Mapper, MapperStatus, OptimizeReport};
+pub use mapper::{InsertReport, Mapper, MapperStatus};
 pub use parts::{LeftOut, Parts};
-pub use step::damped_step;
+pub use refine::step::damped_step;

@@ -21,13 +21,11 @@ pub struct Parts {
     pub speckle: Switch,
     /// Strength towards each of six sides; without it, one for all.
     pub specular: Switch,
-    /// A finish lets each eighth of the horizon have seen something of its own, since structures glint;
-    /// without it, quarters, and their darkness counts for more.
+    /// Candidates are weighed as if each eighth of the horizon had seen something of its own, since structures
+    /// glint; without it, quarters, and their darkness counts for more.
     pub glints: Switch,
-    /// What is confident is split in eight at the end of a dive.
+    /// What is confident is split in eight.
     pub splitting: Switch,
-    /// Each step of a running map looks at older pings too.
-    pub reservoir: Switch,
     /// What has been seen often enough is looked at further; with auto only where it helps.
     pub converged: Switch,
     /// Pings that say nearly nothing that the one before did not are taken in too; off leaves out
@@ -39,7 +37,7 @@ pub struct Parts {
 
 impl Parts {
     /// Names of all.
-    pub const NAMES: [&'static str; 11] = [
+    pub const NAMES: [&'static str; 10] = [
         "occlusion",
         "elevation",
         "anisotropy",
@@ -47,7 +45,6 @@ impl Parts {
         "specular",
         "glints",
         "splitting",
-        "reservoir",
         "converged",
         "redundant",
         "empty",
@@ -83,7 +80,6 @@ pub(crate) struct AtWork {
     pub(crate) specular: bool,
     pub(crate) glints: bool,
     pub(crate) splitting: bool,
-    pub(crate) reservoir: bool,
     /// Whether poses jitter so much that echoes are smeared; no part, but other parts go by it.
     pub(crate) smeared: bool,
     pub(crate) converged: Extent,
@@ -121,8 +117,6 @@ const BLURRED_VOXELS: f32 = 0.8;
 const SMEARED_VOXELS: f32 = 1.0;
 /// Share of pings left out that is worth saying.
 const WORTH_SAYING: f32 = 0.05;
-/// Share of older pings that see what the newest see, below which they are of no use to a step.
-const LEAST_RETURN: f32 = 0.02;
 
 /// Cheap statistics of the running dive.
 #[derive(Debug, Clone, Default)]
@@ -184,8 +178,6 @@ impl Cues {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct MapCues {
     pub(crate) voxel_m: f32,
-    /// Share of older pings that see what the newest see.
-    pub(crate) return_share: f32,
     /// Pings left out as redundant.
     pub(crate) redundant: u64,
 }
@@ -246,17 +238,6 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
                 format!("poses leave {blur:.1} voxels open: finer shows nothing finer"),
             ),
         ),
-        reservoir: use_part(
-            "reservoir",
-            parts.reservoir,
-            if_so(
-                map.return_share < LEAST_RETURN,
-                format!(
-                    "{:.0} % of older pings see what the newest see",
-                    100.0 * map.return_share
-                ),
-            ),
-        ),
         converged: parts.converged.into(),
         redundant: parts.redundant.into(),
         empty: parts.empty.into(),
@@ -298,9 +279,8 @@ mod tests {
         cues
     }
 
-    const RETURNING: MapCues = MapCues {
+    const KNOWN: MapCues = MapCues {
         voxel_m: 0.05,
-        return_share: 0.5,
         redundant: 0,
     };
 
@@ -310,26 +290,20 @@ mod tests {
 
     #[test]
     fn auto_leaves_out_what_a_dive_does_not_need_and_says_why() {
-        let (_, of_rich) = decide(&Parts::default(), &dive(3, 4), RETURNING);
+        let (_, of_rich) = decide(&Parts::default(), &dive(3, 4), KNOWN);
         assert_eq!(of_rich, []);
-        let (at_work, of_plain) = decide(&Parts::default(), &dive(1, 1), RETURNING);
+        let (at_work, of_plain) = decide(&Parts::default(), &dive(1, 1), KNOWN);
         assert_eq!(names(&of_plain), ["occlusion", "specular"]);
         assert!(!at_work.occlusion && at_work.splitting);
         assert!(of_plain[0].why.contains("1.00 runs"), "{}", of_plain[0].why);
-        let ahead = MapCues {
-            return_share: 0.0,
-            ..RETURNING
-        };
-        let (_, of_transit) = decide(&Parts::default(), &dive(3, 4), ahead);
-        assert_eq!(names(&of_transit), ["reservoir"]);
     }
 
     #[test]
     fn jittering_poses_are_no_ground_to_expect_glints() {
         let mut cues = dive(3, 4);
-        assert!(decide(&Parts::default(), &cues, RETURNING).0.glints);
+        assert!(decide(&Parts::default(), &cues, KNOWN).0.glints);
         cues.jitter_m = 0.1;
-        let (at_work, left_out) = decide(&Parts::default(), &cues, RETURNING);
+        let (at_work, left_out) = decide(&Parts::default(), &cues, KNOWN);
         assert!(!at_work.glints);
         assert!(left_out[0].why.contains("2.0 voxels"), "{left_out:?}");
     }
@@ -344,7 +318,7 @@ mod tests {
             blur_m: 1.0,
             jitter_m: 0.0,
         });
-        assert_eq!(decide(&Parts::default(), &cues, RETURNING).1, []);
+        assert_eq!(decide(&Parts::default(), &cues, KNOWN).1, []);
     }
 
     #[test]
@@ -354,7 +328,7 @@ mod tests {
             splitting: Switch::Off,
             ..Parts::default()
         };
-        let (at_work, left_out) = decide(&parts, &dive(1, 4), RETURNING);
+        let (at_work, left_out) = decide(&parts, &dive(1, 4), KNOWN);
         assert!(at_work.occlusion && !at_work.splitting);
         assert_eq!(names(&left_out), ["splitting"]);
         assert_eq!(left_out[0].why, "switched off");

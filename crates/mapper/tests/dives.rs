@@ -2,11 +2,13 @@
 
 #![allow(clippy::unwrap_used)]
 
+use std::collections::HashSet;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
-use echosplat_mapper::{Budget, Mapper, MapperConfig};
-use echosplat_model::{Ping, PosedPing, Snapshot, Standing, Switch};
+use echosplat_mapper::{Mapper, MapperConfig};
+use echosplat_model::glam::DVec3;
+use echosplat_model::{Ping, PosedPing, Snapshot, Standing};
 use echosplat_simulator::{Dive, DiveKind, DiveOptions, NoiseLevel, Scene, SimulatedSonar};
 
 fn dive(scene: &str, kind: DiveKind, duration_s: f64) -> (Arc<Scene>, Vec<PosedPing>) {
@@ -28,8 +30,8 @@ fn dive(scene: &str, kind: DiveKind, duration_s: f64) -> (Arc<Scene>, Vec<PosedP
 fn config(threads: usize) -> MapperConfig {
     MapperConfig {
         threads,
-        finish_passes: 8,
-        finish_pairs: 60_000_000,
+        workout_passes: 8,
+        workout_pairs: 60_000_000,
         ..MapperConfig::default()
     }
 }
@@ -42,9 +44,6 @@ fn map_looking_every(look: usize, pings: &[PosedPing], config: MapperConfig) -> 
     let mut mapper = Mapper::new(config).unwrap();
     for (index, ping) in pings.iter().enumerate() {
         mapper.insert(ping);
-        if index % 160 == 0 {
-            mapper.optimize(Budget { pairs: 1 });
-        }
         if index % look == look - 1 {
             mapper.snapshot();
         }
@@ -132,21 +131,97 @@ fn silence_after_a_structure_does_not_keep_the_mapper() {
         posed.ping = Arc::new(silent);
         posed.world_from_sensor.translation_m.x += 100.0;
     }
-    for reservoir in [Switch::Off, Switch::On] {
-        let mut config = config(1);
-        config.parts.reservoir = reservoir;
-        let (done, is_done) = mpsc::channel();
-        let pings = pings.clone();
-        std::thread::spawn(move || {
-            let mut mapper = Mapper::new(config).unwrap();
-            pings.iter().for_each(|ping| _ = mapper.insert(ping));
-            let held = mapper.status().candidates;
-            let _ = done.send((held, mapper.optimize(Budget { pairs: 1 }).pairs));
-        });
-        let (held, pairs) = is_done.recv_timeout(Duration::from_secs(60)).unwrap();
-        assert!(held > 0);
-        assert_eq!(pairs > 0, reservoir == Switch::On);
-    }
+    let (done, is_done) = mpsc::channel();
+    std::thread::spawn(move || {
+        let mut mapper = Mapper::new(config(1)).unwrap();
+        let pairs: Vec<u64> = pings.iter().map(|ping| mapper.insert(ping).pairs).collect();
+        let _ = done.send((mapper.status().candidates, pairs));
+    });
+    let (held, pairs) = is_done.recv_timeout(Duration::from_secs(60)).unwrap();
+    assert!(held > 0);
+    assert!(pairs[..1200].iter().any(|&pairs| pairs > 0));
+    // What was seen is worked out, and nothing new is.
+    assert_eq!(pairs[pairs.len() - 100..].iter().sum::<u64>(), 0);
+}
+
+fn confident(snapshot: &Snapshot) -> Vec<DVec3> {
+    let gaussians = snapshot.gaussians.iter();
+    let confident = gaussians.filter(|gaussian| gaussian.standing == Standing::Confident);
+    confident
+        .map(|gaussian| gaussian.mean_m.as_dvec3() + snapshot.origin_m)
+        .collect()
+}
+
+#[test]
+fn the_map_is_worked_out_while_the_dive_goes_on() {
+    let (scene, pings) = dive("fence", DiveKind::Survey, 50.0);
+    let ample = MapperConfig {
+        work_pairs_per_ping: 1_000_000,
+        ..config(0)
+    };
+    let mut mapper = Mapper::new(ample).unwrap();
+    pings.iter().for_each(|ping| _ = mapper.insert(ping));
+    let live = confident(&mapper.snapshot());
+    let ended = confident(&mapper.finish());
+    assert!(
+        live.len() as f64 > 0.6 * ended.len() as f64,
+        "{} of {}",
+        live.len(),
+        ended.len()
+    );
+    let mean_m = live.iter().map(|&at_m| scene.distance(at_m)).sum::<f64>() / live.len() as f64;
+    assert!(mean_m < 0.08, "{mean_m} m off on average");
+}
+
+#[test]
+fn looking_at_a_part_again_keeps_the_ids_of_what_stays() {
+    let (_, pings) = dive("fence", DiveKind::Survey, 50.0);
+    let ids = |snapshot: &Snapshot| -> HashSet<u32> {
+        let gaussians = snapshot.gaussians.iter();
+        let confident = gaussians.filter(|gaussian| gaussian.standing == Standing::Confident);
+        confident.map(|gaussian| gaussian.id).collect()
+    };
+    let mut mapper = Mapper::new(config(0)).unwrap();
+    let (first, rest) = pings.split_at(pings.len() * 4 / 5);
+    first.iter().for_each(|ping| _ = mapper.insert(ping));
+    let before = ids(&mapper.finish());
+    rest.iter().for_each(|ping| _ = mapper.insert(ping));
+    let after = ids(&mapper.finish());
+    let kept = before.intersection(&after).count();
+    assert!(2 * kept > before.len(), "{kept} of {}", before.len());
+}
+
+#[test]
+fn what_forgotten_pings_told_stays_in_the_map() {
+    let (_, near) = dive("fence", DiveKind::Survey, 30.0);
+    let away = near.iter().map(|posed| {
+        let mut away = posed.clone();
+        away.world_from_sensor.translation_m.x += 200.0;
+        let settings = *posed.ping.settings();
+        let (sequence, time) = (posed.ping.sequence(), posed.ping.transmit_time());
+        let intensity = posed.ping.intensity().to_vec();
+        let (sequence, time) = (sequence + 10_000, time.offset_by(100.0));
+        away.ping = Arc::new(Ping::new(sequence, time, settings, intensity).unwrap());
+        away
+    });
+    let small = MapperConfig {
+        history_pings: near.len() / 2,
+        ..config(0)
+    };
+    let mut mapper = Mapper::new(small).unwrap();
+    near.iter().for_each(|ping| _ = mapper.insert(ping));
+    let here = |snapshot: &Snapshot| -> usize {
+        confident(snapshot)
+            .iter()
+            .filter(|at_m| at_m.x < 100.0)
+            .count()
+    };
+    let before = here(&mapper.finish());
+    away.for_each(|ping| _ = mapper.insert(&ping));
+    let after = mapper.finish();
+    assert!(before > 50, "{before} asserted");
+    assert_eq!(here(&after), before);
+    assert!(mapper.status().pings_forgotten > 0);
 }
 
 #[test]

@@ -115,6 +115,9 @@ pub(crate) struct ServiceArguments {
     /// Where the map is written on exit; ambiguous Gaussians go beside it
     #[arg(long, value_name = "OUT.ply")]
     pub(crate) map: Option<PathBuf>,
+    /// Keeps the map as it is every so many seconds of the dive too, as DIR/0120.ply
+    #[arg(long, num_args = 2, value_names = ["SECONDS", "DIR"])]
+    pub(crate) maps_every: Option<Vec<String>>,
     /// Directory for recordings of all that is received
     #[arg(long, value_name = "DIR")]
     pub(crate) record: Option<PathBuf>,
@@ -744,7 +747,7 @@ fn sweep(text: &str) -> Result<f64, String> {
 }
 
 fn part(text: &str) -> Result<(String, [String; 3]), String> {
-    let wrong = || "it must read KEY=ON,OFF,AUTO, as in mapper.finish_passes=32,4,16".to_owned();
+    let wrong = || "it must read KEY=ON,OFF,AUTO, as in mapper.workout_passes=32,4,16".to_owned();
     let (key, values) = text.split_once('=').ok_or_else(wrong)?;
     let values: Vec<String> = values.split(',').map(str::to_owned).collect();
     Ok((key.to_owned(), values.try_into().map_err(|_| wrong())?))

@@ -9,7 +9,7 @@ use crate::runs::{Spec, dive_name};
 /// Poses are freed from jitter before the mapper has them.
 const POSES: &str = "poses";
 /// Names of the optional parts: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or "auto".
-pub const PARTS: [&str; 12] = [
+pub const PARTS: [&str; 11] = [
     "occlusion",
     "elevation",
     "anisotropy",
@@ -18,7 +18,6 @@ pub const PARTS: [&str; 12] = [
     "glints",
     POSES,
     "splitting",
-    "reservoir",
     "converged",
     "redundant",
     "empty",
@@ -280,7 +279,7 @@ mod tests {
             values: values.map(str::to_owned),
         };
         vec![
-            part("finish_passes", ["32", "4", "16"]),
+            part("workout_passes", ["32", "4", "16"]),
             part("slice_pings", ["4", "16", "8"]),
         ]
     }

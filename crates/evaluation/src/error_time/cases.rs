@@ -13,8 +13,8 @@ const QUICK_MOMENTS: usize = 8;
 const QUICK_DIVE_S: f64 = 30.0;
 /// Of the finish with more passes: three times the default's, and four times the work.
 const MORE_PASSES: [(&str, &str); 2] = [
-    ("mapper.finish_passes", "48"),
-    ("mapper.finish_pairs", "24_000_000_000"),
+    ("mapper.workout_passes", "48"),
+    ("mapper.workout_pairs", "24_000_000_000"),
 ];
 
 /// What is drawn as one curve over the seeds.

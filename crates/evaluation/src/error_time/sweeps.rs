@@ -18,16 +18,16 @@ struct Knob {
 
 const KNOBS: [Knob; 5] = [
     Knob {
-        key: "mapper.finish_passes",
+        key: "mapper.workout_passes",
         values: &["4", "8", "32", "64"],
     },
     Knob {
-        key: "mapper.finish_pairs",
+        key: "mapper.workout_pairs",
         values: &["500_000_000", "1_500_000_000", "24_000_000_000"],
     },
     Knob {
-        key: "pipeline.looks_per_ping",
-        values: &["0.75", "1.5", "6.0", "12.0"],
+        key: "mapper.work_pairs_per_ping",
+        values: &["50_000", "100_000", "400_000", "800_000"],
     },
     Knob {
         key: "mapper.spawn_evidence",

@@ -61,7 +61,7 @@ pub struct Spec {
     /// What makes the map.
     #[serde(default)]
     pub method: Method,
-    /// Keys of the configuration and their TOML values, as in `mapper.finish_passes` and `48`; the
+    /// Keys of the configuration and their TOML values, as in `mapper.workout_passes` and `48`; the
     /// defaults without.
     #[serde(default)]
     pub settings: BTreeMap<String, String>,
@@ -271,8 +271,8 @@ mod tests {
                 held_back: true,
                 ..plain.clone()
             },
-            plain.clone().with("mapper.finish_passes", "48"),
-            plain.clone().with("mapper.finish_passes", "8"),
+            plain.clone().with("mapper.workout_passes", "48"),
+            plain.clone().with("mapper.workout_passes", "8"),
         ];
         let mut names: Vec<String> = bent.iter().map(Spec::name).collect();
         names.push(plain.name());

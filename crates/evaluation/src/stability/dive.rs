@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use echosplat_firmware_protocol::{Message, OsMonoProfile, PowerResults};
-use echosplat_mapper::{Budget, Mapper, MapperConfig};
+use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, Pose, PosedPing, Snapshot, Timestamp, Twist};
 use echosplat_session::{Session, SessionConfig, SessionEvent};
 use glam::DVec3;
@@ -89,7 +89,7 @@ impl<F: Fn(u32) -> Heard> Dive<F> {
         let mut session = Session::listening(SessionConfig::default(), Timestamp::ZERO);
         let config = MapperConfig {
             threads: 1,
-            finish_passes: 8,
+            workout_passes: 8,
             ..MapperConfig::default()
         };
         let mut mapper = Mapper::new(config).ok()?;
@@ -101,7 +101,6 @@ impl<F: Fn(u32) -> Heard> Dive<F> {
                     continue;
                 };
                 mapper.insert(&posed(ping, index, shift_m));
-                mapper.optimize(Budget { pairs: 200_000 });
             }
         }
         let rejected = session.counters().profiles_rejected.total();

@@ -5,18 +5,17 @@ use echosplat_model::PosedPing;
 use echosplat_model::glam::{DVec3, Vec3};
 
 use super::status::InsertReport;
-use super::world::{World, voxel_m};
-use super::{Mapper, NEWBORN_STRENGTH, births};
+use super::{Mapper, NEWBORN_STRENGTH};
 use crate::MapperConfig;
-use crate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
-use crate::multiples::Multiples;
+use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
+use crate::detect::multiples::Multiples;
+use crate::detect::profile::{Backdrop, Profile};
 use crate::parts::{Cue, Extent};
-use crate::profile::{Backdrop, Profile};
+use crate::spawn::births;
+use crate::world::{World, voxel_m};
 
 /// On the pings' clock, a slice does not wait longer than this to be complete.
 const LONGEST_SLICE_S: f64 = 0.1;
-/// Of the best evidence beside it, what a place must hold for another try while the dive goes on.
-const LIFTED_PART: f32 = 0.8;
 /// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
 const LEAST_NOVELTY: f32 = 0.5;
 /// No place on Earth is further from any origin in use, and nothing under water as fast: metres, and
@@ -174,33 +173,24 @@ impl Mapper {
         let Some(world) = &mut self.world else {
             return InsertReport::default();
         };
-        let pings = self.history.pings();
-        let start = pings.len() - fresh.min(pings.len());
-        if pings.len() > 2 * self.bars_lifted_at + 256 {
-            self.bars_lifted_at = pings.len();
-            world.evidence.lift_bars(LIFTED_PART);
-        }
-        let extent = self.at_work.converged;
         let evidence = &mut world.evidence;
-        let is_put_down = std::mem::take(&mut self.is_evidence_put_down);
-        self.status.voxel_looks += self.pool.install(|| match is_put_down {
-            true => {
-                evidence.expect_glints(false);
-                evidence.integrate_anew(pings, extent)
-            }
-            false => evidence.integrate(pings, start, extent),
-        });
+        evidence.forget(&self.history.forget(fresh));
+        let pings = self.history.pings();
+        let start = pings.len() - fresh;
+        let extent = self.at_work.converged;
+        self.status.voxel_looks += self
+            .pool
+            .install(|| evidence.integrate(pings, start, extent));
         let strength = NEWBORN_STRENGTH * self.unit_strength;
-        let (added, pruned) = births::follow_evidence(
-            evidence,
-            &mut self.gaussians,
-            self.config.spawn_evidence,
-            strength,
-        );
+        let spawn = self.config.spawn_evidence;
+        let (added, pruned) =
+            births::follow_evidence(evidence, &mut self.gaussians, spawn, strength);
+        let pairs = self.work_for(slice.len());
         InsertReport {
             slice_taken_in: true,
             added,
             pruned,
+            pairs,
             rejected: false,
         }
     }

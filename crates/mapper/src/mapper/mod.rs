@@ -1,14 +1,9 @@
 //! The face of the mapper.
 
-mod births;
-mod finish;
 mod intake;
 mod published;
-mod running;
-mod splitting;
 mod status;
-mod steps;
-mod world;
+mod work;
 
 use std::sync::Arc;
 
@@ -17,18 +12,16 @@ use echosplat_model::glam::DVec3;
 use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use crate::assess::{Demand, Rule, findings, judge};
-use crate::expectation::Scene;
-use crate::gaussians::{Gaussians, Verdict};
-use crate::history::{History, every};
-use crate::multiples::Multiples;
+use crate::accumulate::history::History;
+use crate::detect::multiples::Multiples;
+use crate::detect::profile::Levels;
 use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
-use crate::profile::Levels;
+use crate::refine::workout::Workout;
 use crate::seabed::Seabed;
+use crate::spawn::gaussians::Gaussians;
+use crate::world::World;
 use crate::{ConfigError, MapperConfig};
-use running::Running;
-pub use status::{Budget, InsertReport, MapperStatus, OptimizeReport};
-use world::World;
+pub use status::{InsertReport, MapperStatus};
 
 /// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
 /// does not make darkness infinitely telling.
@@ -36,8 +29,6 @@ const LEAST_NOISE: f32 = 1e-4;
 /// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
 /// disturb what explains the echo already, and is raised by what it explains.
 const NEWBORN_STRENGTH: f32 = 0.02;
-/// Candidates below this part of their strongest neighbour are not worth further work.
-const TAIL_PART: f32 = 0.05;
 
 /// From posed pings to a map.
 #[derive(Debug)]
@@ -48,21 +39,17 @@ pub struct Mapper {
     levels: Levels,
     seabed: Seabed,
     multiples: Multiples,
-    /// After a finish; more pings have all of them taken in anew.
-    is_evidence_put_down: bool,
     history: History,
     gaussians: Gaussians,
     /// Pings of the slice that is being gathered, as they came.
     waiting: Vec<PosedPing>,
     last_look: Option<Look>,
-    /// Which of the older pings the next step takes.
-    cursor: usize,
-    bars_lifted_at: usize,
+    /// Tiles that are being worked out.
+    workout: Option<Workout>,
+    /// Work allowed and not yet done; below zero what the last portion took too much.
+    credit_pairs: i64,
     sequence: u64,
     unit_strength: f32,
-    running: Running,
-    /// As of the last work done.
-    pairs_per_ping: f64,
     cues: Cues,
     at_work: AtWork,
     left_out: Vec<LeftOut>,
@@ -88,16 +75,13 @@ impl Mapper {
             world: None,
             levels: Levels::default(),
             multiples: Multiples::default(),
-            is_evidence_put_down: false,
             gaussians: Gaussians::default(),
             waiting: Vec::new(),
             last_look: None,
-            cursor: 0,
-            bars_lifted_at: 0,
+            workout: None,
+            credit_pairs: 0,
             sequence: 0,
             unit_strength: 0.0,
-            running: Running::default(),
-            pairs_per_ping: 0.0,
             cues: Cues::default(),
             at_work,
             left_out,
@@ -105,28 +89,9 @@ impl Mapper {
         })
     }
 
-    /// The map as it stands. Looking at it leaves no trace in what [`Mapper::finish`] gives.
+    /// The map as it stands. Looking at it leaves no trace.
     pub fn snapshot(&mut self) -> Snapshot {
-        self.judge_running();
         self.publish()
-    }
-
-    fn scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
-        Scene {
-            evidence: &world.evidence,
-            gaussians: &self.gaussians,
-            floor: self.floor(),
-            is_blurred: false,
-            at_work: self.at_work,
-        }
-    }
-
-    /// What is asserted has to stand however far the poses may be off.
-    fn blurred_scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
-        Scene {
-            is_blurred: true,
-            ..self.scene(world)
-        }
     }
 
     /// Its threads. A caller who is one of them hands nothing over at each call.
@@ -149,33 +114,6 @@ impl Mapper {
     /// Least noise power to reckon with.
     fn floor(&self) -> f32 {
         LEAST_NOISE * self.levels.strongest()
-    }
-
-    /// Verdicts by every `stride`-th ping remembered, as if by all.
-    fn assess_every(&mut self, stride: f64) {
-        let Some(world) = &self.world else { return };
-        let pings = every(self.history.pings(), 0.0, stride);
-        let scene = self.blurred_scene(world);
-        let rule = Rule::of(&scene, &self.config);
-        let (findings, pairs) = self.pool.install(|| findings(scene, &pings, rule));
-        self.status.pairs += pairs;
-        let voxel_m = world.evidence.voxel_m();
-        let finding_of = |slot: usize| Some(findings[slot].times(stride as f32));
-        let demand = Demand::of(&self.config, self.at_work);
-        let gaussians = &mut self.gaussians;
-        self.pool
-            .install(|| judge(gaussians, finding_of, voxel_m, demand));
-        self.doubt_underground();
-    }
-
-    /// Nothing is seen through the ground.
-    fn doubt_underground(&mut self) {
-        let slots: Vec<usize> = self.gaussians.slots().collect();
-        for slot in slots {
-            if self.seabed.hides(self.gaussians.mean_m[slot]) {
-                self.gaussians.verdict[slot] = Verdict::ExplainedAway;
-            }
-        }
     }
 
     fn publish(&mut self) -> Snapshot {
@@ -213,7 +151,8 @@ impl Mapper {
     #[must_use]
     pub fn status(&self) -> MapperStatus {
         MapperStatus {
-            pings_thinned: self.history.thinned(),
+            pings_forgotten: self.history.forgotten(),
+            tiles_at_work: self.workout.as_ref().map_or(0, Workout::tile_count),
             candidates: self.gaussians.alive_count() as u64,
             evidence_blocks: self
                 .world

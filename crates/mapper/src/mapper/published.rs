@@ -2,7 +2,7 @@
 
 use echosplat_model::Gaussian;
 
-use crate::gaussians::{Gaussians, Verdict};
+use crate::spawn::gaussians::{Gaussians, Verdict};
 
 /// Intensity per steradian that αρ = 1 stands for: above what a typical strongest echo needs, and a
 /// power of two, so that the unit does not creep and every Gaussian with it. 1 before any echo.

@@ -2,13 +2,6 @@
 
 use serde::Serialize;
 
-/// Work allowed, counted in Gaussian–bin pairs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Budget {
-    /// The step that passes this many pairs is the last.
-    pub pairs: u64,
-}
-
 /// What one ping did.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct InsertReport {
@@ -18,18 +11,10 @@ pub struct InsertReport {
     pub added: u64,
     /// Gaussians that darkness took.
     pub pruned: u64,
+    /// Gaussian–bin pairs of the work done after it.
+    pub pairs: u64,
     /// Whether the ping was left out since its pose or settings are not finite.
     pub rejected: bool,
-}
-
-/// What an optimisation did.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
-pub struct OptimizeReport {
-    /// Multiplicative steps made.
-    pub iterations: u64,
-    /// What was taken of the budget: pairs done, and at least a thousand for each ping looked at,
-    /// since finding that there is nothing to see costs as much.
-    pub pairs: u64,
 }
 
 /// Where the mapper stands.
@@ -44,14 +29,18 @@ pub struct MapperStatus {
     pub pings_deaf: u64,
     /// Pings left out since the one before said nearly all of it.
     pub pings_redundant: u64,
-    /// Pings let go from memory to make room.
-    pub pings_thinned: u64,
+    /// Pings let go from memory to make room; what they told stays in the map.
+    pub pings_forgotten: u64,
     /// Gaussians that the map asserts as surface, as of the last snapshot.
     pub confident: u64,
     /// Gaussians published as ambiguous, as of the last snapshot.
     pub ambiguous: u64,
     /// Bins of echoes taken for others heard again at a fixed multiple of their range.
     pub bins_doubted: u64,
+    /// Work-outs of some tiles, those under way included.
+    pub workouts: u64,
+    /// Tiles whose Gaussians are worked out again.
+    pub tiles_at_work: u64,
     /// All Gaussians held, published or not.
     pub candidates: u64,
     /// Blocks of evidence held.

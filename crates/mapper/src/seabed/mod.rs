@@ -17,7 +17,7 @@ use echosplat_acoustics::{Beam, Look};
 use echosplat_model::glam::{Quat, Vec2, Vec3};
 use echosplat_model::{Gaussian, GaussianId, Standing};
 
-use crate::profile::{Backdrop, Profile};
+use crate::detect::profile::{Backdrop, Profile};
 use fan_plane::{FanEnergy, FanPlane};
 use field::{Field, NODE_M};
 use onset::Runs;

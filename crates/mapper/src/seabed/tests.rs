@@ -4,7 +4,7 @@ use echosplat_model::glam::Mat3;
 use echosplat_model::{Ping, PingSettings, Timestamp};
 
 use crate::MapperConfig;
-use crate::profile::Levels;
+use crate::detect::profile::Levels;
 
 const BINS: usize = 600;
 const BIN_M: f32 = 0.0167;

@@ -35,7 +35,7 @@ const HOLD_BACK: usize = 10;
 /// Fewest held-back pings that say anything.
 const LEAST_HELD: usize = 30;
 /// Work of a finish, pairs: enough to rank maps.
-const FINISH_PAIRS: u64 = 300_000_000;
+const WORKOUT_PAIRS: u64 = 300_000_000;
 /// Standard errors by which something has to be likelier.
 const TELLING_ERRORS: f64 = 4.0;
 /// How often the search goes twice as far out, and how often in between.
@@ -269,7 +269,7 @@ impl Dive {
         let of_role = |wanted: Role| posed.iter().filter(move |p| role(p) == Some(wanted));
         let mut mapper = Mapper::new(MapperConfig {
             threads: 1,
-            finish_pairs: FINISH_PAIRS,
+            workout_pairs: WORKOUT_PAIRS,
             ..config.mapper.clone()
         })?;
         for ping in posed.iter().filter(|p| role(p) != Some(Role::HeldBack)) {

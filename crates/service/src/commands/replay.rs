@@ -13,7 +13,7 @@ use crate::commands::judging::{Judge, Verdict};
 use crate::commands::show_figures;
 use crate::config::{Config, Overrides};
 use crate::exit::{Finish, Usage};
-use crate::pipeline::{self, Expectations, Gate, Hooks, Outcome, Setup, Span};
+use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Outcome, Setup, Span};
 use crate::replayed::Replayed;
 use crate::signals::Stop;
 use crate::{clock, inputs, logging, maps, processor, truth};
@@ -141,6 +141,7 @@ fn once(
         },
         hooks: Hooks {
             observer: judge.map(Judge::observer),
+            album: Album::parse(arguments.service.maps_every.as_deref())?,
             on_status: Some(show_figures()),
             ..Hooks::default()
         },

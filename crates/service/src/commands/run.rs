@@ -13,7 +13,7 @@ use crate::arguments::{DiveArguments, PoseClock, RunArguments};
 use crate::commands::{judge, show_figures};
 use crate::config::{Config, Overrides};
 use crate::exit::Finish;
-use crate::pipeline::{self, Expectations, Gate, Hooks, Input, Patience, Poses, Setup};
+use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Input, Patience, Poses, Setup};
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
 use crate::{clock, dives, inputs, logging, maps};
@@ -28,6 +28,7 @@ pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
         ..Overrides::default()
     };
     let config = Config::assemble(&arguments.service, overrides)?;
+    let album = Album::parse(arguments.service.maps_every.as_deref())?;
     let url = inputs::sonar_url(&config.sonar.url)?;
     if let SonarUrl::File(log) = &url {
         inputs::check_log(log)?;
@@ -38,12 +39,18 @@ pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
     let stop = Stop::on_signals()?;
     let bus = inputs::open_bus(config.bus.clone())?;
     inputs::refuse_a_second_service(&bus)?;
-    let finish = serve(&config, url, &bus, &stop);
+    let finish = serve(&config, album, url, &bus, &stop);
     inputs::close_bus(Some(bus));
     finish
 }
 
-fn serve(config: &Config, url: SonarUrl, bus: &Arc<Bus>, stop: &Stop) -> anyhow::Result<Finish> {
+fn serve(
+    config: &Config,
+    album: Option<Album>,
+    url: SonarUrl,
+    bus: &Arc<Bus>,
+    stop: &Stop,
+) -> anyhow::Result<Finish> {
     let rig = match &url {
         SonarUrl::Sim(scene) => Some(simulate(config, scene, bus)?),
         _ => None,
@@ -73,6 +80,7 @@ fn serve(config: &Config, url: SonarUrl, bus: &Arc<Bus>, stop: &Stop) -> anyhow:
         shed: HashSet::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
+            album,
             on_status: Some(show_figures()),
             is_over: rig.map(Rig::end_of_dive),
             ..Hooks::default()

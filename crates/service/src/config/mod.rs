@@ -134,16 +134,12 @@ impl MountConfig {
     }
 }
 
-/// How much work is done, and when.
+/// What waits, and what is shown when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct PipelineConfig {
     /// Pings between the sonar's thread and the mapper's.
     pub(crate) queue_pings: usize,
-    /// Pings looked at again for each new one.
-    pub(crate) looks_per_ping: f64,
-    /// Gaussian–bin pairs of optimisation each ping allows at most.
-    pub(crate) pairs_per_ping: u64,
     /// Time between two published states of the map, on the pings' clock.
     pub(crate) snapshot_interval_s: f64,
     /// Every so many-th ping is left out of the map, to judge it by; 0 leaves out none.
@@ -154,8 +150,6 @@ impl Default for PipelineConfig {
     fn default() -> Self {
         Self {
             queue_pings: 256,
-            looks_per_ping: 3.0,
-            pairs_per_ping: 200_000,
             snapshot_interval_s: 0.05,
             hold_back_every: 0,
         }
@@ -343,13 +337,6 @@ impl PipelineConfig {
             self.queue_pings as f64,
             1.0,
             65_536.0,
-        )?;
-        within("pipeline.looks_per_ping", self.looks_per_ping, 0.0, 1e6)?;
-        within(
-            "pipeline.pairs_per_ping",
-            self.pairs_per_ping as f64,
-            0.0,
-            1e12,
         )?;
         within(
             "pipeline.snapshot_interval_s",

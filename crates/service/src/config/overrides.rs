@@ -147,12 +147,12 @@ mod tests {
     #[test]
     fn settings_are_set_by_their_dotted_names() {
         let config = of(&[
-            ("mapper.finish_passes", "48"),
+            ("mapper.workout_passes", "48"),
             ("mapper.spawn_evidence", "6.5"),
             ("pose.url", "\"none\""),
         ])
         .unwrap();
-        assert_eq!(config.mapper.finish_passes, 48);
+        assert_eq!(config.mapper.workout_passes, 48);
         assert!((config.mapper.spawn_evidence - 6.5).abs() < 1e-6);
         assert_eq!(config.pipeline, Config::default().pipeline);
         assert_eq!(of(&[]).unwrap(), Config::default());
@@ -162,7 +162,7 @@ mod tests {
     fn settings_that_cannot_be_are_named() {
         for (key, value) in [
             ("mapper.finish_pases", "48"),
-            ("mapper.finish_passes", "many"),
+            ("mapper.workout_passes", "many"),
             ("mapper.spawn_evidence", "-1"),
         ] {
             let said = of(&[(key, value)]).unwrap_err().to_string();

@@ -1,6 +1,7 @@
 //! The pipeline, one for `run`, `replay` and `demo`: the sonar's thread, a bounded queue, the
 //! mapper's thread, and this one, which watches over both, tells of them and ends them in order.
 
+mod album;
 mod diagnosis;
 mod drivers;
 mod earlier;
@@ -39,6 +40,8 @@ use crate::maps::{self, MapNotes};
 use crate::recorder::Recorder;
 use crate::signals::Stop;
 
+pub(crate) use album::Album;
+use album::AlbumWriter;
 use diagnosis::Diagnosis;
 pub(crate) use diagnosis::Expectations;
 pub(crate) use drivers::{Drivers, Input};
@@ -95,6 +98,8 @@ pub(crate) struct Setup {
 pub(crate) struct Hooks {
     /// Takes maps at some moments, on the mapper's thread.
     pub(crate) observer: Option<Observer>,
+    /// Maps of other moments of the dive, kept.
+    pub(crate) album: Option<Album>,
     /// Called once a second on the calling thread.
     pub(crate) on_status: Option<OnStatus>,
     /// Asked often: whether the sonar has nothing more to say.
@@ -169,8 +174,6 @@ fn start_worker(
         gate: feed.gate,
         outlet: feed.outlet,
         shared: Arc::clone(shared),
-        looks_per_ping: config.pipeline.looks_per_ping,
-        pairs_per_ping: config.pipeline.pairs_per_ping,
         snapshot_interval_s: config.pipeline.snapshot_interval_s,
         hold_back_every: config.pipeline.hold_back_every,
         state: worker::State::new(Instant::now()),
@@ -191,6 +194,7 @@ struct Run {
     alive: Option<AliveToken>,
     recorder: Option<Recorder>,
     keeper: Option<Keeper>,
+    album: Option<AlbumWriter>,
     diagnosis: Diagnosis,
     notices: Notices,
     hooks: Hooks,
@@ -219,14 +223,21 @@ impl Run {
             0 => None,
             every => Some(Prediction::start(every, config.mapper.clone())?),
         };
-        let outlet = Outlet::new(setup.bus.clone(), publisher.clone(), hooks.observer.take());
-        let outlet = outlet.predicting(prediction);
-        let (sender, events) = bounded(config.pipeline.queue_pings);
-        let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
         let notes = MapNotes {
             held_out_every: config.pipeline.hold_back_every,
             ..MapNotes::default()
         };
+        let mut observers = Vec::from_iter(hooks.observer.take());
+        let mut album = None;
+        if let Some(asked) = hooks.album.take() {
+            let (writer, observer) = asked.open(notes.clone())?;
+            album = Some(writer);
+            observers.push(observer);
+        }
+        let outlet = Outlet::new(setup.bus.clone(), publisher.clone(), observers);
+        let outlet = outlet.predicting(prediction);
+        let (sender, events) = bounded(config.pipeline.queue_pings);
+        let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
         let mount = config.pose.vehicle_from_sensor.pose();
         let feed = Feed {
             events,
@@ -249,6 +260,7 @@ impl Run {
             alive,
             recorder: setup.recorder,
             keeper: config.output.map.clone().map(|map| Keeper::new(map, notes)),
+            album,
             diagnosis: Diagnosis::new(setup.expectations, begin),
             notices: Notices::new(begin),
             hooks,
@@ -414,7 +426,8 @@ impl Run {
                 .keeper
                 .as_ref()
                 .and_then(Keeper::fault)
-                .map(str::to_owned),
+                .map(str::to_owned)
+                .or_else(|| self.album.as_ref().and_then(AlbumWriter::fault)),
             other_service: other_service(&others.unwrap_or_default()),
             notices: self.notices.all(),
             newest_notice: self.notices.newest_standing().map(str::to_owned),
@@ -435,7 +448,8 @@ impl Run {
     /// publishes it whole, and tells the last of everything.
     fn conclude(mut self, ending: &Ending) -> anyhow::Result<Outcome> {
         let worker = self.worker.take().context("a run ends once")?;
-        let snapshot = match worker.is_finished() {
+        let worker_ended = worker.is_finished();
+        let snapshot = match worker_ended {
             true => worker
                 .join()
                 .map_err(|_| anyhow!("the mapper's thread panicked; the log above says where"))?,
@@ -446,6 +460,10 @@ impl Run {
             self.notices.update(vec![finding], Instant::now());
         }
         let written = self.write_map(&snapshot);
+        let kept = match self.album.take().filter(|_| worker_ended) {
+            Some(album) => album.finish(),
+            None => Ok(()),
+        };
         let is_published = self.publish_final(ending.limited(FLUSH_LIMIT));
         self.tell(true)?;
         let status = self.status(true);
@@ -460,6 +478,7 @@ impl Run {
         }
         drop(self.alive);
         written?;
+        kept?;
         Ok(Outcome { snapshot, status })
     }
 

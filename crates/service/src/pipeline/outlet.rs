@@ -38,6 +38,8 @@ pub(crate) enum Schedule {
     Every(f64),
     /// At these times, in order.
     At(Vec<f64>),
+    /// At each multiple of an interval but 0.
+    Multiples(f64),
 }
 
 impl Schedule {
@@ -45,6 +47,7 @@ impl Schedule {
     fn after(&self, dive_s: f64) -> f64 {
         match self {
             Self::Every(interval_s) => dive_s + interval_s,
+            Self::Multiples(interval_s) => ((dive_s / interval_s).floor() + 1.0) * interval_s,
             Self::At(times_s) => {
                 let later = times_s.iter().copied().find(|time_s| *time_s > dive_s);
                 later.unwrap_or(f64::INFINITY)
@@ -55,6 +58,7 @@ impl Schedule {
     fn first(&self) -> f64 {
         match self {
             Self::Every(_) => 0.0,
+            Self::Multiples(interval_s) => *interval_s,
             Self::At(times_s) => times_s.first().copied().unwrap_or(f64::INFINITY),
         }
     }
@@ -70,10 +74,10 @@ pub(crate) struct Observer {
 pub(crate) struct Outlet {
     bus: Option<Arc<Bus>>,
     publisher: Option<Arc<MapPublisher>>,
-    observer: Option<Observer>,
+    /// Each with the time of the dive at which it is due.
+    observers: Vec<(Observer, f64)>,
     /// Names this run's map; put on every snapshot.
     epoch: u64,
-    next_observation_s: f64,
     made: Option<Sent>,
     prediction: Option<Prediction>,
 }
@@ -82,13 +86,16 @@ impl Outlet {
     pub(crate) fn new(
         bus: Option<Arc<Bus>>,
         publisher: Option<Arc<MapPublisher>>,
-        observer: Option<Observer>,
+        observers: impl IntoIterator<Item = Observer>,
     ) -> Self {
+        let with_first = |observer: Observer| {
+            let first_s = observer.schedule.first();
+            (observer, first_s)
+        };
         Self {
             bus,
             publisher,
-            next_observation_s: observer.as_ref().map_or(0.0, |o| o.schedule.first()),
-            observer,
+            observers: observers.into_iter().map(with_first).collect(),
             epoch: 0,
             made: None,
             prediction: None,
@@ -134,9 +141,9 @@ impl Outlet {
         }
     }
 
-    /// Whether the observer wants to see the map of this moment.
+    /// Whether an observer wants to see the map of this moment.
     pub(crate) fn is_observation_due(&self, dive_s: f64) -> bool {
-        self.observer.is_some() && dive_s >= self.next_observation_s
+        self.observers.iter().any(|(_, next_s)| dive_s >= *next_s)
     }
 
     /// The newest map on its way to subscribers; where there are none, the newest made.
@@ -147,7 +154,7 @@ impl Outlet {
         }
     }
 
-    /// Publishes a map, and shows it to the observer when it is time.
+    /// Publishes a map, and shows it to the observers for whom it is time.
     pub(crate) fn map(&mut self, mut snapshot: Snapshot, moment: Moment) -> Arc<Snapshot> {
         snapshot.epoch = self.epoch;
         let snapshot = Arc::new(snapshot);
@@ -161,13 +168,14 @@ impl Outlet {
         if let Some(prediction) = &mut self.prediction {
             prediction.map(&snapshot, moment.dive_s);
         }
-        let is_due = self.is_observation_due(moment.dive_s);
-        if let Some(observer) = self.observer.as_mut().filter(|_| is_due) {
-            self.next_observation_s = observer.schedule.after(moment.dive_s);
-            (observer.take)(Observed {
-                snapshot: Arc::clone(&snapshot),
-                moment,
-            });
+        for (observer, next_s) in &mut self.observers {
+            if moment.dive_s >= *next_s {
+                *next_s = observer.schedule.after(moment.dive_s);
+                (observer.take)(Observed {
+                    snapshot: Arc::clone(&snapshot),
+                    moment,
+                });
+            }
         }
         snapshot
     }
@@ -183,6 +191,13 @@ mod tests {
         let times = [at.first(), at.after(1.0), at.after(3.0), at.after(4.0)];
         let expected = [1.0, 2.0, 4.0, f64::INFINITY];
         assert_eq!(times.map(f64::to_bits), expected.map(f64::to_bits));
+        let multiples = Schedule::Multiples(2.0);
+        let times = [
+            multiples.first(),
+            multiples.after(2.1),
+            multiples.after(7.0),
+        ];
+        assert_eq!(times.map(f64::to_bits), [2.0, 4.0, 8.0].map(f64::to_bits));
         let every = Schedule::Every(2.0);
         let times = [every.first(), every.after(3.0)];
         assert_eq!(times.map(f64::to_bits), [0.0, 5.0].map(f64::to_bits));

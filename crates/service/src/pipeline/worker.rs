@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use echosplat_driver::DriverEvent;
 use echosplat_evaluation::held_back::is_held_back;
-use echosplat_mapper::{Budget, Mapper, MapperConfig};
+use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
 
 use super::earlier::EarlierMaps;
@@ -33,9 +33,6 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// When no more pings come, poses still under way are waited for this long.
 const LAST_POSES: Duration = Duration::from_secs(1);
 
-/// The step that passes its budget is the last, so this is one step of any size.
-const ONE_STEP: Budget = Budget { pairs: 1 };
-
 /// Making maps to look at takes at most one part in so many of the thread's time, and less where
 /// pings wait: those are the better map.
 const SNAPSHOT_PAUSE: u32 = 5;
@@ -58,8 +55,6 @@ pub(crate) struct Worker {
     pub(crate) gate: Gate,
     pub(crate) outlet: Outlet,
     pub(crate) shared: Arc<Shared>,
-    pub(crate) looks_per_ping: f64,
-    pub(crate) pairs_per_ping: u64,
     pub(crate) snapshot_interval_s: f64,
     /// Every so many-th ping is kept from the map; 0 for none.
     pub(crate) hold_back_every: u64,
@@ -71,11 +66,8 @@ pub(crate) struct Worker {
 pub(crate) struct State {
     report: MapperReport,
     latency: Latency,
-    /// Work allowed and not yet done; below zero what the last step took too much.
-    credit_pairs: i64,
     /// What maps made only to be judged took.
     observing_s: f64,
-    observing_pairs: u64,
     first_ping: Option<Timestamp>,
     next_snapshot_s: f64,
     next_snapshot_at: Instant,
@@ -93,9 +85,7 @@ impl State {
         Self {
             report: MapperReport::default(),
             latency: Latency::default(),
-            credit_pairs: 0,
             observing_s: 0.0,
-            observing_pairs: 0,
             first_ping: None,
             next_snapshot_s: 0.0,
             next_snapshot_at: begin,
@@ -198,15 +188,9 @@ impl Worker {
         if inserted.rejected {
             return self.state.report.pings_rejected += 1;
         }
-        let looks = self.looks_per_ping * self.mapper.pairs_per_look();
-        let allowed = self.pairs_per_ping.min(looks as u64);
         let state = &mut self.state;
         state.report.pings_mapped += 1;
         state.latency.arrived(joined.arrived);
-        state.credit_pairs = state.credit_pairs.saturating_add_unsigned(allowed);
-        if inserted.slice_taken_in {
-            self.optimize();
-        }
         self.publish_if_due(posed.ping.transmit_time(), inserted.slice_taken_in);
         self.note_published();
     }
@@ -224,8 +208,6 @@ impl Worker {
         std::mem::swap(&mut mapper, &mut self.mapper);
         let state = &mut self.state;
         state.past_work = work;
-        state.observing_pairs = 0;
-        state.credit_pairs = 0;
         state.report.maps += 1;
         state.past_sequence = state.report.newest_sequence;
         // The dive's own time goes on.
@@ -243,22 +225,9 @@ impl Worker {
         }
     }
 
-    /// One step if the pings so far allow it; what it takes beyond that is owed. Spread over the
-    /// dive, steps see new evidence: several at once on a small map would only cost time.
-    fn optimize(&mut self) {
-        let credit = self.state.credit_pairs;
-        if credit <= 0 {
-            return;
-        }
-        let done = self.mapper.optimize(ONE_STEP);
-        let left = credit.saturating_sub_unsigned(done.pairs);
-        // Work that could not be done now is not saved up: it would come as one long pause.
-        self.state.credit_pairs = left.min(0);
-    }
-
     /// A map is made when the pings' clock and the wall's both say so: a dive that is replayed
     /// fast does not make more maps than anybody can look at. Only a slice taken in can have changed
-    /// it. What is made live leaves no trace in the finished map.
+    /// it, and looking at it leaves no trace.
     fn publish_if_due(&mut self, time: Timestamp, has_changed: bool) {
         let state = &mut self.state;
         let first = *state.first_ping.get_or_insert(time);
@@ -272,9 +241,7 @@ impl Worker {
         let before = self.work();
         let snapshot = self.mapper.snapshot();
         if !is_due {
-            let after = self.work();
-            self.state.observing_s += after.compute_s - before.compute_s;
-            self.state.observing_pairs += after.pairs - before.pairs;
+            self.state.observing_s += self.work().compute_s - before.compute_s;
         }
         self.hand_on(snapshot, dive_s);
         let pause = Duration::from_secs_f64(self.snapshot_interval_s);
@@ -316,7 +283,7 @@ impl Worker {
         let (status, past) = (self.mapper.status(), self.state.past_work);
         Work {
             compute_s: thread_seconds() - self.state.observing_s,
-            pairs: past.pairs + status.pairs - self.state.observing_pairs,
+            pairs: past.pairs + status.pairs,
             voxel_looks: past.voxel_looks + status.voxel_looks,
         }
     }

@@ -6,7 +6,7 @@
 use std::f64::consts::TAU;
 use std::sync::Arc;
 
-use echosplat_mapper::{Budget, Mapper, MapperConfig, MapperStatus};
+use echosplat_mapper::{Mapper, MapperConfig, MapperStatus};
 use echosplat_model::{
     Gaussian, Ping, PingSettings, Pose, PosedPing, Snapshot, Standing, Timestamp, Twist,
 };
@@ -48,7 +48,6 @@ const STRONGEST: f64 = 800.0;
 const FRONTAL_SR: f64 = 5e-4;
 const PINGS_PER_S: f64 = 40.0;
 /// One step a slice, as large as the service allows.
-const PAIRS_PER_SLICE: u64 = 200_000;
 const SLICE_PINGS: usize = 4;
 
 /// How the sensor goes past the structure.
@@ -171,8 +170,8 @@ pub(super) fn config() -> MapperConfig {
     MapperConfig {
         threads: 1,
         slice_pings: SLICE_PINGS,
-        finish_passes: 8,
-        finish_pairs: 60_000_000,
+        workout_passes: 8,
+        workout_pairs: 60_000_000,
         resolution_m: 0.0625,
         position_sigma_m: 0.005,
         attitude_sigma_deg: 0.1,
@@ -187,15 +186,11 @@ pub(super) struct Made {
     pub(super) status: MapperStatus,
 }
 
-/// Inserts, optimises as it goes, finishes. `None` where no thread can be started.
+/// Inserts, finishes. `None` where no thread can be started.
 pub(super) fn map(pings: &[PosedPing], config: &MapperConfig) -> Option<Made> {
     let mut mapper = Mapper::new(config.clone()).ok()?;
     for ping in pings {
-        if mapper.insert(ping).slice_taken_in {
-            mapper.optimize(Budget {
-                pairs: PAIRS_PER_SLICE,
-            });
-        }
+        mapper.insert(ping);
     }
     let snapshot = mapper.finish();
     Some(Made {

@@ -172,7 +172,7 @@ mod tests {
     fn parts_that_the_configuration_does_not_know_are_listed() {
         let words = [
             "--part",
-            "mapper.finish_passes=32,4,16",
+            "mapper.workout_passes=32,4,16",
             "--part",
             "mapper.finish_pases=32,4,16",
             "--seeds",

@@ -112,6 +112,7 @@ fn set_up(
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             observer: Some(judge.observer()),
+            album: None,
             on_status: Some(progress(length_s, judge.newest())),
             is_over: Some(rig.end_of_dive()),
             on_final: Some(receiving(subscriber, received)),

@@ -78,7 +78,7 @@ pub(super) fn outcome(
 
 fn met_budget(streamed: &Work, total: &Work, config: &Config) -> bool {
     let finish_pairs = total.pairs.saturating_sub(streamed.pairs);
-    finish_pairs as f64 >= BUDGET_SHARE * config.mapper.finish_pairs as f64
+    finish_pairs as f64 >= BUDGET_SHARE * config.mapper.workout_pairs as f64
 }
 
 fn left_out(said: &echosplat_mapper::LeftOut) -> LeftOut {

@@ -8,7 +8,7 @@ use std::ops::Range;
 use echosplat_model::glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::gaussians::Gaussians;
+use crate::spawn::gaussians::Gaussians;
 
 /// Some of the Gaussians, sorted by cell.
 #[derive(Debug)]

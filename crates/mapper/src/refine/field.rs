@@ -6,9 +6,9 @@ use echosplat_acoustics::lanes::LANES;
 use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 
-use crate::evidence::Evidence;
-use crate::fan::Fan;
-use crate::gaussians::Gaussians;
+use crate::accumulate::evidence::{BlockIndex, Evidence, TileIndex};
+use crate::accumulate::fan::Fan;
+use crate::spawn::gaussians::Gaussians;
 
 /// Numbers per Gaussian: mean, covariance (xx, yy, zz, yz, xz, xy), strength ahead and behind.
 pub(crate) const NUMBERS: usize = 15;
@@ -34,30 +34,33 @@ pub(crate) struct Field {
 }
 
 impl Field {
-    /// Cost: 16 numbers for each Gaussian held.
+    /// Cost: a sort, then 16 numbers for each Gaussian held.
     pub(crate) fn of(evidence: &Evidence, gaussians: &Gaussians) -> Self {
+        let place = |slot: usize| {
+            let block = gaussians.home[slot].0;
+            (evidence.tile_of(block), block, slot as u32)
+        };
+        let mut places: Vec<(TileIndex, BlockIndex, u32)> = gaussians.slots().map(place).collect();
+        places.par_sort_unstable();
         let mut field = Self {
             tile_radius_m: evidence.tile_radius_m(),
             block_radius_m: evidence.block_radius_m(),
+            slots: places.iter().map(|&(.., slot)| slot).collect(),
             ..Self::default()
         };
-        for (tile_center_m, blocks) in evidence.tiles() {
+        for of_tile in places.chunk_by(|a, b| a.0 == b.0) {
             let first = field.blocks.len();
-            for block in blocks.filter(|block| !block.gaussians.is_empty()) {
-                let start = field.slots.len();
-                let slots = block.gaussians.iter().map(|&(_, slot)| slot);
-                field.slots.extend(slots);
+            for of_block in of_tile.chunk_by(|a, b| a.1 == b.1) {
+                let start = field.blocks.last().map_or(0, |block| block.members.end);
                 field.blocks.push(Group {
-                    center_m: evidence.center_of(block),
-                    members: start..field.slots.len(),
+                    center_m: evidence.center_of(evidence.block(of_block[0].1)),
+                    members: start..start + of_block.len(),
                 });
             }
-            if field.blocks.len() > first {
-                field.tiles.push(Group {
-                    center_m: tile_center_m,
-                    members: first..field.blocks.len(),
-                });
-            }
+            field.tiles.push(Group {
+                center_m: evidence.tiles()[of_tile[0].0 as usize].center_m,
+                members: first..field.blocks.len(),
+            });
         }
         field.copy(gaussians);
         field

@@ -4,7 +4,7 @@ use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::{BVec3, Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
-use crate::evidence::BlockIndex;
+use crate::accumulate::evidence::BlockIndex;
 
 /// What the last assessment found of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -13,6 +13,17 @@ pub(crate) enum Verdict {
     Published(Standing),
     /// Other Gaussians explain its echoes: kept, not published.
     ExplainedAway,
+}
+
+/// How far a Gaussian has come.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Stage {
+    /// Born where evidence asked for it, and not looked at since.
+    Newborn,
+    /// Strength, place and verdict are worked out from pings.
+    Worked,
+    /// Held still beside those that are being worked out.
+    Background,
 }
 
 /// Strength towards the six sides of a cube: seen along the unit vector `u` towards the sensor,
@@ -107,6 +118,7 @@ pub(crate) struct Gaussians {
     pub(crate) part: Vec<f32>,
     pub(crate) sigma_m: Vec<f32>,
     pub(crate) verdict: Vec<Verdict>,
+    pub(crate) stage: Vec<Stage>,
     free: Vec<u32>,
     next_id: GaussianId,
 }
@@ -144,7 +156,30 @@ impl Gaussians {
         self.part[s] = 1.0;
         self.sigma_m[s] = f32::INFINITY;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
+        self.stage[s] = Stage::Newborn;
         slot
+    }
+
+    /// A copy of another map's Gaussian, with an id of its own.
+    pub(crate) fn adopt(&mut self, other: &Self, slot: usize, stage: Stage) -> u32 {
+        let copy = self.spawn(other.home_m[slot], other.home[slot], 1.0, 0.0);
+        let c = copy as usize;
+        self.mean_m[c] = other.mean_m[slot];
+        self.rotation[c] = other.rotation[slot];
+        self.scale_m[c] = other.scale_m[slot];
+        self.covariance_m2[c] = other.covariance_m2[slot];
+        self.strength[c] = other.strength[slot];
+        self.known[c] = other.known[slot];
+        self.part[c] = other.part[slot];
+        self.sigma_m[c] = other.sigma_m[slot];
+        self.verdict[c] = other.verdict[slot];
+        self.stage[c] = stage;
+        copy
+    }
+
+    /// Whether a slot is being worked out, rather than held still.
+    pub(crate) fn is_worked_on(&self, slot: usize) -> bool {
+        self.stage[slot] != Stage::Background
     }
 
     pub(crate) fn remove(&mut self, slot: u32) {
@@ -174,6 +209,7 @@ impl Gaussians {
         self.part.push(1.0);
         self.sigma_m.push(f32::INFINITY);
         self.verdict.push(Verdict::ExplainedAway);
+        self.stage.push(Stage::Newborn);
         (self.id.len() - 1) as u32
     }
 

@@ -3,8 +3,8 @@
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 
-use crate::gaussians::{Gaussians, Verdict};
-use crate::neighbours::{Neighbours, Surroundings};
+use crate::spawn::gaussians::{Gaussians, Verdict};
+use crate::spawn::neighbours::{Neighbours, Surroundings};
 
 /// Lays every published Gaussian along its neighbours: axes from the scatter of their means,
 /// weighted by strength, the shortest across the surface. `voxel_m` is the spacing they were born

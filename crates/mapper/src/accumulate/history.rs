@@ -1,18 +1,20 @@
 //! The pings the mapper still remembers, as looks with profiles, bounded.
 
+use std::sync::Arc;
+
 use echosplat_acoustics::{Look, LookPose};
 use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PingSettings, PosedPing, Timestamp};
 
 use crate::MapperConfig;
-use crate::fan::Fan;
-use crate::profile::Profile;
+use crate::accumulate::fan::Fan;
+use crate::detect::profile::Profile;
 
 /// Slices are cut where the beam has fallen to 1 %.
 const FAN_SIGMAS: f32 = 3.0;
 
 /// One remembered ping.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Past {
     pub(crate) look: Look,
     pub(crate) fan: Fan,
@@ -28,26 +30,18 @@ pub(crate) struct Past {
 }
 
 impl Past {
-    /// Ahead at the range of the first echo, or of none.
-    pub(crate) fn first_echo_m(&self) -> Vec3 {
-        let bin = self.profile.echoes.first().map_or(0, |&(start, _)| start);
-        let range_m = self.look.range_start_m + bin as f32 * self.look.bin_length_m;
-        self.look.pose.position_m + self.look.pose.axes.x_axis * range_m
-    }
-
     /// The look with all that its pose blurs.
     pub(crate) fn blurred_look(&self) -> Look {
         self.blur.of(self.look)
     }
 }
 
-/// Pings in order of arrival. When full, every second one of the older half goes, so that old
-/// looks thin out and keep their spread over directions.
+/// Pings in order of arrival. When full, the oldest go: what they told stays in the map.
 #[derive(Debug)]
 pub(crate) struct History {
-    pings: Vec<Past>,
+    pings: Vec<Arc<Past>>,
     capacity: usize,
-    thinned: u64,
+    forgotten: u64,
 }
 
 impl History {
@@ -55,46 +49,46 @@ impl History {
         Self {
             pings: Vec::new(),
             capacity,
-            thinned: 0,
+            forgotten: 0,
         }
     }
 
     pub(crate) fn push(&mut self, past: Past) {
-        if self.pings.len() >= self.capacity {
-            self.thin();
+        self.pings.push(Arc::new(past));
+    }
+
+    /// Lets go of the oldest where more are held than may be; gives them. `recent` of them stay in any case.
+    pub(crate) fn forget(&mut self, recent: usize) -> Vec<Arc<Past>> {
+        if self.pings.len() <= self.capacity {
+            return Vec::new();
         }
-        self.pings.push(past);
+        // Some more than needed, since the rest moves up.
+        let keep = (self.capacity - self.capacity / 32).max(recent);
+        let count = self.pings.len().saturating_sub(keep);
+        self.forgotten += count as u64;
+        self.pings.drain(..count).collect()
     }
 
-    fn thin(&mut self) {
-        let half = self.pings.len() / 2;
-        let before = self.pings.len();
-        let mut index = 0;
-        self.pings.retain(|_| {
-            index += 1;
-            index > half || index % 2 == 0
-        });
-        self.thinned += (before - self.pings.len()) as u64;
+    /// Each ping, for changing what is made of it; one that is being worked with is copied first.
+    pub(crate) fn pings_mut(&mut self) -> impl Iterator<Item = &mut Past> {
+        self.pings.iter_mut().map(Arc::make_mut)
     }
 
-    pub(crate) fn pings_mut(&mut self) -> &mut [Past] {
-        &mut self.pings
-    }
-
-    pub(crate) fn pings(&self) -> &[Past] {
+    pub(crate) fn pings(&self) -> &[Arc<Past>] {
         &self.pings
     }
 
     /// How many pings have been let go.
-    pub(crate) fn thinned(&self) -> u64 {
-        self.thinned
+    pub(crate) fn forgotten(&self) -> u64 {
+        self.forgotten
     }
 }
 
 /// Every `stride`-th ping from `offset` on; neither need be whole.
-pub(crate) fn every(pings: &[Past], offset: f64, stride: f64) -> Vec<&Past> {
+pub(crate) fn every(pings: &[Arc<Past>], offset: f64, stride: f64) -> Vec<Arc<Past>> {
     let index = |step: usize| (offset + step as f64 * stride) as usize;
-    (0..).map_while(|step| pings.get(index(step))).collect()
+    let at = |step: usize| pings.get(index(step)).map(Arc::clone);
+    (0..).map_while(at).collect()
 }
 
 /// What an uncertain pose adds to range and azimuth.

@@ -14,7 +14,7 @@ use std::sync::LazyLock;
 
 use echosplat_acoustics::Look;
 
-use crate::profile::Profile;
+use crate::detect::profile::Profile;
 
 /// Ratios of range, from the first in steps of 1 %.
 const FIRST_LOG: f32 = 0.14;
@@ -191,8 +191,8 @@ mod tests {
 
     use super::*;
     use crate::MapperConfig;
-    use crate::history::look_of;
-    use crate::profile::{Backdrop, Levels};
+    use crate::accumulate::history::look_of;
+    use crate::detect::profile::{Backdrop, Levels};
 
     const BINS: usize = 600;
     const BIN_M: f64 = 0.02;
@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn doubted_bins_say_nothing() {
-        use crate::profile::BinState::{Blank, Dark, Lit};
+        use crate::detect::profile::BinState::{Blank, Dark, Lit};
         let (_, power, mut profile, _) = heard(&[(4.0, 1e4), (6.8, 1e3)]);
         profile.doubted = [(339, 342)].into();
         profile.judge(&power, &Backdrop::default());

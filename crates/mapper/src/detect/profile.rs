@@ -3,7 +3,7 @@
 use echosplat_model::Ping;
 
 use crate::MapperConfig;
-use crate::compact::{Powers, States};
+use crate::detect::compact::{Powers, States};
 
 /// What one bin says of the places at its range.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

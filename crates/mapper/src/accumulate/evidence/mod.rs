@@ -10,15 +10,15 @@
 mod block;
 
 use std::collections::{BTreeSet, HashMap};
+use std::sync::Arc;
 
 use echosplat_acoustics::Look;
 use echosplat_model::glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::history::Past;
+use crate::accumulate::history::Past;
 use crate::parts::Extent;
-use block::Sides;
-pub(crate) use block::{Block, Sums};
+pub(crate) use block::{Block, Horizon, Sums};
 
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
 pub(crate) const BLOCK_EDGE: i32 = 8;
@@ -26,22 +26,30 @@ pub(crate) const VOXELS: usize = 512;
 const TILE_EDGE: i32 = 8;
 /// Index of a block in [`Evidence`].
 pub(crate) type BlockIndex = u32;
+/// Index of a tile in [`Evidence`].
+pub(crate) type TileIndex = u32;
 
+/// A cube of blocks, which is worked out as a whole.
 #[derive(Debug)]
-struct Tile {
-    center_m: Vec3,
-    blocks: Vec<BlockIndex>,
+pub(crate) struct Tile {
+    pub(crate) center_m: Vec3,
+    pub(crate) blocks: Vec<BlockIndex>,
+    /// Independent looks at it of the remembered pings that heard anything.
+    pub(crate) looks: f32,
+    /// Of these, those that its Gaussians were last worked out from.
+    pub(crate) worked_looks: f32,
 }
 
 /// The grid.
 #[derive(Debug)]
 pub(crate) struct Evidence {
     voxel_m: f32,
-    sides: Sides,
     blocks: Vec<Block>,
     /// Whose evidence changed since last asked, by block.
     touched: Vec<bool>,
     block_at: HashMap<IVec3, BlockIndex>,
+    /// Of each block, its tile.
+    tile_of: Vec<TileIndex>,
     tiles: Vec<Tile>,
     tile_at: HashMap<IVec3, usize>,
 }
@@ -50,10 +58,10 @@ impl Evidence {
     pub(crate) fn new(voxel_m: f32) -> Self {
         Self {
             voxel_m,
-            sides: Sides::Quarters,
             blocks: Vec::new(),
             touched: Vec::new(),
             block_at: HashMap::new(),
+            tile_of: Vec::new(),
             tiles: Vec::new(),
             tile_at: HashMap::new(),
         }
@@ -67,10 +75,6 @@ impl Evidence {
         self.blocks.len()
     }
 
-    pub(crate) fn blocks(&self) -> impl Iterator<Item = &Block> {
-        self.blocks.iter()
-    }
-
     pub(crate) fn block(&self, index: BlockIndex) -> &Block {
         &self.blocks[index as usize]
     }
@@ -79,41 +83,10 @@ impl Evidence {
         &mut self.blocks[index as usize]
     }
 
-    /// Whether structures glint and hide their backs, so that one side's darkness says little against
-    /// what another saw.
-    pub(crate) fn expect_glints(&mut self, glints: bool) {
-        let sides = match glints {
-            true => Sides::Eighths,
-            false => Sides::Quarters,
-        };
-        if sides != self.sides {
-            self.sides = sides;
-            self.touched.fill(true);
-            self.blocks.iter_mut().for_each(|block| block.weigh(sides));
-        }
-    }
-
-    /// Evidence for each voxel of a block over all sides.
-    pub(crate) fn of(&self, block: &Block) -> Sums {
-        block.evidence(self.sides)
-    }
-
-    /// Lets places be candidates again that hold at least `part` of their block's best evidence.
-    pub(crate) fn lift_bars(&mut self, part: f32) {
-        for (block, touched) in self.blocks.iter_mut().zip(&mut self.touched) {
-            if block.barred != [0; VOXELS / 64] {
-                block.lift_bars(part, self.sides);
-                *touched = true;
-            }
-        }
-    }
-
-    /// Lets every place be a candidate again, as if all evidence were new.
-    pub(crate) fn begin_anew(&mut self) {
-        for block in &mut self.blocks {
-            block.barred = [0; VOXELS / 64];
-        }
-        self.touched.fill(true);
+    /// Evidence for each voxel of a block over all sides, and the most of any.
+    pub(crate) fn of(&self, block: &Block, sides: Horizon) -> (Sums, f32) {
+        let sums = block.evidence(sides);
+        (sums, sums.into_iter().fold(f32::MIN, f32::max))
     }
 
     /// Centre of a voxel of a block.
@@ -132,7 +105,7 @@ impl Evidence {
     /// looks done, the work.
     pub(crate) fn integrate(
         &mut self,
-        history: &[Past],
+        history: &[Arc<Past>],
         slice_start: usize,
         extent: Extent,
     ) -> u64 {
@@ -141,7 +114,7 @@ impl Evidence {
             self.create(key);
         }
         let slice = &history[slice_start..];
-        let (voxel_m, sides) = (self.voxel_m, self.sides);
+        let voxel_m = self.voxel_m;
         let near = self.near(slice);
         self.blocks
             .par_iter_mut()
@@ -155,7 +128,7 @@ impl Evidence {
                     (false, true) => slice,
                     (false, false) => return 0,
                 };
-                let work = block.integrate(pings, voxel_m, extent, sides);
+                let work = block.integrate(pings, voxel_m, extent);
                 *touched |= work > 0;
                 work
             })
@@ -163,36 +136,37 @@ impl Evidence {
     }
 
     /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
-    pub(crate) fn integrate_anew(&mut self, history: &[Past], extent: Extent) -> u64 {
+    pub(crate) fn integrate_anew(&mut self, history: &[Arc<Past>], extent: Extent) -> u64 {
         for key in self.wanted(history) {
             self.create(key);
         }
-        let (voxel_m, sides) = (self.voxel_m, self.sides);
+        let voxel_m = self.voxel_m;
         self.touched.fill(true);
         let blocks = self.blocks.par_iter_mut().with_min_len(16);
         blocks
             .map(|block| {
                 block.forget();
-                block.integrate(history, voxel_m, extent, sides)
+                block.integrate(history, voxel_m, extent)
             })
             .sum()
     }
 
-    /// Lets go of all sums, since nothing more is to be told from them but by
-    /// [`Evidence::integrate_anew`].
-    pub(crate) fn put_down(&mut self) {
-        self.blocks.iter_mut().for_each(Block::forget);
-    }
-
-    /// Blocks that any look of the slice may see, through the tiles.
-    fn near(&self, slice: &[Past]) -> Vec<bool> {
+    /// Blocks that any look of the slice may see, through the tiles, which count their looks.
+    fn near(&mut self, slice: &[Arc<Past>]) -> Vec<bool> {
         let radius_m = self.tile_radius_m();
         let mut near = vec![false; self.blocks.len()];
-        for tile in &self.tiles {
-            if slice
+        for tile in &mut self.tiles {
+            let touching = slice
                 .iter()
-                .any(|past| past.fan.touches(tile.center_m, radius_m))
-            {
+                .filter(|past| past.fan.touches(tile.center_m, radius_m));
+            let mut is_near = false;
+            for past in touching {
+                is_near = true;
+                if !past.profile.echoes.is_empty() {
+                    tile.looks += past.weight;
+                }
+            }
+            if is_near {
                 for &block in &tile.blocks {
                     near[block as usize] = true;
                 }
@@ -201,12 +175,35 @@ impl Evidence {
         near
     }
 
-    /// Tiles by their centres, with their blocks, in a fixed order.
-    pub(crate) fn tiles(&self) -> impl Iterator<Item = (Vec3, impl Iterator<Item = &Block>)> {
-        self.tiles.iter().map(|tile| {
-            let blocks = tile.blocks.iter().map(|&index| self.block(index));
-            (tile.center_m, blocks)
-        })
+    /// Pings that are no longer remembered.
+    pub(crate) fn forget(&mut self, pings: &[Arc<Past>]) {
+        let radius_m = self.tile_radius_m();
+        for past in pings.iter().filter(|past| !past.profile.echoes.is_empty()) {
+            for tile in &mut self.tiles {
+                if past.fan.touches(tile.center_m, radius_m) {
+                    tile.looks = (tile.looks - past.weight).max(0.0);
+                }
+            }
+        }
+    }
+
+    pub(crate) fn tiles(&self) -> &[Tile] {
+        &self.tiles
+    }
+
+    pub(crate) fn tile_mut(&mut self, index: TileIndex) -> &mut Tile {
+        &mut self.tiles[index as usize]
+    }
+
+    pub(crate) fn tile_of(&self, block: BlockIndex) -> TileIndex {
+        self.tile_of[block as usize]
+    }
+
+    /// Makes every tile be worked out again.
+    pub(crate) fn doubt_all(&mut self) {
+        self.tiles
+            .iter_mut()
+            .for_each(|tile| tile.worked_looks = 0.0);
     }
 
     pub(crate) fn center_of(&self, block: &Block) -> Vec3 {
@@ -232,7 +229,7 @@ impl Evidence {
     }
 
     /// Blocks that the lit arcs of a slice pass through and that do not exist, in order.
-    fn wanted(&self, slice: &[Past]) -> BTreeSet<[i32; 3]> {
+    fn wanted(&self, slice: &[Arc<Past>]) -> BTreeSet<[i32; 3]> {
         let block_m = self.voxel_m * BLOCK_EDGE as f32;
         let mut wanted = BTreeSet::new();
         for past in slice {
@@ -266,10 +263,13 @@ impl Evidence {
             self.tiles.push(Tile {
                 center_m: (tile_key.as_vec3() + 0.5) * tile_m,
                 blocks: Vec::new(),
+                looks: 0.0,
+                worked_looks: 0.0,
             });
             self.tiles.len() - 1
         });
         self.tiles[tile].blocks.push(index);
+        self.tile_of.push(tile as TileIndex);
     }
 }
 

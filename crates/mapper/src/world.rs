@@ -4,7 +4,7 @@ use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{Gaussian, Pose, PosedPing};
 
 use crate::MapperConfig;
-use crate::evidence::Evidence;
+use crate::accumulate::evidence::Evidence;
 
 /// Half the beam's width at the far end is resolved; voxels stay within these bounds.
 const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
@@ -17,19 +17,19 @@ const POSES_FRAME_REACH_M: f64 = 10_000.0;
 /// What the first ping fixes: inside the mapper, coordinates start where it was and run along its
 /// heading, so that a dive moved and turned as a whole gives the same map, moved and turned.
 #[derive(Debug)]
-pub(super) struct World {
+pub(crate) struct World {
     /// Where the first ping was, in the poses' frame, metres.
-    pub(super) origin_m: DVec3,
+    pub(crate) origin_m: DVec3,
     /// What published places are relative to: the poses' origin, or far from it the first ping.
-    pub(super) published_origin_m: DVec3,
+    pub(crate) published_origin_m: DVec3,
     /// World from the mapper's own axes, a turn about z.
     heading: DQuat,
-    pub(super) evidence: Evidence,
+    pub(crate) evidence: Evidence,
 }
 
 impl World {
     /// Coordinates start at this ping.
-    pub(super) fn begun_by(first: &PosedPing, config: &MapperConfig) -> Self {
+    pub(crate) fn begun_by(first: &PosedPing, config: &MapperConfig) -> Self {
         let ahead = first.world_from_sensor.rotation * DVec3::X;
         let origin_m = first.world_from_sensor.translation_m;
         Self {
@@ -41,7 +41,7 @@ impl World {
     }
 
     /// The ping on the mapper's own axes.
-    pub(super) fn enter(&self, posed: &PosedPing) -> PosedPing {
+    pub(crate) fn enter(&self, posed: &PosedPing) -> PosedPing {
         let into = self.heading.conjugate();
         let pose = &posed.world_from_sensor;
         PosedPing {
@@ -55,7 +55,7 @@ impl World {
 
     /// A Gaussian on the mapper's own axes, relative to the published origin along the world's.
     /// Its place is rounded once.
-    pub(super) fn leave(&self, gaussian: Gaussian) -> Gaussian {
+    pub(crate) fn leave(&self, gaussian: Gaussian) -> Gaussian {
         let from_first_m = self.heading * gaussian.mean_m.as_dvec3();
         let shift_m = self.origin_m - self.published_origin_m;
         Gaussian {
@@ -74,7 +74,7 @@ fn published_origin_m(first_ping_m: DVec3) -> DVec3 {
 }
 
 /// Edge of a voxel, metres: as configured, or by the beam and the first ping's range.
-pub(super) fn voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {
+pub(crate) fn voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {
     if config.resolution_m > 0.0 {
         return config.resolution_m as f32;
     }

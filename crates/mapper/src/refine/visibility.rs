@@ -7,29 +7,16 @@
 use std::ops::Range;
 
 use echosplat_acoustics::lanes::{self, LANES};
-use echosplat_acoustics::{Look, Splat};
+use echosplat_acoustics::Look;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8};
 
-use crate::expectation::Scene;
-use crate::field::Field;
-use crate::history::Past;
+use crate::accumulate::history::Past;
+use crate::detect::profile::BinState;
 use crate::parts::Extent;
-use crate::profile::BinState;
-use crate::splats::{self, View};
-
-/// One Gaussian in one ping.
-#[derive(Debug, Clone)]
-pub(crate) struct Row {
-    pub(crate) slot: u32,
-    pub(crate) splat: Splat,
-    /// Strength towards this ping's sensor.
-    pub(crate) strength: f32,
-    /// Bins it reaches, never empty.
-    pub(crate) bins: Range<u32>,
-    /// Where its energies begin among those of the ping.
-    pub(crate) energies_from: u32,
-}
+use crate::refine::field::Field;
+use crate::refine::scene::Scene;
+use crate::refine::splats::{self, Row, View};
 
 /// Everything one ping sees, and what it should measure. Reused from ping to ping.
 #[derive(Debug, Default)]

@@ -8,8 +8,7 @@ use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x8, i32x8};
 
-use crate::field::{Field, NUMBERS};
-use crate::visibility::Row;
+use crate::refine::field::{Field, NUMBERS};
 
 /// The cuts of [`Look::project`].
 const BEAM_REACH_SIGMAS: f32 = 3.3;
@@ -20,6 +19,19 @@ const LEAST_FAN: f32 = 1e-3;
 const FAN_REACH: f32 = 1.333;
 /// Bins this many sigmas from the mean are left out: 2·10⁻⁴ of the energy.
 const RANGE_REACH_SIGMAS: f32 = 3.7;
+
+/// One Gaussian in one ping.
+#[derive(Debug, Clone)]
+pub(crate) struct Row {
+    pub(crate) slot: u32,
+    pub(crate) splat: Splat,
+    /// Strength towards this ping's sensor.
+    pub(crate) strength: f32,
+    /// Bins it reaches, never empty.
+    pub(crate) bins: Range<u32>,
+    /// Where its energies begin among those of the ping.
+    pub(crate) energies_from: u32,
+}
 
 type Triple<S> = [f32x8<S>; 3];
 
@@ -347,7 +359,7 @@ fn arrays<S: Simd, const N: usize>(vectors: [f32x8<S>; N]) -> [[f32; LANES]; N] 
     arrays
 }
 
-/// [`crate::gaussians::Lobes::seen`] from the sensor, against `range_axis`.
+/// [`crate::spawn::gaussians::Lobes::seen`] from the sensor, against `range_axis`.
 #[inline(always)]
 fn facing<S: Simd>(range_axis: Triple<S>, ahead: Triple<S>, behind: Triple<S>) -> f32x8<S> {
     let [x, y, z] = range_axis;
@@ -360,7 +372,7 @@ fn facing<S: Simd>(range_axis: Triple<S>, ahead: Triple<S>, behind: Triple<S>) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gaussians::{Gaussians, Lobes};
+    use crate::spawn::gaussians::{Gaussians, Lobes};
     use echosplat_acoustics::{Beam, LookPose};
     use echosplat_model::glam::{EulerRot, Mat3, Quat};
     use fearless_simd::{Level, dispatch};

@@ -1,15 +1,17 @@
 //! A cube of voxels, and what looks from each side say of it.
 
+use std::sync::Arc;
+
 use echosplat_acoustics::lanes::{self, LANES};
 use echosplat_model::glam::{IVec3, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8, i32x8};
 
 use super::{BLOCK_EDGE, VOXELS};
-use crate::history::Past;
+use crate::accumulate::history::Past;
 use crate::parts::Extent;
 
-/// Sides of a block that looks come from: eighths of the horizon.
+/// Horizon of a block that looks come from: eighths of the horizon.
 const SIDES: usize = 8;
 
 /// Log likelihood ratio of a look on the beam's axis: an echo is seen from 95 % of looks at a
@@ -37,7 +39,7 @@ const QUARTERS: [[usize; 2]; 4] = [[0, 2], [1, 3], [4, 5], [6, 7]];
 
 /// How finely sides are told apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Sides {
+pub(crate) enum Horizon {
     /// Where structures glint, each eighth of the horizon may have seen something of its own.
     Eighths,
     /// Where echoes are smeared, darkness has to count for more.
@@ -70,7 +72,8 @@ pub(crate) struct Block {
     sides: [Side; SIDES],
     /// Slots of the Gaussians born here, by voxel.
     pub(crate) gaussians: Vec<(u16, u32)>,
-    /// Voxels whose Gaussian was let go as the tail of a stronger one, a bit each.
+    /// Voxels that were candidates when the block was last worked out and hold nothing, a bit each: none is
+    /// born there until then again.
     pub(crate) barred: [u64; VOXELS / 64],
     /// The most evidence of any voxel.
     pub(crate) best: f32,
@@ -152,36 +155,13 @@ impl Block {
         self.best = 0.0;
     }
 
-    /// Takes the Gaussian of a voxel away and lets none be born there until bars are lifted.
-    pub(crate) fn bar(&mut self, voxel: u16, slot: u32) {
-        self.gaussians.retain(|&(_, other)| other != slot);
-        self.barred[usize::from(voxel) / 64] |= 1 << (voxel % 64);
-    }
-
-    /// Lets places be candidates again that hold at least `part` of the best evidence.
-    pub(super) fn lift_bars(&mut self, part: f32, sides: Sides) {
-        let sums = self.evidence(sides);
-        let least = part * self.best;
-        for (word, sums) in self.barred.iter_mut().zip(sums.chunks_exact(64)) {
-            for (bit, sum) in sums.iter().enumerate() {
-                *word &= !(u64::from(*sum >= least) << bit);
-            }
-        }
-    }
-
     pub(super) fn center_m(&self, voxel_m: f32) -> Vec3 {
         (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
     }
 
     /// Adds the evidence of `pings` in their order, and lets go of sides settled to the `extent` of
     /// looking on. Returns voxel looks done.
-    pub(super) fn integrate(
-        &mut self,
-        pings: &[Past],
-        voxel_m: f32,
-        extent: Extent,
-        sides: Sides,
-    ) -> u64 {
+    pub(super) fn integrate(&mut self, pings: &[Arc<Past>], voxel_m: f32, extent: Extent) -> u64 {
         let center_m = self.center_m(voxel_m);
         let radius_m = 0.5 * 3f32.sqrt() * voxel_m * BLOCK_EDGE as f32;
         let (mut work, mut looked_from) = (0, [false; SIDES]);
@@ -204,29 +184,29 @@ impl Block {
             for (side, _) in self.sides.iter_mut().zip(looked_from).filter(|s| s.1) {
                 side.settle(below);
             }
-            self.weigh(sides);
+            self.weigh();
         }
         work
     }
 
     /// Works out its best evidence.
-    pub(super) fn weigh(&mut self, sides: Sides) {
-        let totals = self.totals(sides);
+    fn weigh(&mut self) {
+        let totals = self.totals(Horizon::Quarters);
         self.best = totals.into_iter().fold(i32::MIN, i32::max) as f32 / STEPS;
     }
 
     /// Evidence for each voxel over all sides; what one saw dark counts only so far.
-    pub(super) fn evidence(&self, sides: Sides) -> Sums {
+    pub(super) fn evidence(&self, sides: Horizon) -> Sums {
         self.totals(sides).map(|total| total as f32 / STEPS)
     }
 
     /// What sides say together, in steps: one that saw a place dark, since the structure hides itself
     /// or glints elsewhere, contradicts the others only so far.
-    fn totals(&self, sides: Sides) -> Totals {
+    fn totals(&self, sides: Horizon) -> Totals {
         let mut totals = [0; VOXELS];
         dispatch!(Level::new(), _simd => match sides {
-            Sides::Eighths => self.add_sides(&mut totals, &[[0], [1], [2], [3], [4], [5], [6], [7]], AGAINST_EIGHTH),
-            Sides::Quarters => self.add_sides(&mut totals, &QUARTERS, AGAINST_QUARTER),
+            Horizon::Eighths => self.add_sides(&mut totals, &[[0], [1], [2], [3], [4], [5], [6], [7]], AGAINST_EIGHTH),
+            Horizon::Quarters => self.add_sides(&mut totals, &QUARTERS, AGAINST_QUARTER),
         });
         totals
     }
@@ -353,7 +333,7 @@ mod tests {
     fn a_side_that_sees_nothing_contradicts_the_others_only_so_far() {
         let mut block = Block::new(IVec3::ZERO);
         let seen_as = |sum: f32| Side::Seen(Box::new([(STEPS * sum) as i16; VOXELS]));
-        let first = |block: &Block| block.evidence(Sides::Quarters)[0];
+        let first = |block: &Block| block.evidence(Horizon::Quarters)[0];
         block.sides[0] = seen_as(20.0);
         block.sides[1] = seen_as(-50.0);
         assert!((first(&block) - 18.0).abs() < 1e-6);

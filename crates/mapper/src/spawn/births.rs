@@ -1,7 +1,7 @@
-//! Births and deaths: Gaussians follow the evidence.
+//! Births and deaths: Gaussians follow the evidence until they are worked out.
 
-use crate::evidence::{Block, Evidence, VOXELS};
-use crate::gaussians::Gaussians;
+use crate::accumulate::evidence::{Block, Evidence, Horizon, VOXELS};
+use crate::spawn::gaussians::{Gaussians, Stage};
 
 /// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
 const DROP_EVIDENCE: f32 = 0.0;
@@ -10,8 +10,8 @@ const DROP_EVIDENCE: f32 = 0.0;
 const SPAWN_PART: f32 = 0.15;
 const DROP_PART: f32 = 0.1;
 
-/// Births and deaths where evidence changed.
-pub(super) fn follow_evidence(
+/// Births and deaths where evidence changed. What was worked out stays until it is again.
+pub(crate) fn follow_evidence(
     evidence: &mut Evidence,
     gaussians: &mut Gaussians,
     spawn_evidence: f32,
@@ -24,12 +24,13 @@ pub(super) fn follow_evidence(
         if block.gaussians.is_empty() && block.best < spawn_evidence {
             continue;
         }
-        let (key, best, sums) = (block.key, block.best, evidence.of(block));
+        let (key, (sums, best)) = (block.key, evidence.of(block, Horizon::Quarters));
         let block = evidence.block_mut(index);
         let least = DROP_EVIDENCE.max(DROP_PART * best);
         let before = block.gaussians.len();
         block.gaussians.retain(|&(voxel, slot)| {
-            let stays = sums[usize::from(voxel)] > least;
+            let is_newborn = gaussians.stage[slot as usize] == Stage::Newborn;
+            let stays = !is_newborn || sums[usize::from(voxel)] > least;
             if !stays {
                 gaussians.remove(slot);
             }
@@ -47,17 +48,25 @@ pub(super) fn follow_evidence(
     (added, pruned)
 }
 
-/// Places that would hold a Gaussian if all evidence were followed.
-pub(super) fn count(evidence: &Evidence, spawn_evidence: f32) -> usize {
-    let blocks = evidence
-        .blocks()
-        .filter(|block| block.best >= spawn_evidence);
-    let of_block = |block: &Block| {
-        let enough = spawn_evidence.max(SPAWN_PART * block.best);
-        let sums = evidence.of(block);
-        sums.iter().filter(|&&sum| sum >= enough).count()
-    };
-    blocks.map(of_block).sum()
+/// Voxels of a block that hold enough evidence for a candidate, or a Gaussian and not too little.
+pub(crate) fn candidates(
+    evidence: &Evidence,
+    block: &Block,
+    horizon: Horizon,
+    spawn_evidence: f32,
+) -> Vec<u16> {
+    let (sums, best) = evidence.of(block, horizon);
+    let enough = spawn_evidence.max(SPAWN_PART * best);
+    let least = DROP_EVIDENCE.max(DROP_PART * best);
+    let mut is_held = [false; VOXELS];
+    for &(voxel, _) in &block.gaussians {
+        is_held[usize::from(voxel)] = true;
+    }
+    let stays = |voxel: &usize| sums[*voxel] >= enough || is_held[*voxel] && sums[*voxel] > least;
+    (0..VOXELS)
+        .filter(stays)
+        .map(|voxel| voxel as u16)
+        .collect()
 }
 
 /// Voxels of a block that the evidence now fills and that hold no Gaussian yet.

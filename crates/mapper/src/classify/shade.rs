@@ -4,7 +4,7 @@
 
 use echosplat_acoustics::Look;
 
-use crate::visibility::Row;
+use crate::refine::splats::Row;
 
 /// Steps of elevation over the fan and its soft edge.
 const CELLS: usize = 64;

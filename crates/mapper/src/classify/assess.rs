@@ -8,15 +8,17 @@ use echosplat_model::Standing;
 use echosplat_model::glam::Vec3;
 
 use crate::MapperConfig;
-use crate::expectation::{Pull, Scene, Sum, over_pings};
-use crate::gaussians::{Gaussians, Verdict};
-use crate::history::Past;
-use crate::neighbours::Neighbours;
+use crate::accumulate::history::Past;
+use crate::classify::shade::Shade;
 use crate::parts::AtWork;
-use crate::shade::Shade;
-use crate::shape::least_eigenvalue;
-use crate::tally::Tally;
-use crate::visibility::{Moments, Row, Sight};
+use crate::refine::expectation::{Pull, Sum};
+use crate::refine::scene::Scene;
+use crate::refine::shape::least_eigenvalue;
+use crate::refine::splats::Row;
+use crate::refine::tally::Tally;
+use crate::refine::visibility::{Moments, Sight};
+use crate::spawn::gaussians::{Gaussians, Verdict};
+use crate::spawn::neighbours::Neighbours;
 
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
@@ -125,6 +127,8 @@ pub(crate) struct Demand {
     looks: f32,
     /// Most one-sigma uncertainty.
     sigma_m: f32,
+    /// Least share of an echo that makes a look clear.
+    clear_share: f32,
 }
 
 impl Demand {
@@ -135,6 +139,7 @@ impl Demand {
                 false => LEAST_LOOKS,
             },
             sigma_m: config.confident_sigma_m,
+            clear_share: config.confident_share,
         }
     }
 
@@ -143,6 +148,7 @@ impl Demand {
         Self {
             looks: LOOKS_TO_CONTINUE * self.looks,
             sigma_m: SIGMAS_TO_CONTINUE * self.sigma_m,
+            ..self
         }
     }
 }
@@ -156,11 +162,6 @@ pub(crate) struct Finding {
 }
 
 impl Finding {
-    /// Whether any look saw it.
-    pub(crate) fn is_any(&self) -> bool {
-        self.account.looks > 0.0
-    }
-
     /// As if each look had been made so many times.
     pub(crate) fn times(self, count: f32) -> Self {
         Self {
@@ -180,18 +181,22 @@ impl Sum for Finding {
     }
 }
 
-/// What `pings` say of every Gaussian, per slot, and pairs done.
-pub(crate) fn findings(scene: Scene<'_>, pings: &[&Past], rule: Rule) -> (Vec<Finding>, u64) {
-    let gaussians = scene.gaussians;
-    over_pings(scene, pings, |tally, desk: &mut Desk, past, sight| {
-        desk.enter(tally, past, sight, gaussians, rule);
-        sight.moments(&past.look, &mut desk.moments);
-        for (row, moments) in sight.rows().iter().zip(&desk.moments) {
-            let mut pull = Pull::default();
-            pull.add(row, moments, past.weight);
-            tally.of(row.slot).information.join(&pull.information);
-        }
-    })
+/// Adds what a ping says of each Gaussian.
+pub(crate) fn findings_of_ping(
+    tally: &mut Tally<Finding>,
+    desk: &mut Desk,
+    past: &Past,
+    sight: &Sight,
+    gaussians: &Gaussians,
+    rule: Rule,
+) {
+    desk.enter(tally, past, sight, gaussians, rule);
+    sight.moments(&past.look, &mut desk.moments);
+    for (row, moments) in sight.rows().iter().zip(&desk.moments) {
+        let mut pull = Pull::default();
+        pull.add(row, moments, past.weight);
+        tally.of(row.slot).information.join(&pull.information);
+    }
 }
 
 /// Sets verdict and sigma of every Gaussian that there is a finding for: what all pings would say
@@ -301,10 +306,10 @@ pub(crate) struct Rule {
 
 impl Rule {
     /// By the verdicts so far.
-    pub(crate) fn of(scene: &Scene<'_>, config: &MapperConfig) -> Self {
+    pub(crate) fn of(scene: &Scene<'_>, demand: Demand) -> Self {
         Self {
             radius_m: SURROUNDINGS_VOXELS * scene.evidence.voxel_m(),
-            clear_share: config.confident_share,
+            clear_share: demand.clear_share,
             whole_strength: whole_strength(scene.gaussians),
             occlusion: scene.at_work.occlusion,
         }
@@ -313,7 +318,7 @@ impl Rule {
 
 /// Room to work in.
 #[derive(Debug, Default)]
-struct Desk {
+pub(crate) struct Desk {
     arcs: Arcs,
     shade: Shade,
     moments: Vec<Moments>,
@@ -424,6 +429,9 @@ impl Arcs {
 pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize> {
     let peaks = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true).peaks(|_| true);
     let is_tail = |&(slot, peak): &(usize, f32)| {
+        if !gaussians.is_worked_on(slot) {
+            return false;
+        }
         let strength = gaussians.strongest(slot);
         !(strength > part * peak.max(f32::MIN_POSITIVE))
     };

@@ -1,0 +1,5 @@
+//! Accumulate: what bins say to evidence per place, and the pings that are remembered.
+
+pub(crate) mod evidence;
+pub(crate) mod fan;
+pub(crate) mod history;

@@ -1,0 +1,4 @@
+//! Classify: what of the map is asserted.
+
+pub(crate) mod assess;
+pub(crate) mod shade;

@@ -1,0 +1,5 @@
+//! Detect: a ping to its noise and to what each bin says.
+
+pub(crate) mod compact;
+pub(crate) mod multiples;
+pub(crate) mod profile;

@@ -1,0 +1,152 @@
+//! When tiles are worked out, and how much work a ping allows.
+
+use echosplat_model::Snapshot;
+
+use super::Mapper;
+use super::intake::doubt_multiples;
+use crate::accumulate::evidence::{Evidence, TileIndex};
+use crate::accumulate::history::History;
+use crate::detect::multiples::Multiples;
+use crate::parts::{MapCues, decide};
+use crate::refine::workout::{Terms, Workout};
+use crate::seabed::Seabed;
+
+/// A tile is due when it was looked at so many times as often as when it was last worked out.
+const GROWTH: f32 = 1.5;
+/// Tiles that were looked at so much more go with those that are due, since pings see several at once.
+const NEARLY: f32 = 1.05;
+/// Looks before anything can be said of a tile: as many clear ones as a verdict asks for.
+const FEWEST_LOOKS: f32 = 8.0;
+
+impl Mapper {
+    /// Does as much work as `pings` more of them allow. Work that finds nothing to do is not saved up: it would come
+    /// as one long pause. Returns pairs done.
+    pub(super) fn work_for(&mut self, pings: usize) -> u64 {
+        let allowed = self.config.work_pairs_per_ping.saturating_mul(pings as u64);
+        self.credit_pairs = self.credit_pairs.saturating_add_unsigned(allowed);
+        let before = self.status.pairs;
+        while self.credit_pairs > 0 {
+            if self.workout.is_none() && !self.begin_workout(GROWTH) {
+                self.credit_pairs = 0;
+                break;
+            }
+            let pairs = self.advance();
+            self.credit_pairs = self.credit_pairs.saturating_sub_unsigned(pairs);
+        }
+        self.status.pairs - before
+    }
+
+    /// The end of the data: takes in what waits and works out all that was looked at since it last was, until
+    /// nothing is left to do.
+    pub fn finish(&mut self) -> Snapshot {
+        if !self.waiting.is_empty() {
+            self.take_in_slice();
+        }
+        // What it was told is in the pings, and its tiles are due still.
+        self.workout = None;
+        self.judge_anew();
+        while self.workout.is_some() || self.begin_workout(1.0) {
+            self.advance();
+        }
+        self.publish()
+    }
+
+    /// Judges every ping by what is now known of the seabed and of multiples, and sums up all evidence anew.
+    fn judge_anew(&mut self) {
+        let Some(world) = &mut self.world else { return };
+        let knows_more = self.seabed.is_there() || !self.multiples.ratios().is_empty();
+        if !knows_more {
+            return;
+        }
+        judge_all(&mut self.history, &self.seabed, &self.multiples);
+        let (pings, extent) = (self.history.pings(), self.at_work.converged);
+        let evidence: &mut Evidence = &mut world.evidence;
+        self.status.voxel_looks += self.pool.install(|| evidence.integrate_anew(pings, extent));
+        evidence.doubt_all();
+    }
+
+    /// Begins to work out the tiles that were looked at `growth` times as often as when they last were; whether
+    /// there are any.
+    fn begin_workout(&mut self, growth: f32) -> bool {
+        let Some(world) = &self.world else {
+            return false;
+        };
+        let tiles = due(&world.evidence, growth);
+        if tiles.is_empty() {
+            return false;
+        }
+        self.decide();
+        let terms = Terms {
+            config: &self.config,
+            at_work: self.at_work,
+            floor: self.floor(),
+            unit_strength: self.unit_strength,
+        };
+        let Some(world) = &self.world else {
+            return false;
+        };
+        let (map, pings, left_out) = (&self.gaussians, self.history.pings(), &mut self.left_out);
+        let begin = || Workout::begin(world, map, pings, tiles, terms, left_out);
+        self.workout = Some(self.pool.install(begin));
+        self.status.workouts += 1;
+        true
+    }
+
+    /// The next portion of what is under way. Returns pairs done.
+    fn advance(&mut self) -> u64 {
+        let (Some(workout), Some(world)) = (&mut self.workout, &mut self.world) else {
+            return 0;
+        };
+        let seabed = &self.seabed;
+        let pairs = self.pool.install(|| workout.advance(world, seabed));
+        self.status.pairs += pairs;
+        if workout.is_done()
+            && let Some(done) = self.workout.take()
+        {
+            self.status.iterations += done.put_in_place(world, &mut self.gaussians);
+        }
+        pairs
+    }
+
+    /// Which parts the dive so far asks for.
+    fn decide(&mut self) {
+        let map = MapCues {
+            voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
+            redundant: self.status.pings_redundant,
+        };
+        (self.at_work, self.left_out) = decide(&self.config.parts, &self.cues, map);
+    }
+}
+
+/// Tiles that hold a candidate and were looked at so many times as often as when they were last worked out, and
+/// those that nearly were.
+fn due(evidence: &Evidence, growth: f32) -> Vec<TileIndex> {
+    let grown = |growth: f32| {
+        let tiles = evidence.tiles().iter().enumerate();
+        tiles.filter(move |(_, tile)| {
+            let enough = if growth > 1.0 { FEWEST_LOOKS } else { 0.0 };
+            tile.looks > growth * tile.worked_looks && tile.looks >= enough
+        })
+    };
+    if growth > 1.0 && grown(growth).next().is_none() {
+        return Vec::new();
+    }
+    let nearly = growth.min(NEARLY);
+    grown(nearly).map(|(index, _)| index as TileIndex).collect()
+}
+
+fn judge_all(history: &mut History, seabed: &Seabed, multiples: &Multiples) {
+    for past in history.pings_mut() {
+        let ground = seabed.backdrop(&past.look, past.brightness);
+        let intensity: Vec<f32> = past.profile.intensity.iter().collect();
+        past.profile.doubted = Box::default();
+        past.profile.judge(&intensity, &ground);
+        doubt_multiples(
+            multiples,
+            &past.look,
+            &intensity,
+            &ground,
+            &mut past.profile,
+        );
+    }
+}

@@ -1,0 +1,508 @@
+//! Reflectivity by expectation-maximisation, and positions by Fisher scoring.
+//!
+//! An echo's energy is shared among all Gaussians on its arc; those that other pings see dark
+//! give theirs up. The multiplicative step keeps strengths positive and has no learning rate.
+//!
+//! Cost of a pass: pings × Gaussians in a slice (about 100) × bins of a splat (about 12).
+
+use std::sync::Arc;
+
+use echosplat_acoustics::SymmetricMat3;
+use echosplat_model::glam::Vec3;
+use rayon::prelude::*;
+
+use crate::accumulate::evidence::Evidence;
+use crate::accumulate::history::Past;
+use crate::parts::AtWork;
+use crate::refine::field::Field;
+use crate::refine::scene::Scene;
+use crate::refine::splats::Row;
+use crate::refine::step::damped_step;
+use crate::refine::tally::Tally;
+use crate::refine::visibility::{Against, Moments, Sight};
+use crate::spawn::gaussians::{Gaussians, Lobes, Stage};
+
+/// Sums are made per so many pings and added in order, so that threads do not change them.
+const CHUNK: usize = 32;
+const CHUNKS_AT_ONCE: usize = 16;
+/// Exponent of the multiplicative rule for gamma speckle.
+const FULL_STEP: f32 = 0.5;
+/// Exponent for counts over that for gamma speckle.
+const COUNTS_STEP: f32 = 2.0;
+
+/// What is summed over pings for a Gaussian.
+pub(crate) trait Sum: Default + Clone + Send {
+    /// Adds what another chunk of pings found.
+    fn join(&mut self, part: &Self);
+}
+
+/// Sums over some pings, made a portion at a time: what one step of the estimation needs. However it is cut
+/// into portions, the sums are the same.
+#[derive(Debug)]
+pub(crate) struct Pass<T> {
+    pings: Vec<Arc<Past>>,
+    field: Field,
+    /// Pings gone through.
+    done: usize,
+    sums: Vec<T>,
+    pairs: u64,
+}
+
+impl<T: Sum + Sync> Pass<T> {
+    /// Of the Gaussians as they are now.
+    pub(crate) fn over(pings: Vec<Arc<Past>>, evidence: &Evidence, gaussians: &Gaussians) -> Self {
+        Self {
+            pings,
+            field: Field::of(evidence, gaussians),
+            done: 0,
+            sums: vec![T::default(); gaussians.slot_count()],
+            pairs: 0,
+        }
+    }
+
+    pub(crate) fn is_done(&self) -> bool {
+        self.done == self.pings.len()
+    }
+
+    /// Runs `each` over the sights of about so many pings more, in chunks with a scratch space `W` each, whose
+    /// sums are added in their order. Returns pairs done.
+    pub(crate) fn advance<W: Default>(
+        &mut self,
+        scene: Scene<'_>,
+        count: usize,
+        each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
+    ) -> u64 {
+        let end = (self.done + count.next_multiple_of(CHUNK)).min(self.pings.len());
+        let slot_count = scene.gaussians.slot_count();
+        let of_chunk = |chunk: &[Arc<Past>]| {
+            let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
+            let (mut sight, mut pairs) = (Sight::default(), 0);
+            for past in chunk {
+                sight.look(past, scene, &self.field);
+                each(&mut tally, &mut scratch, past, &sight);
+                pairs += sight.pair_count();
+            }
+            (tally, pairs)
+        };
+        let mut pairs = 0;
+        // A few chunks at a time: all at once would take more room than the map.
+        for chunks in self.pings[self.done..end].chunks(CHUNK * CHUNKS_AT_ONCE) {
+            let parts: Vec<(Tally<T>, u64)> = chunks.par_chunks(CHUNK).map(of_chunk).collect();
+            for (tally, of_part) in parts {
+                for (slot, sum) in tally.sums() {
+                    self.sums[slot].join(sum);
+                }
+                pairs += of_part;
+            }
+        }
+        self.done = end;
+        self.pairs += pairs;
+        pairs
+    }
+
+    /// Sums per slot, pairs done and pings gone through.
+    pub(crate) fn finish(self) -> (Vec<T>, u64, usize) {
+        (self.sums, self.pairs, self.pings.len())
+    }
+}
+
+/// Numerator and denominator of the multiplicative step, per side.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct StepSums {
+    pull: Lobes,
+    weight: Lobes,
+}
+
+impl Sum for StepSums {
+    fn join(&mut self, part: &Self) {
+        self.pull.add(&part.pull);
+        self.weight.add(&part.weight);
+    }
+}
+
+/// Adds what a ping says to the sums of a multiplicative step.
+pub(crate) fn strengths_of_ping(
+    tally: &mut Tally<StepSums>,
+    against: &mut Vec<Against>,
+    past: &Past,
+    sight: &Sight,
+) {
+    sight.against_prediction(against);
+    for (row, against) in sight.rows().iter().zip(against) {
+        let towards = -row.splat.range_axis;
+        let sums = tally.of(row.slot);
+        sums.pull.add_facing(towards, past.weight * against.pull);
+        sums.weight.add_facing(towards, past.weight * against.share);
+    }
+}
+
+/// One multiplicative step: for gamma speckle on power, `ρ ← ρ·(Σ A I/Î² / Σ A/Î)^½`.
+pub(crate) fn maximise(gaussians: &mut Gaussians, sums: &[StepSums], at_work: AtWork) {
+    let exponent = match at_work.speckle {
+        true => FULL_STEP,
+        false => COUNTS_STEP * FULL_STEP,
+    };
+    let strengths = gaussians.strength.par_iter_mut().with_min_len(1024);
+    let sides = strengths.zip(&mut gaussians.known).zip(&gaussians.stage);
+    sides
+        .zip(sums)
+        .for_each(|(((strength, known), stage), sums)| {
+            let StepSums { pull, weight } = sums;
+            if *stage == Stage::Background {
+                return;
+            }
+            if !at_work.specular {
+                let even = step(Vec3::splat(pull.sum()), Vec3::splat(weight.sum()), exponent);
+                strength.scale(even.x);
+                return;
+            }
+            strength.ahead *= step(pull.ahead, weight.ahead, exponent);
+            strength.behind *= step(pull.behind, weight.behind, exponent);
+            known.ahead |= weight.ahead.cmpgt(Vec3::ZERO);
+            known.behind |= weight.behind.cmpgt(Vec3::ZERO);
+        });
+}
+
+/// The factors of three sides; a side that no ping of the pass saw keeps its strength.
+fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
+    let factor = |pull: f32, weight: f32| {
+        if weight <= 0.0 {
+            return 1.0;
+        }
+        let factor = (pull / weight).powf(exponent).clamp(0.05, 20.0);
+        if factor.is_finite() { factor } else { 1.0 }
+    };
+    Vec3::new(
+        factor(pull.x, weight.x),
+        factor(pull.y, weight.y),
+        factor(pull.z, weight.z),
+    )
+}
+
+/// Gradient and Fisher information of the log likelihood in the mean of one Gaussian.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Pull {
+    pub(crate) gradient: Vec3,
+    pub(crate) information: SymmetricMat3,
+}
+
+impl Pull {
+    /// Adds a row of a ping: a mean moves its echo in range and across the beam.
+    pub(crate) fn add(&mut self, row: &Row, moments: &Moments, weight: f32) {
+        let splat = &row.splat;
+        let lever = splat.azimuth_variance_rad2 * splat.lever_m;
+        let across = splat.azimuth_axis * (-splat.azimuth_rad / lever);
+        let along = splat.range_axis / splat.range_sigma_m;
+        let [flat, tilt, bend] = moments.square.map(|sum| weight * sum);
+        let [pull, push] = moments.residual.map(|sum| weight * sum);
+        self.gradient += along * push + across * pull;
+        let (by_along, by_across) = (along * bend + across * tilt, along * tilt + across * flat);
+        let information = &mut self.information;
+        information.diagonal += by_along * along + by_across * across;
+        information.mixed += Vec3::new(
+            by_along.y * along.z + by_across.y * across.z,
+            by_along.x * along.z + by_across.x * across.z,
+            by_along.x * along.y + by_across.x * across.y,
+        );
+    }
+}
+
+impl Sum for Pull {
+    fn join(&mut self, part: &Self) {
+        self.gradient += part.gradient;
+        self.information.join(&part.information);
+    }
+}
+
+impl Sum for SymmetricMat3 {
+    fn join(&mut self, part: &Self) {
+        self.diagonal += part.diagonal;
+        self.mixed += part.mixed;
+    }
+}
+
+/// Adds what a ping says of each mean. Likelihood: gamma speckle, `∂ = (I − Î)/Î² · ∂Î`, information
+/// `(∂Î/Î)²`.
+pub(crate) fn pulls_of_ping(
+    tally: &mut Tally<Pull>,
+    moments: &mut Vec<Moments>,
+    past: &Past,
+    sight: &Sight,
+) {
+    sight.moments(&past.look, moments);
+    for (row, moments) in sight.rows().iter().zip(moments) {
+        tally.of(row.slot).add(row, moments, past.weight);
+    }
+}
+
+/// Moves every mean by one damped step towards where its echoes are, at most `limit_m`, and never
+/// further than `leash_m` from its home. `prior_m` is how far a step is believed.
+pub(crate) fn localise(gaussians: &mut Gaussians, pulls: &[Pull], prior_m: f32, leash_m: f32) {
+    let slots = gaussians
+        .slots()
+        .filter(|&slot| gaussians.is_worked_on(slot));
+    let slots: Vec<usize> = slots.collect();
+    for slot in slots {
+        let pull = &pulls[slot];
+        let Some(step) = damped_step(pull.gradient, &pull.information, prior_m) else {
+            continue;
+        };
+        let home = gaussians.home_m[slot];
+        let away = (gaussians.mean_m[slot] + step - home).clamp_length_max(leash_m);
+        gaussians.mean_m[slot] = home + away;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::MapperConfig;
+    use crate::accumulate::evidence::BlockIndex;
+    use crate::accumulate::history::{look_of, past_of, pose_blur};
+    use crate::detect::profile::{Backdrop, Levels};
+    use crate::parts::{Cues, MapCues, Parts, decide};
+    use echosplat_model::glam::DVec3;
+    use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
+
+    const SCALE_M: f32 = 0.03;
+    const NOISE: f32 = 1e-6;
+    /// Echoes stand far above the noise.
+    const STRENGTH: f32 = 3000.0;
+
+    fn config() -> MapperConfig {
+        MapperConfig {
+            position_sigma_m: 1e-4,
+            attitude_sigma_deg: 0.01,
+            ..MapperConfig::default()
+        }
+    }
+
+    fn past(intensity: Vec<f32>, pose: Pose) -> Arc<Past> {
+        let settings = PingSettings {
+            range_start_m: 0.0,
+            range_length_m: 10.0,
+            bin_count: intensity.len(),
+            speed_of_sound_mps: 1500.0,
+            frequency_hz: 450e3,
+            pulse_duration_s: 5e-5,
+            gain_index: 0,
+        };
+        let ping = Ping::new(0, Timestamp::ZERO, settings, intensity).unwrap();
+        let posed = PosedPing {
+            ping: Arc::new(ping),
+            world_from_sensor: pose,
+            twist: Twist::default(),
+            reference_range_m: 5.0,
+            uncertainty: None,
+            jitter: None,
+        };
+        let (config, ground) = (config(), Backdrop::default());
+        let look = look_of(&posed, DVec3::ZERO, &config);
+        let profile = Levels::default().profile(&posed.ping, 0.05, &ground, &config);
+        Arc::new(past_of(
+            look,
+            pose_blur(&posed, &config),
+            profile,
+            1.0,
+            0.0,
+            &posed,
+        ))
+    }
+
+    /// What pings measure of Gaussians at these places and strengths, two from poses a metre apart.
+    struct Trial {
+        evidence: Evidence,
+        pings: Vec<Arc<Past>>,
+        gaussians: Gaussians,
+    }
+
+    fn poses() -> [Pose; 2] {
+        [0.0, 1.0].map(|z| Pose::from_yaw_pitch_roll(0.0, 0.0, 0.0, DVec3::new(0.0, 0.0, z)))
+    }
+
+    impl Trial {
+        fn new(truth: &[(Vec3, f32)]) -> Self {
+            let bright = poses().map(|pose| {
+                let mut intensity = vec![NOISE; 600];
+                let look = past(intensity.clone(), pose).look;
+                for &(at_m, strength) in truth {
+                    let splat = look
+                        .project(at_m, &SymmetricMat3::isotropic(SCALE_M))
+                        .unwrap();
+                    let bins = look.bins_of(&splat);
+                    let mut energies = Vec::new();
+                    look.spread(&splat, bins.clone(), &mut energies);
+                    for (bin, energy) in bins.zip(energies) {
+                        intensity[bin] += strength * energy;
+                    }
+                }
+                past(intensity, pose)
+            });
+            let mut evidence = Evidence::new(0.05);
+            let pings = bright.to_vec();
+            evidence.integrate(&pings, 0, crate::parts::Extent::All);
+            Self {
+                evidence,
+                pings,
+                gaussians: Gaussians::default(),
+            }
+        }
+
+        fn spawn(&mut self, at_m: Vec3, strength: f32) -> usize {
+            let blocks = 0..self.evidence.block_count() as BlockIndex;
+            let distance = |&index: &BlockIndex| {
+                self.evidence
+                    .center_of(self.evidence.block(index))
+                    .distance(at_m)
+            };
+            let home = blocks
+                .min_by(|a, b| distance(a).total_cmp(&distance(b)))
+                .unwrap();
+            self.gaussians.spawn(at_m, (home, 0), SCALE_M, strength) as usize
+        }
+
+        fn scene(&self) -> Scene<'_> {
+            let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
+            Scene {
+                evidence: &self.evidence,
+                gaussians: &self.gaussians,
+                floor: NOISE,
+                is_blurred: false,
+                at_work,
+            }
+        }
+
+        fn sums<T: Sum + Sync, W: Default>(
+            &self,
+            each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
+        ) -> Vec<T> {
+            let mut pass = Pass::over(self.pings.clone(), &self.evidence, &self.gaussians);
+            while !pass.is_done() {
+                pass.advance(self.scene(), 1, &each);
+            }
+            pass.finish().0
+        }
+
+        fn step(&mut self) {
+            let sums = self.sums(strengths_of_ping);
+            let at_work = self.scene().at_work;
+            maximise(&mut self.gaussians, &sums, at_work);
+        }
+
+        /// Log likelihood of gamma speckle, up to a constant.
+        fn log_likelihood(&self) -> f64 {
+            let field = Field::of(&self.evidence, &self.gaussians);
+            let mut sight = Sight::default();
+            let of_ping = |past: &Arc<Past>| {
+                sight.look(past, self.scene(), &field);
+                let bins = sight.predicted.iter().zip(past.profile.intensity.iter());
+                let bins = bins
+                    .zip(&sight.bin_weight)
+                    .map(|((&predicted, measured), &weight)| {
+                        let (predicted, measured) = (f64::from(predicted), f64::from(measured));
+                        -f64::from(weight) * (predicted.ln() + measured / predicted)
+                    });
+                bins.sum::<f64>()
+            };
+            self.pings.iter().map(of_ping).sum()
+        }
+    }
+
+    #[test]
+    fn steps_end_at_the_strength_that_explains_an_echo() {
+        let at_m = Vec3::new(6.0, 0.01, 0.4);
+        let mut trial = Trial::new(&[(at_m, STRENGTH)]);
+        let slot = trial.spawn(at_m, 0.1 * STRENGTH);
+        for _ in 0..100 {
+            trial.step();
+        }
+        let towards = -at_m.normalize();
+        let strength = trial.gaussians.strength[slot].seen(towards);
+        assert!((strength / STRENGTH - 1.0).abs() < 0.05, "{strength}");
+    }
+
+    #[test]
+    fn a_step_makes_what_was_measured_likelier_and_an_empty_place_weaker() {
+        let (there_m, empty_m) = (Vec3::new(6.0, 0.0, 0.4), Vec3::new(5.96, 0.0, 1.15));
+        let mut trial = Trial::new(&[(there_m, STRENGTH)]);
+        let (there, empty) = (
+            trial.spawn(there_m, 0.3 * STRENGTH),
+            trial.spawn(empty_m, 0.3 * STRENGTH),
+        );
+        let mut before = trial.log_likelihood();
+        for _ in 0..20 {
+            trial.step();
+            let after = trial.log_likelihood();
+            assert!(
+                after >= before - 1e-3 * before.abs(),
+                "{after} after {before}"
+            );
+            before = after;
+        }
+        let strength = |slot: usize| trial.gaussians.strongest(slot);
+        assert!(
+            strength(empty) < 0.2 * strength(there),
+            "{}",
+            strength(empty)
+        );
+    }
+
+    #[test]
+    fn what_stands_in_the_background_is_held_still() {
+        let at_m = Vec3::new(6.0, 0.0, 0.4);
+        let mut trial = Trial::new(&[(at_m, STRENGTH)]);
+        let slot = trial.spawn(at_m, 0.1 * STRENGTH);
+        trial.gaussians.stage[slot] = Stage::Background;
+        trial.step();
+        assert_eq!(trial.gaussians.strongest(slot), 0.1 * STRENGTH);
+    }
+
+    #[test]
+    fn the_pull_on_a_mean_is_the_slope_of_the_log_likelihood() {
+        // So that no residual reaches the bound it is held to.
+        const FAINT: f32 = 1e-3 * STRENGTH;
+        let at_m = Vec3::new(6.0, 0.0, 0.4);
+        for off_m in [Vec3::new(0.01, 0.0, 0.0), Vec3::new(-0.008, 0.01, 0.0)] {
+            let mut trial = Trial::new(&[(at_m, FAINT)]);
+            let slot = trial.spawn(at_m + off_m, FAINT);
+            let pull = trial.sums(pulls_of_ping)[slot].gradient;
+            for axis in [Vec3::X, Vec3::Y] {
+                const STEP_M: f32 = 2e-3;
+                let mut at = |by_m: f32| {
+                    trial.gaussians.mean_m[slot] = at_m + off_m + axis * by_m;
+                    trial.log_likelihood()
+                };
+                let slope = (at(STEP_M) - at(-STEP_M)) / f64::from(2.0 * STEP_M);
+                let told = f64::from(pull.dot(axis));
+                let size = f64::from(pull.length());
+                assert!(
+                    (told - slope).abs() < 0.1 * size,
+                    "{axis}: {told} for {slope}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn sums_do_not_depend_on_the_portions_they_are_made_in() {
+        let at_m = Vec3::new(6.0, 0.0, 0.4);
+        let mut trial = Trial::new(&[(at_m, STRENGTH)]);
+        let slot = trial.spawn(at_m, STRENGTH);
+        let many: Vec<Arc<Past>> = trial
+            .pings
+            .iter()
+            .cycle()
+            .take(200)
+            .map(Arc::clone)
+            .collect();
+        let sums = |portion: usize| {
+            let mut pass = Pass::over(many.clone(), &trial.evidence, &trial.gaussians);
+            while !pass.is_done() {
+                pass.advance(trial.scene(), portion, strengths_of_ping);
+            }
+            let sums = pass.finish().0;
+            sums[slot].pull.sum().to_bits()
+        };
+        assert_eq!(sums(1), sums(1000));
+    }
+}

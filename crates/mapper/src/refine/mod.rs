@@ -1,0 +1,11 @@
+//! Refine: strengths, places and shapes of some tiles' Gaussians from the pings that see them.
+
+pub(crate) mod expectation;
+pub(crate) mod field;
+pub(crate) mod scene;
+pub(crate) mod shape;
+pub(crate) mod splats;
+pub(crate) mod step;
+pub(crate) mod tally;
+pub(crate) mod visibility;
+pub(crate) mod workout;

@@ -1,0 +1,17 @@
+//! What every look at the map starts from.
+
+use crate::accumulate::evidence::Evidence;
+use crate::parts::AtWork;
+use crate::spawn::gaussians::Gaussians;
+
+/// What a pass reads.
+#[derive(Clone, Copy)]
+pub(crate) struct Scene<'a> {
+    pub(crate) evidence: &'a Evidence,
+    pub(crate) gaussians: &'a Gaussians,
+    /// Least noise power to reckon with.
+    pub(crate) floor: f32,
+    /// Whether looks are as blurred as their poses may be off.
+    pub(crate) is_blurred: bool,
+    pub(crate) at_work: AtWork,
+}

@@ -1,0 +1,5 @@
+//! Spawn: Gaussians where evidence asks for them.
+
+pub(crate) mod births;
+pub(crate) mod gaussians;
+pub(crate) mod neighbours;
