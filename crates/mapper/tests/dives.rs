@@ -133,7 +133,11 @@ fn silence_after_a_structure_does_not_keep_the_mapper() {
     }
     let (done, is_done) = mpsc::channel();
     std::thread::spawn(move || {
-        let mut mapper = Mapper::new(config(1)).unwrap();
+        let ample = MapperConfig {
+            work_pairs_per_ping: 5_000_000,
+            ..config(1)
+        };
+        let mut mapper = Mapper::new(ample).unwrap();
         let pairs: Vec<u64> = pings.iter().map(|ping| mapper.insert(ping).pairs).collect();
         let _ = done.send((mapper.status().candidates, pairs));
     });

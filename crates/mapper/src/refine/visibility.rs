@@ -6,8 +6,8 @@
 
 use std::ops::Range;
 
-use echosplat_acoustics::lanes::{self, LANES};
 use echosplat_acoustics::Look;
+use echosplat_acoustics::lanes::{self, LANES};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8};
 
