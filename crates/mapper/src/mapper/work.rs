@@ -55,7 +55,8 @@ impl Mapper {
     fn judge_anew(&mut self) {
         let Some(world) = &mut self.world else { return };
         let knows_more = self.seabed.is_there() || !self.multiples.ratios().is_empty();
-        if !knows_more {
+        // Evidence of pings that are forgotten cannot be summed up again.
+        if !knows_more || self.history.forgotten() > 0 {
             return;
         }
         judge_all(&mut self.history, &self.seabed, &self.multiples);

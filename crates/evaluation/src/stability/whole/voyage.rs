@@ -47,7 +47,7 @@ const STRONGEST: f64 = 800.0;
 /// A frontal echo of a rod at the standoff, steradian.
 const FRONTAL_SR: f64 = 5e-4;
 const PINGS_PER_S: f64 = 40.0;
-/// One step a slice, as large as the service allows.
+/// Few, so that a map of few pings is made of many slices.
 const SLICE_PINGS: usize = 4;
 
 /// How the sensor goes past the structure.
