@@ -8,15 +8,21 @@ use crate::accumulate::evidence::{Evidence, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::multiples::Multiples;
 use crate::parts::{MapCues, decide};
+use crate::refine::schedule::Start;
 use crate::refine::workout::{Terms, Workout};
 use crate::seabed::Seabed;
 
-/// A tile is due when it was looked at so many times as often as when it was last worked out.
-const GROWTH: f32 = 1.5;
-/// Tiles that were looked at so much more go with those that are due, since pings see several at once.
-const NEARLY: f32 = 1.05;
-/// Looks before anything can be said of a tile: as many clear ones as a verdict asks for.
-const FEWEST_LOOKS: f32 = 8.0;
+/// Tiles are due when this part of what they hold comes from looks that it was not worked out with: they were looked
+/// at a quarter as often again.
+const STALE_PART: f32 = 0.2;
+/// Tiles that were looked at so much more are worth working out again.
+const GROWN: f32 = 1.05;
+/// Tiles that were looked at so many times as often as when they were last worked out anew are so again: starts
+/// from the map alone would make it ever sharper.
+const ANEW: f32 = 2.0;
+
+/// What is to be worked out, and how.
+type Due = (Vec<TileIndex>, Start);
 
 impl Mapper {
     /// Does as much work as `pings` more of them allow. Work that finds nothing to do is not saved up: it would come
@@ -26,7 +32,7 @@ impl Mapper {
         self.credit_pairs = self.credit_pairs.saturating_add_unsigned(allowed);
         let before = self.status.pairs;
         while self.credit_pairs > 0 {
-            if self.workout.is_none() && !self.begin_workout(GROWTH) {
+            if self.workout.is_none() && !self.begin_workout(due) {
                 self.credit_pairs = 0;
                 break;
             }
@@ -45,7 +51,7 @@ impl Mapper {
         // What it was told is in the pings, and its tiles are due still.
         self.workout = None;
         self.judge_anew();
-        while self.workout.is_some() || self.begin_workout(1.0) {
+        while self.workout.is_some() || self.begin_workout(due_at_end) {
             self.advance();
         }
         self.publish()
@@ -66,16 +72,12 @@ impl Mapper {
         evidence.doubt_all();
     }
 
-    /// Begins to work out the tiles that were looked at `growth` times as often as when they last were; whether
-    /// there are any.
-    fn begin_workout(&mut self, growth: f32) -> bool {
-        let Some(world) = &self.world else {
+    /// Begins to work out what is due; whether there is anything.
+    fn begin_workout(&mut self, due: fn(&Evidence) -> Option<Due>) -> bool {
+        let Some((tiles, start)) = self.world.as_ref().and_then(|world| due(&world.evidence))
+        else {
             return false;
         };
-        let tiles = due(&world.evidence, growth);
-        if tiles.is_empty() {
-            return false;
-        }
         self.decide();
         let terms = Terms {
             config: &self.config,
@@ -87,7 +89,7 @@ impl Mapper {
             return false;
         };
         let (map, pings, left_out) = (&self.gaussians, self.history.pings(), &mut self.left_out);
-        let begin = || Workout::begin(world, map, pings, tiles, terms, left_out);
+        let begin = || Workout::begin(world, map, pings, tiles, start, terms, left_out);
         self.workout = Some(self.pool.install(begin));
         self.status.workouts += 1;
         true
@@ -119,21 +121,38 @@ impl Mapper {
     }
 }
 
-/// Tiles that hold a candidate and were looked at so many times as often as when they were last worked out, and
-/// those that nearly were.
-fn due(evidence: &Evidence, growth: f32) -> Vec<TileIndex> {
-    let grown = |growth: f32| {
-        let tiles = evidence.tiles().iter().enumerate();
-        tiles.filter(move |(_, tile)| {
-            let enough = if growth > 1.0 { FEWEST_LOOKS } else { 0.0 };
-            tile.looks > growth * tile.worked_looks && tile.looks >= enough
-        })
-    };
-    if growth > 1.0 && grown(growth).next().is_none() {
-        return Vec::new();
+/// While the dive goes on: the tiles that were looked at more, once enough of what they hold is stale.
+fn due(evidence: &Evidence) -> Option<Due> {
+    let (mut tiles, mut held, mut stale) = (Vec::new(), 0.0, 0.0);
+    let (mut looks, mut even_looks) = (0.0, 0.0);
+    for (index, tile) in evidence.tiles().iter().enumerate() {
+        if !(tile.looks > GROWN * tile.worked_looks) {
+            continue;
+        }
+        let gaussians = tile
+            .blocks
+            .iter()
+            .map(|&block| evidence.block(block).gaussians.len());
+        let gaussians = gaussians.sum::<usize>() as f32;
+        held += gaussians;
+        stale += gaussians * (1.0 - tile.worked_looks / tile.looks);
+        looks += gaussians * tile.looks;
+        even_looks += gaussians * tile.even_looks;
+        tiles.push(index as TileIndex);
     }
-    let nearly = growth.min(NEARLY);
-    grown(nearly).map(|(index, _)| index as TileIndex).collect()
+    let start = match looks > ANEW * even_looks {
+        true => Start::Even,
+        false => Start::Map,
+    };
+    (stale > STALE_PART * held).then_some((tiles, start))
+}
+
+/// At the end of the data: all that was looked at since it was worked out anew.
+fn due_at_end(evidence: &Evidence) -> Option<Due> {
+    let tiles = evidence.tiles().iter().enumerate();
+    let tiles = tiles.filter(|(_, tile)| tile.looks > tile.even_looks);
+    let tiles: Vec<TileIndex> = tiles.map(|(index, _)| index as TileIndex).collect();
+    (!tiles.is_empty()).then_some((tiles, Start::Even))
 }
 
 fn judge_all(history: &mut History, seabed: &Seabed, multiples: &Multiples) {

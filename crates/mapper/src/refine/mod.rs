@@ -2,7 +2,9 @@
 
 pub(crate) mod expectation;
 pub(crate) mod field;
+pub(crate) mod inherit;
 pub(crate) mod scene;
+pub(crate) mod schedule;
 pub(crate) mod shape;
 pub(crate) mod splats;
 pub(crate) mod step;

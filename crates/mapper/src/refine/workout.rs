@@ -1,12 +1,11 @@
 //! Tiles worked out: strengths, places, shapes and verdicts of their Gaussians from the pings that see them,
 //! beside what stands around held still.
 //!
-//! The one process of estimation. A tile is due when it was looked at half as often again as when it was
-//! last worked out, at the end of the data when it was looked at more at all. Work is done in portions, on a
-//! draft; the map shows the tiles as they were until the draft is done.
+//! The one process of estimation. Work is done in portions, on a draft; the map shows the tiles as they were until
+//! the draft is done.
 //!
-//! Cost: about seven looks at each ping that sees the tiles, fewer where more would say nothing new; with half
-//! as many more each time, three times that over a dive.
+//! Cost: about seven looks at each ping that sees the tiles, four where it starts from the map, fewer where more
+//! would say nothing new.
 
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
@@ -22,7 +21,9 @@ use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
     Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
 };
+use crate::refine::inherit::inherit;
 use crate::refine::scene::Scene;
+use crate::refine::schedule::{Action, INTERLEAVE, Start, actions};
 use crate::refine::shape::align;
 use crate::seabed::Seabed;
 use crate::spawn::births;
@@ -35,18 +36,12 @@ const EVEN_STRENGTH: f32 = 0.2;
 const TAIL_PART: f32 = 0.05;
 /// Looks made at each ping, all steps together.
 const LOOKS_PER_PING: f64 = 7.5;
-/// A step looks at every so many-th ping.
-const INTERLEAVE: f64 = 8.0;
-/// The last assessment looks at every so many-th ping.
-const LAST_STRIDE: f64 = 3.0;
 /// A place that few looks lit, since it glints, is asked for less evidence.
 const SPAWN_PART_OF_GLINTS: f32 = 0.667;
 /// With more candidates than this, all that any side saw dark is doubted in full.
 const MOST_PLACES: usize = 400_000;
-/// Steps after which tails are let go.
-const ROUND_STEPS: usize = 4;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
-const ENOUGH_PAIRS: f64 = 12_000.0;
+const ENOUGH_PAIRS: f64 = 3_000.0;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = LOOKS_PER_PING;
 /// Steps of offset from one step to the next.
@@ -58,27 +53,6 @@ const PORTION_PAIRS: f64 = 2e6;
 
 /// Voxels of a block, a bit each.
 type Mask = [u64; VOXELS / 64];
-
-/// One thing to do.
-#[derive(Debug, Clone, Copy)]
-enum Action {
-    /// A multiplicative step over every so many-th ping, shifted by the number of the step.
-    Strengthen {
-        step: usize,
-        interleave: f64,
-    },
-    DropTails,
-    /// Means are moved to where their echoes are.
-    Localise,
-    /// Verdicts by every so many-th ping.
-    Assess {
-        stride: f64,
-    },
-    /// What is confident is split in eight.
-    Split,
-    /// Shapes are laid along the surface.
-    Align,
-}
 
 /// What is going on.
 #[derive(Debug)]
@@ -93,6 +67,7 @@ enum Doing {
 pub(crate) struct Workout {
     /// Tiles, and how often each had been looked at.
     tiles: Vec<(TileIndex, f32)>,
+    start: Start,
     /// Blocks in them, and the voxels that were candidates.
     blocks: Vec<(BlockIndex, Mask)>,
     pings: Vec<Arc<Past>>,
@@ -126,6 +101,7 @@ impl Workout {
         map: &Gaussians,
         pings: &[Arc<Past>],
         tiles: Vec<TileIndex>,
+        start: Start,
         terms: Terms<'_>,
         left_out: &mut Vec<LeftOut>,
     ) -> Self {
@@ -145,6 +121,7 @@ impl Workout {
         let pings: Vec<Arc<Past>> = pings.iter().filter(sees).map(Arc::clone).collect();
         let mut workout = Self {
             tiles: Vec::new(),
+            start,
             blocks: Vec::new(),
             pings,
             draft: Gaussians::default(),
@@ -154,11 +131,17 @@ impl Workout {
             most_pairs: terms.config.workout_pairs as f64,
             voxel_m,
             pairs_per_ping: 0.0,
-            actions: actions(terms.config.workout_passes, terms.at_work),
+            actions: actions(terms.config.workout_passes, start, terms.at_work),
             doing: None,
             iterations: 0,
         };
         workout.take_candidates(world, &tiles, terms, left_out);
+        if start == Start::Map {
+            let blocks = workout.blocks.iter();
+            let known = blocks.flat_map(|&(block, _)| evidence.block(block).gaussians.iter());
+            let known: Vec<u32> = known.map(|&(_, slot)| slot).collect();
+            inherit(&mut workout.draft, map, &known, voxel_m);
+        }
         workout.take_background(world, map, &tiles);
         let looks = |tile: TileIndex| (tile, evidence.tiles()[tile as usize].looks);
         workout.tiles = tiles.into_iter().map(looks).collect();
@@ -320,9 +303,11 @@ impl Workout {
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
             }
             Action::DropTails => {
+                let before = self.draft.alive_count().max(1) as f64;
                 for slot in tails(&self.draft, self.voxel_m, TAIL_PART) {
                     self.draft.remove(slot as u32);
                 }
+                self.pairs_per_ping *= self.draft.alive_count() as f64 / before;
             }
             Action::Split => self.split_confident(),
             Action::Align => align(&mut self.draft, self.voxel_m),
@@ -433,7 +418,11 @@ impl Workout {
             }
         }
         for &(tile, looks) in &self.tiles {
-            world.evidence.tile_mut(tile).worked_looks = looks;
+            let tile = world.evidence.tile_mut(tile);
+            tile.worked_looks = looks;
+            if self.start == Start::Even {
+                tile.even_looks = looks;
+            }
         }
         self.iterations
     }
@@ -449,42 +438,6 @@ impl Workout {
             split(&mut self.draft, slot, 0.25 * self.voxel_m);
         }
     }
-}
-
-/// What is done, in order. Few looks sort out most candidates; the rest is worth all of them.
-fn actions(passes: usize, at_work: AtWork) -> VecDeque<Action> {
-    let mut actions = VecDeque::new();
-    let steps = |actions: &mut VecDeque<Action>, count: usize, interleave: f64| {
-        actions.extend((0..count).map(|step| Action::Strengthen { step, interleave }));
-    };
-    for interleave in [4.0 * INTERLEAVE, INTERLEAVE] {
-        let mut left = passes;
-        while left > 0 {
-            let round = left.min(ROUND_STEPS);
-            steps(&mut actions, round, interleave);
-            actions.push_back(Action::DropTails);
-            left -= round;
-        }
-    }
-    for _ in 0..2 {
-        actions.push_back(Action::Localise);
-        steps(&mut actions, passes / 3, INTERLEAVE);
-    }
-    actions.push_back(Action::Assess { stride: 2.0 });
-    if at_work.splitting {
-        actions.push_back(Action::Split);
-        steps(&mut actions, passes / 5, INTERLEAVE);
-        actions.push_back(Action::DropTails);
-        actions.push_back(Action::Localise);
-    }
-    steps(&mut actions, passes / 8, INTERLEAVE);
-    actions.push_back(Action::Assess {
-        stride: LAST_STRIDE,
-    });
-    if at_work.anisotropy {
-        actions.push_back(Action::Align);
-    }
-    actions
 }
 
 /// Of a Gaussian's strength for each of its eight parts: half as wide, each fills a quarter of

@@ -38,6 +38,8 @@ pub(crate) struct Tile {
     pub(crate) looks: f32,
     /// Of these, those that its Gaussians were last worked out from.
     pub(crate) worked_looks: f32,
+    /// Of these, those of the last time that they were worked out anew, not from the map.
+    pub(crate) even_looks: f32,
 }
 
 /// The grid.
@@ -201,9 +203,10 @@ impl Evidence {
 
     /// Makes every tile be worked out again.
     pub(crate) fn doubt_all(&mut self) {
-        self.tiles
-            .iter_mut()
-            .for_each(|tile| tile.worked_looks = 0.0);
+        for tile in &mut self.tiles {
+            tile.worked_looks = 0.0;
+            tile.even_looks = 0.0;
+        }
     }
 
     pub(crate) fn center_of(&self, block: &Block) -> Vec3 {
@@ -265,6 +268,7 @@ impl Evidence {
                 blocks: Vec::new(),
                 looks: 0.0,
                 worked_looks: 0.0,
+                even_looks: 0.0,
             });
             self.tiles.len() - 1
         });

@@ -1,0 +1,140 @@
+//! What candidates begin with where the map knows something of their places already.
+//!
+//! Cost: nine cells around each Gaussian of the map in the tiles concerned, three layers of them.
+
+use std::collections::HashMap;
+
+use echosplat_model::Standing;
+use echosplat_model::glam::{IVec3, Vec3};
+
+use crate::spawn::gaussians::{Gaussians, Lobes, Stage, Verdict};
+
+/// A confident surface goes on beside itself: its Gaussians share their strength with the places around, by a
+/// normal distribution of this standard deviation, in voxels.
+const SPREAD_VOXELS: f32 = 0.8;
+/// All other places begin with this part of the middle strength of the tiles: what tails have when they are let
+/// go, so that a few steps let go of them or raise them.
+const LEAST_PART: f32 = 0.05;
+
+/// Gives every candidate of `draft` the strength that the Gaussians `known` of `map` have at its place.
+pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], voxel_m: f32) {
+    let known = || {
+        let slots = known.iter().map(|&slot| slot as usize);
+        slots.filter(|&slot| map.stage[slot] == Stage::Worked)
+    };
+    let mut strengths: Vec<f32> = known().map(|slot| strength(map, slot, voxel_m)).collect();
+    if strengths.is_empty() {
+        return;
+    }
+    let middle = strengths.len() / 2;
+    let middle = *strengths.select_nth_unstable_by(middle, f32::total_cmp).1;
+    let cell_of = |at_m: Vec3| (at_m / voxel_m).floor().as_ivec3();
+    let mut place_of: HashMap<IVec3, usize> = HashMap::new();
+    let candidates: Vec<usize> = draft.slots().filter(|&s| draft.is_worked_on(s)).collect();
+    for slot in candidates {
+        place_of.insert(cell_of(draft.home_m[slot]), slot);
+        draft.strength[slot] = Lobes::default();
+    }
+    for slot in known() {
+        let mut whole = map.strength[slot];
+        whole.scale(area_of(map, slot) / whole_area(voxel_m));
+        if map.verdict[slot] != Verdict::Published(Standing::Confident) {
+            if let Some(&place) = place_of.get(&cell_of(map.home_m[slot])) {
+                draft.strength[place].add(&whole);
+            }
+            continue;
+        }
+        let (at_m, cell) = (map.mean_m[slot], cell_of(map.mean_m[slot]));
+        let cells = (0..27).map(|i| cell + IVec3::new(i % 3, i / 3 % 3, i / 9) - IVec3::ONE);
+        let near = cells.filter_map(|cell| place_of.get(&cell));
+        let near: Vec<(usize, f32)> = near
+            .map(|&place| {
+                let away = draft.home_m[place].distance(at_m) / (SPREAD_VOXELS * voxel_m);
+                (place, (-0.5 * away * away).exp())
+            })
+            .collect();
+        let all: f32 = near.iter().map(|(_, part)| part).sum();
+        for (place, part) in near {
+            let mut share = whole;
+            share.scale(part / all);
+            draft.strength[place].add(&share);
+        }
+    }
+    let least = Vec3::splat(LEAST_PART * middle);
+    for &slot in place_of.values() {
+        let Lobes { ahead, behind } = draft.strength[slot];
+        draft.strength[slot] = Lobes {
+            ahead: ahead.max(least),
+            behind: behind.max(least),
+        };
+    }
+}
+
+/// Of a round Gaussian of one voxel that sends back as much.
+fn strength(map: &Gaussians, slot: usize, voxel_m: f32) -> f32 {
+    map.strongest(slot) * area_of(map, slot) / whole_area(voxel_m)
+}
+
+/// What it covers seen along its shortest axis, over 2π.
+fn area_of(map: &Gaussians, slot: usize) -> f32 {
+    let scale_m = map.scale_m[slot];
+    scale_m.element_product() / scale_m.min_element()
+}
+
+fn whole_area(voxel_m: f32) -> f32 {
+    (0.5 * voxel_m).powi(2)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const VOXEL_M: f32 = 0.1;
+
+    fn at(x: i32) -> Vec3 {
+        (IVec3::new(x, 0, 0).as_vec3() + 0.5) * VOXEL_M
+    }
+
+    fn row_of(strength: f32) -> Gaussians {
+        let mut gaussians = Gaussians::default();
+        for x in 0..5 {
+            gaussians.spawn(at(x), (0, x as u16), 0.5 * VOXEL_M, strength);
+        }
+        gaussians
+    }
+
+    /// A map of one Gaussian at the middle of the row, and what a row of candidates gets of it.
+    fn inherited(verdict: Verdict) -> Vec<f32> {
+        let mut map = Gaussians::default();
+        let slot = map.spawn(at(2), (0, 2), 0.5 * VOXEL_M, 1.0) as usize;
+        (map.stage[slot], map.verdict[slot]) = (Stage::Worked, verdict);
+        let mut draft = row_of(7.0);
+        inherit(&mut draft, &map, &[slot as u32], VOXEL_M);
+        (0..5).map(|slot| draft.strongest(slot)).collect()
+    }
+
+    #[test]
+    fn a_confident_surface_is_shared_with_the_places_around_it_and_nothing_is_lost() {
+        let strengths = inherited(Verdict::Published(Standing::Confident));
+        assert!(
+            strengths[2] > strengths[1] && strengths[1] > 0.1,
+            "{strengths:?}"
+        );
+        let sum: f32 = strengths[1..4].iter().sum();
+        assert!((sum - 1.0).abs() < 1e-5, "{strengths:?}");
+        assert!((strengths[0] - LEAST_PART).abs() < 1e-6, "{strengths:?}");
+    }
+
+    #[test]
+    fn what_is_ambiguous_stays_where_it_is() {
+        let strengths = inherited(Verdict::Published(Standing::Ambiguous));
+        assert!((strengths[2] - 1.0).abs() < 1e-6 && strengths[1] < 0.06);
+    }
+
+    #[test]
+    fn without_a_map_candidates_keep_what_they_began_with() {
+        let mut draft = row_of(7.0);
+        inherit(&mut draft, &Gaussians::default(), &[], VOXEL_M);
+        assert!((draft.strongest(3) - 7.0).abs() < 1e-6);
+    }
+}

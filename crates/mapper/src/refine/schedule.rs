@@ -1,0 +1,101 @@
+//! What a work-out does, in order.
+
+use std::collections::VecDeque;
+
+use crate::parts::AtWork;
+
+/// A step looks at every so many-th ping.
+pub(crate) const INTERLEAVE: f64 = 8.0;
+/// The last assessment looks at every so many-th ping.
+const LAST_STRIDE: f64 = 3.0;
+/// Steps after which tails are let go.
+const ROUND_STEPS: usize = 4;
+
+/// One thing to do.
+#[derive(Debug, Clone, Copy)]
+pub(crate) enum Action {
+    /// A multiplicative step over every so many-th ping, shifted by the number of the step.
+    Strengthen {
+        step: usize,
+        interleave: f64,
+    },
+    DropTails,
+    /// Means are moved to where their echoes are.
+    Localise,
+    /// Verdicts by every so many-th ping.
+    Assess {
+        stride: f64,
+    },
+    /// What is confident is split in eight.
+    Split,
+    /// Shapes are laid along the surface.
+    Align,
+}
+
+/// What the candidates of a work-out begin with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Start {
+    /// All alike: nothing that was found before counts.
+    Even,
+    /// With what the map holds at their places: fewer steps do, but each start from the map makes it sharper.
+    Map,
+}
+
+/// Few looks sort out most candidates; the rest is worth all of them.
+pub(crate) fn actions(passes: usize, start: Start, at_work: AtWork) -> VecDeque<Action> {
+    let (few, more, moves) = match start {
+        Start::Even => (passes, passes, 2),
+        Start::Map => (passes / 4, passes / 2, 1),
+    };
+    let mut actions = VecDeque::new();
+    let steps = |actions: &mut VecDeque<Action>, count: usize, interleave: f64| {
+        actions.extend((0..count).map(|step| Action::Strengthen { step, interleave }));
+    };
+    for (mut left, interleave) in [(few, 4.0 * INTERLEAVE), (more, INTERLEAVE)] {
+        while left > 0 {
+            let round = left.min(ROUND_STEPS);
+            steps(&mut actions, round, interleave);
+            actions.push_back(Action::DropTails);
+            left -= round;
+        }
+    }
+    for _ in 0..moves {
+        actions.push_back(Action::Localise);
+        steps(&mut actions, passes / 3, INTERLEAVE);
+    }
+    actions.push_back(Action::Assess { stride: 2.0 });
+    if at_work.splitting {
+        actions.push_back(Action::Split);
+        steps(&mut actions, passes / 5, INTERLEAVE);
+        actions.push_back(Action::DropTails);
+        actions.push_back(Action::Localise);
+    }
+    steps(&mut actions, passes / 8, INTERLEAVE);
+    actions.push_back(Action::Assess {
+        stride: LAST_STRIDE,
+    });
+    if at_work.anisotropy {
+        actions.push_back(Action::Align);
+    }
+    actions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::parts::{Cues, MapCues, Parts, decide};
+
+    #[test]
+    fn a_start_from_the_map_takes_fewer_steps_to_the_same_end() {
+        let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
+        let count = |start: Start| {
+            let actions = actions(16, start, at_work);
+            let is_step = |action: &&Action| matches!(action, Action::Strengthen { .. });
+            (actions.iter().filter(is_step).count(), actions.len())
+        };
+        let ((even, _), (map, _)) = (count(Start::Even), count(Start::Map));
+        assert_eq!((even, map), (16 + 16 + 2 * 5 + 3 + 2, 4 + 8 + 5 + 3 + 2));
+        let last = actions(16, Start::Map, at_work).pop_back();
+        assert!(matches!(last, Some(Action::Align | Action::Assess { .. })));
+    }
+}
