@@ -27,8 +27,7 @@ pub struct MapperConfig {
     pub dynamic_range_db: f32,
     /// Pings whose evidence is taken in together; bounds the latency of the map.
     pub slice_pings: usize,
-    /// Most pings held for optimisation and for late-born candidates; beyond it every second
-    /// one of the older half goes.
+    /// Most pings that are remembered; beyond it the oldest go, and what they told stays with the Gaussians.
     pub history_pings: usize,
     /// Evidence at which a place becomes a Gaussian, in units of one clear look.
     pub spawn_evidence: f32,
@@ -60,9 +59,9 @@ impl Default for MapperConfig {
             detection_factor: 12.0,
             dynamic_range_db: 30.0,
             slice_pings: 4,
-            history_pings: 65_536,
+            history_pings: 16_384,
             spawn_evidence: 4.5,
-            work_pairs_per_ping: 200_000,
+            work_pairs_per_ping: 300_000,
             workout_passes: 16,
             workout_pairs: 6_000_000_000,
             confident_share: 0.7,

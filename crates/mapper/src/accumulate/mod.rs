@@ -2,4 +2,5 @@
 
 pub(crate) mod evidence;
 pub(crate) mod fan;
+pub(crate) mod finding;
 pub(crate) mod history;

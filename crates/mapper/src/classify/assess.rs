@@ -3,11 +3,10 @@
 
 use std::f32::consts::PI;
 
-use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::Standing;
-use echosplat_model::glam::Vec3;
 
 use crate::MapperConfig;
+use crate::accumulate::finding::{Account, Finding};
 use crate::accumulate::history::Past;
 use crate::classify::shade::Shade;
 use crate::parts::AtWork;
@@ -61,23 +60,6 @@ const COMPANY_VOXELS: f32 = 16.0;
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
 
-/// What was seen of one Gaussian over all looks that lit it.
-#[derive(Debug, Clone, Copy, Default)]
-struct Account {
-    /// Independent lit looks.
-    looks: f32,
-    /// Of these, looks past a confident surface that should hide it.
-    hidden_looks: f32,
-    /// Of all, looks whose echo comes from its surroundings alone, or nearly.
-    clear_looks: f32,
-    /// Sum over looks of what its surroundings explain against the best place on the same arc.
-    rivalry: f32,
-    /// Sums over looks of its mirror image above or below the beam's axis, metres from the
-    /// Gaussian's home, and of its square.
-    mirror_m: Vec3,
-    mirror_m2: f32,
-}
-
 impl Account {
     /// Whether the looks tell the place from its mirror image: it is too near to matter, or each
     /// look has it elsewhere.
@@ -94,29 +76,6 @@ impl Account {
             && self.hidden_looks <= MOST_HIDDEN_SHARE * self.looks
             && self.tells_from_mirror()
             && sigma_m <= demand.sigma_m
-    }
-
-    /// As if each look had been made so many times.
-    fn times(self, count: f32) -> Self {
-        Self {
-            looks: self.looks * count,
-            hidden_looks: self.hidden_looks * count,
-            clear_looks: self.clear_looks * count,
-            rivalry: self.rivalry * count,
-            mirror_m: self.mirror_m * count,
-            mirror_m2: self.mirror_m2 * count,
-        }
-    }
-}
-
-impl Sum for Account {
-    fn join(&mut self, part: &Self) {
-        self.looks += part.looks;
-        self.hidden_looks += part.hidden_looks;
-        self.clear_looks += part.clear_looks;
-        self.rivalry += part.rivalry;
-        self.mirror_m += part.mirror_m;
-        self.mirror_m2 += part.mirror_m2;
     }
 }
 
@@ -153,31 +112,9 @@ impl Demand {
     }
 }
 
-/// What the looks of some pings say of one Gaussian.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Finding {
-    account: Account,
-    /// Fisher information of its mean, 1/m².
-    information: SymmetricMat3,
-}
-
-impl Finding {
-    /// As if each look had been made so many times.
-    pub(crate) fn times(self, count: f32) -> Self {
-        Self {
-            account: self.account.times(count),
-            information: SymmetricMat3 {
-                diagonal: self.information.diagonal * count,
-                mixed: self.information.mixed * count,
-            },
-        }
-    }
-}
-
 impl Sum for Finding {
     fn join(&mut self, part: &Self) {
-        self.account.join(&part.account);
-        self.information.join(&part.information);
+        self.add(part);
     }
 }
 
@@ -359,7 +296,7 @@ impl Desk {
             let below_m = 2.0 * splat.range_m * splat.elevation_rad.sin();
             let mirror_m = past.look.pose.axes.z_axis * -below_m;
             let if_so = |so: bool| if so { looks } else { 0.0 };
-            tally.of(row.slot).account.join(&Account {
+            tally.of(row.slot).account.add(&Account {
                 looks,
                 hidden_looks: if_so(rule.occlusion && shade.hides(row)),
                 clear_looks: if_so(near > rule.clear_share * sight.predicted[bin]),

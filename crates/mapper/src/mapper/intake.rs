@@ -170,11 +170,11 @@ impl Mapper {
         let mut slice = std::mem::take(&mut self.waiting);
         slice.sort_by_key(|posed| (posed.ping.transmit_time(), posed.ping.sequence()));
         let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
+        self.forget(fresh);
         let Some(world) = &mut self.world else {
             return InsertReport::default();
         };
         let evidence = &mut world.evidence;
-        evidence.forget(&self.history.forget(fresh));
         let pings = self.history.pings();
         let start = pings.len() - fresh;
         let extent = self.at_work.converged;

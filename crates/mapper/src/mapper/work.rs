@@ -2,14 +2,14 @@
 
 use echosplat_model::Snapshot;
 
-use super::Mapper;
 use super::intake::doubt_multiples;
-use crate::accumulate::evidence::{Evidence, TileIndex};
+use super::{LEAST_NOISE, Mapper};
+use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::multiples::Multiples;
 use crate::parts::{MapCues, decide};
 use crate::refine::schedule::Start;
-use crate::refine::workout::{Terms, Workout};
+use crate::refine::workout::{Terms, Workout, keep};
 use crate::seabed::Seabed;
 
 /// Tiles are due when this part of what they hold comes from looks that it was not worked out with: they were looked
@@ -95,6 +95,28 @@ impl Mapper {
         true
     }
 
+    /// Lets go of the oldest pings when there are too many; `recent` of them stay in any case. What they told stays.
+    pub(super) fn forget(&mut self, recent: usize) {
+        let gone = self.history.forget(recent);
+        let Some(world) = &mut self.world else { return };
+        if gone.is_empty() {
+            return;
+        }
+        world.evidence.forget(&gone);
+        // A work-out under way holds indices of blocks.
+        if self.workout.is_none() {
+            world.evidence.leave();
+        }
+        let terms = Terms {
+            config: &self.config,
+            at_work: self.at_work,
+            floor: LEAST_NOISE * self.levels.strongest(),
+            unit_strength: self.unit_strength,
+        };
+        let map = &mut self.gaussians;
+        self.status.pairs += self.pool.install(|| keep(world, map, &gone, terms));
+    }
+
     /// The next portion of what is under way. Returns pairs done.
     fn advance(&mut self) -> u64 {
         let (Some(workout), Some(world)) = (&mut self.workout, &mut self.world) else {
@@ -124,35 +146,42 @@ impl Mapper {
 /// While the dive goes on: the tiles that were looked at more, once enough of what they hold is stale.
 fn due(evidence: &Evidence) -> Option<Due> {
     let (mut tiles, mut held, mut stale) = (Vec::new(), 0.0, 0.0);
-    let (mut looks, mut even_looks) = (0.0, 0.0);
+    let (mut looks, mut even_looks, mut is_remembered) = (0.0, 0.0, true);
     for (index, tile) in evidence.tiles().iter().enumerate() {
         if !(tile.looks > GROWN * tile.worked_looks) {
             continue;
         }
-        let gaussians = tile
-            .blocks
-            .iter()
-            .map(|&block| evidence.block(block).gaussians.len());
+        let blocks = tile.blocks.iter();
+        let gaussians = blocks.map(|&block| evidence.block(block).gaussians.len());
         let gaussians = gaussians.sum::<usize>() as f32;
         held += gaussians;
         stale += gaussians * (1.0 - tile.worked_looks / tile.looks);
         looks += gaussians * tile.looks;
         even_looks += gaussians * tile.even_looks;
+        is_remembered &= tile.forgotten_looks <= 0.0;
         tiles.push(index as TileIndex);
     }
-    let start = match looks > ANEW * even_looks {
+    let start = match is_remembered && looks > ANEW * even_looks {
         true => Start::Even,
         false => Start::Map,
     };
     (stale > STALE_PART * held).then_some((tiles, start))
 }
 
-/// At the end of the data: all that was looked at since it was worked out anew.
+/// At the end of the data: all that was looked at since it was worked out anew, or since it was worked out where
+/// only the map knows what forgotten pings told.
 fn due_at_end(evidence: &Evidence) -> Option<Due> {
-    let tiles = evidence.tiles().iter().enumerate();
-    let tiles = tiles.filter(|(_, tile)| tile.looks > tile.even_looks);
-    let tiles: Vec<TileIndex> = tiles.map(|(index, _)| index as TileIndex).collect();
-    (!tiles.is_empty()).then_some((tiles, Start::Even))
+    let of = |is_due: fn(&Tile) -> bool| -> Vec<TileIndex> {
+        let tiles = evidence.tiles().iter().enumerate();
+        let tiles = tiles.filter(|(_, tile)| is_due(tile));
+        tiles.map(|(index, _)| index as TileIndex).collect()
+    };
+    let anew = of(|tile| tile.forgotten_looks <= 0.0 && tile.looks > tile.even_looks);
+    if !anew.is_empty() {
+        return Some((anew, Start::Even));
+    }
+    let more = of(|tile| tile.forgotten_looks > 0.0 && tile.looks > tile.worked_looks);
+    (!more.is_empty()).then_some((more, Start::Map))
 }
 
 fn judge_all(history: &mut History, seabed: &Seabed, multiples: &Multiples) {

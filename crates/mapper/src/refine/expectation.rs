@@ -20,7 +20,9 @@ use crate::refine::splats::Row;
 use crate::refine::step::damped_step;
 use crate::refine::tally::Tally;
 use crate::refine::visibility::{Against, Moments, Sight};
-use crate::spawn::gaussians::{Gaussians, Lobes, Stage};
+use crate::spawn::gaussians::{Gaussians, Stage};
+use crate::spawn::kept::Kept;
+use crate::spawn::lobes::Lobes;
 
 /// Sums are made per so many pings and added in order, so that threads do not change them.
 const CHUNK: usize = 32;
@@ -110,7 +112,7 @@ impl<T: Sum + Sync> Pass<T> {
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct StepSums {
     pull: Lobes,
-    weight: Lobes,
+    pub(crate) weight: Lobes,
 }
 
 impl Sum for StepSums {
@@ -136,20 +138,30 @@ pub(crate) fn strengths_of_ping(
     }
 }
 
-/// One multiplicative step: for gamma speckle on power, `ρ ← ρ·(Σ A I/Î² / Σ A/Î)^½`.
-pub(crate) fn maximise(gaussians: &mut Gaussians, sums: &[StepSums], at_work: AtWork) {
+/// One multiplicative step: for gamma speckle on power, `ρ ← ρ·(Σ A I/Î² / Σ A/Î)^½`. Each of the pings stands for
+/// `stride` that are remembered; what forgotten ones told of a whole Gaussian counts as it was last summed up.
+pub(crate) fn maximise(gaussians: &mut Gaussians, sums: &[StepSums], stride: f32, at_work: AtWork) {
     let exponent = match at_work.speckle {
         true => FULL_STEP,
         false => COUNTS_STEP * FULL_STEP,
     };
     let strengths = gaussians.strength.par_iter_mut().with_min_len(1024);
     let sides = strengths.zip(&mut gaussians.known).zip(&gaussians.stage);
+    let sides = sides.zip(&gaussians.part).zip(&gaussians.kept);
     sides
         .zip(sums)
-        .for_each(|(((strength, known), stage), sums)| {
-            let StepSums { pull, weight } = sums;
+        .for_each(|(((((strength, known), stage), part), kept), sums)| {
+            let StepSums {
+                mut pull,
+                mut weight,
+            } = *sums;
             if *stage == Stage::Background {
                 return;
+            }
+            if let Some(kept) = kept
+                && *part >= 1.0
+            {
+                add_kept(&mut pull, &mut weight, kept, strength, stride, exponent);
             }
             if !at_work.specular {
                 let even = step(Vec3::splat(pull.sum()), Vec3::splat(weight.sum()), exponent);
@@ -161,6 +173,27 @@ pub(crate) fn maximise(gaussians: &mut Gaussians, sums: &[StepSums], at_work: At
             known.ahead |= weight.ahead.cmpgt(Vec3::ZERO);
             known.behind |= weight.behind.cmpgt(Vec3::ZERO);
         });
+}
+
+/// Adds what was kept to both sums of a step from `now`: alone it would bring the strength back to the kept one.
+fn add_kept(
+    pull: &mut Lobes,
+    weight: &mut Lobes,
+    kept: &Kept,
+    now: &Lobes,
+    stride: f32,
+    exponent: f32,
+) {
+    let mut kept_weight = kept.weight;
+    kept_weight.scale(stride.recip());
+    let back = |kept: Vec3, now: Vec3| {
+        (kept / now.max(Vec3::splat(f32::MIN_POSITIVE))).powf(exponent.recip())
+    };
+    weight.add(&kept_weight);
+    pull.add(&Lobes {
+        ahead: kept_weight.ahead * back(kept.strength.ahead, now.ahead),
+        behind: kept_weight.behind * back(kept.strength.behind, now.behind),
+    });
 }
 
 /// The factors of three sides; a side that no ping of the pass saw keeps its strength.
@@ -386,7 +419,7 @@ mod tests {
         fn step(&mut self) {
             let sums = self.sums(strengths_of_ping);
             let at_work = self.scene().at_work;
-            maximise(&mut self.gaussians, &sums, at_work);
+            maximise(&mut self.gaussians, &sums, 1.0, at_work);
         }
 
         /// Log likelihood of gamma speckle, up to a constant.
@@ -445,6 +478,30 @@ mod tests {
             "{}",
             strength(empty)
         );
+    }
+
+    #[test]
+    fn what_forgotten_pings_told_holds_a_strength_as_far_as_it_weighs() {
+        let at_m = Vec3::new(6.0, 0.01, 0.4);
+        let after = |times: f32| {
+            let mut trial = Trial::new(&[(at_m, STRENGTH)]);
+            let slot = trial.spawn(at_m, 2.0 * STRENGTH);
+            let sums = trial.sums(strengths_of_ping)[slot];
+            let (mut weight, strength) = (sums.weight, Lobes::even(2.0 * STRENGTH));
+            weight.scale(times);
+            trial.gaussians.kept[slot] = Some(Box::new(Kept {
+                strength,
+                weight,
+                ..Kept::default()
+            }));
+            for _ in 0..100 {
+                trial.step();
+            }
+            trial.gaussians.strength[slot].seen(-at_m.normalize()) / STRENGTH
+        };
+        let (light, heavy) = (after(0.01), after(100.0));
+        assert!((light - 1.0).abs() < 0.1, "{light}");
+        assert!((heavy - 2.0).abs() < 0.1, "{heavy}");
     }
 
     #[test]

@@ -7,7 +7,9 @@ use std::collections::HashMap;
 use echosplat_model::Standing;
 use echosplat_model::glam::{IVec3, Vec3};
 
-use crate::spawn::gaussians::{Gaussians, Lobes, Stage, Verdict};
+use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
+use crate::spawn::kept::Kept;
+use crate::spawn::lobes::Lobes;
 
 /// A confident surface goes on beside itself: its Gaussians share their strength with the places around, by a
 /// normal distribution of this standard deviation, in voxels.
@@ -36,8 +38,7 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
         draft.strength[slot] = Lobes::default();
     }
     for slot in known() {
-        let mut whole = map.strength[slot];
-        whole.scale(area_of(map, slot) / whole_area(voxel_m));
+        let whole = whole_of(map, slot, voxel_m);
         if map.verdict[slot] != Verdict::Published(Standing::Confident) {
             if let Some(&place) = place_of.get(&cell_of(map.home_m[slot])) {
                 draft.strength[place].add(&whole);
@@ -60,6 +61,28 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
             draft.strength[place].add(&share);
         }
     }
+    let mut kept: HashMap<usize, Vec<&Kept>> = HashMap::new();
+    let mut strength_of: HashMap<usize, Lobes> = HashMap::new();
+    for slot in known() {
+        if let Some(told) = &map.kept[slot]
+            && let Some(&place) = place_of.get(&cell_of(map.home_m[slot]))
+        {
+            kept.entry(place).or_default().push(told);
+            strength_of
+                .entry(place)
+                .or_default()
+                .add(&whole_of(map, slot, voxel_m));
+        }
+    }
+    for (place, parts) in kept {
+        let told = Kept::mean(parts.into_iter());
+        draft.kept[place] = told.map(|told| {
+            Box::new(Kept {
+                strength: strength_of[&place],
+                ..told
+            })
+        });
+    }
     let least = Vec3::splat(LEAST_PART * middle);
     for &slot in place_of.values() {
         let Lobes { ahead, behind } = draft.strength[slot];
@@ -70,18 +93,26 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
     }
 }
 
-/// Of a round Gaussian of one voxel that sends back as much.
+/// Strengths of a round Gaussian of one voxel that sends back as much.
+fn whole_of(map: &Gaussians, slot: usize, voxel_m: f32) -> Lobes {
+    let mut whole = map.strength[slot];
+    whole.scale(area_of(map, slot) / whole_area(voxel_m));
+    whole
+}
+
+/// The strongest of them.
 fn strength(map: &Gaussians, slot: usize, voxel_m: f32) -> f32 {
     map.strongest(slot) * area_of(map, slot) / whole_area(voxel_m)
 }
 
 /// What it covers seen along its shortest axis, over 2π.
-fn area_of(map: &Gaussians, slot: usize) -> f32 {
+pub(crate) fn area_of(map: &Gaussians, slot: usize) -> f32 {
     let scale_m = map.scale_m[slot];
     scale_m.element_product() / scale_m.min_element()
 }
 
-fn whole_area(voxel_m: f32) -> f32 {
+/// The same of a round Gaussian of one voxel.
+pub(crate) fn whole_area(voxel_m: f32) -> f32 {
     (0.5 * voxel_m).powi(2)
 }
 

@@ -359,7 +359,7 @@ fn arrays<S: Simd, const N: usize>(vectors: [f32x8<S>; N]) -> [[f32; LANES]; N] 
     arrays
 }
 
-/// [`crate::spawn::gaussians::Lobes::seen`] from the sensor, against `range_axis`.
+/// [`crate::spawn::lobes::Lobes::seen`] from the sensor, against `range_axis`.
 #[inline(always)]
 fn facing<S: Simd>(range_axis: Triple<S>, ahead: Triple<S>, behind: Triple<S>) -> f32x8<S> {
     let [x, y, z] = range_axis;
@@ -372,7 +372,8 @@ fn facing<S: Simd>(range_axis: Triple<S>, ahead: Triple<S>, behind: Triple<S>) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::spawn::gaussians::{Gaussians, Lobes};
+    use crate::spawn::gaussians::Gaussians;
+    use crate::spawn::lobes::Lobes;
     use echosplat_acoustics::{Beam, LookPose};
     use echosplat_model::glam::{EulerRot, Mat3, Quat};
     use fearless_simd::{Level, dispatch};

@@ -15,19 +15,21 @@ use echosplat_model::{GaussianId, Standing, Switch};
 
 use crate::MapperConfig;
 use crate::accumulate::evidence::{BlockIndex, Horizon, TileIndex, VOXELS};
+use crate::accumulate::finding::Finding;
 use crate::accumulate::history::{Past, every};
-use crate::classify::assess::{Demand, Desk, Finding, Rule, findings_of_ping, judge, tails};
+use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, judge, tails};
 use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
     Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
 };
-use crate::refine::inherit::inherit;
+use crate::refine::inherit::{area_of, inherit, whole_area};
 use crate::refine::scene::Scene;
 use crate::refine::schedule::{Action, INTERLEAVE, Start, actions};
 use crate::refine::shape::align;
 use crate::seabed::Seabed;
 use crate::spawn::births;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
+use crate::spawn::kept::Kept;
 use crate::world::World;
 
 /// What all Gaussians start with, alike, of the strength that a typical echo needs.
@@ -51,13 +53,25 @@ const SAMPLE: usize = 64;
 /// Pairs of a portion, about 10 ms on two cores.
 const PORTION_PAIRS: f64 = 2e6;
 
+/// Where forgotten pings made this part of the looks, what is confident is held as it is: the others alone would
+/// find its place less well.
+const HELD_PART: f32 = 0.3;
+
 /// Voxels of a block, a bit each.
 type Mask = [u64; VOXELS / 64];
+
+fn is(mask: &Mask, voxel: u16) -> bool {
+    mask[usize::from(voxel) / 64] >> (voxel % 64) & 1 == 1
+}
+
+fn set(mask: &mut Mask, voxel: u16) {
+    mask[usize::from(voxel) / 64] |= 1 << (voxel % 64);
+}
 
 /// What is going on.
 #[derive(Debug)]
 enum Doing {
-    Strengthen(Pass<StepSums>),
+    Strengthen(Pass<StepSums>, f32),
     Localise(Pass<Pull>),
     Assess(Pass<Finding>, Rule, f32),
 }
@@ -68,7 +82,7 @@ pub(crate) struct Workout {
     /// Tiles, and how often each had been looked at.
     tiles: Vec<(TileIndex, f32)>,
     start: Start,
-    /// Blocks in them, and the voxels that were candidates.
+    /// Blocks in them, and the voxels that are worked out: candidates, and what was one before.
     blocks: Vec<(BlockIndex, Mask)>,
     pings: Vec<Arc<Past>>,
     draft: Gaussians,
@@ -135,7 +149,7 @@ impl Workout {
             doing: None,
             iterations: 0,
         };
-        workout.take_candidates(world, &tiles, terms, left_out);
+        workout.take_candidates(world, map, &tiles, terms, left_out);
         if start == Start::Map {
             let blocks = workout.blocks.iter();
             let known = blocks.flat_map(|&(block, _)| evidence.block(block).gaussians.iter());
@@ -153,6 +167,7 @@ impl Workout {
     fn take_candidates(
         &mut self,
         world: &World,
+        map: &Gaussians,
         tiles: &[TileIndex],
         terms: Terms<'_>,
         left_out: &mut Vec<LeftOut>,
@@ -181,17 +196,44 @@ impl Workout {
         }
         let (scale_m, strength) = (0.5 * self.voxel_m, EVEN_STRENGTH * terms.unit_strength);
         for (index, voxels) in found {
-            let (key, mut mask) = (evidence.block(index).key, Mask::default());
+            let (block, mut mask) = (evidence.block(index), Mask::default());
+            let (key, is_held) = (block.key, self.hold(world, map, index));
+            for &(voxel, slot) in &block.gaussians {
+                if map.stage[slot as usize] == Stage::Worked && !is(&is_held, voxel) {
+                    set(&mut mask, voxel);
+                }
+            }
             for voxel in voxels {
+                if is(&is_held, voxel) {
+                    continue;
+                }
                 let center_m = evidence.center_m(key, voxel.into());
                 let slot = self
                     .draft
                     .spawn(center_m, (index, voxel), scale_m, strength);
                 self.draft.verdict[slot as usize] = Verdict::ExplainedAway;
-                mask[usize::from(voxel) / 64] |= 1 << (voxel % 64);
+                set(&mut mask, voxel);
             }
             self.blocks.push((index, mask));
         }
+    }
+
+    /// Takes what is confident as it is where forgotten pings told much of it; its voxels.
+    fn hold(&mut self, world: &World, map: &Gaussians, index: BlockIndex) -> Mask {
+        let mut held = Mask::default();
+        let tile = &world.evidence.tiles()[world.evidence.tile_of(index) as usize];
+        if self.start == Start::Even || tile.forgotten_looks < HELD_PART * tile.looks {
+            return held;
+        }
+        for &(voxel, slot) in &world.evidence.block(index).gaussians {
+            let is_confident =
+                map.verdict[slot as usize] == Verdict::Published(Standing::Confident);
+            if is_confident {
+                set(&mut held, voxel);
+                self.draft.adopt(map, slot as usize, Stage::Background);
+            }
+        }
+        held
     }
 
     /// What was worked out before of the other tiles that the pings see.
@@ -286,7 +328,7 @@ impl Workout {
                 // A stride through the offsets keeps neighbouring steps on different sweeps.
                 let pings = over((step as f64 * OFFSET_STRIDE) % interleave, interleave);
                 let pass = Pass::over(pings, &world.evidence, &self.draft);
-                self.doing = Some(Doing::Strengthen(pass));
+                self.doing = Some(Doing::Strengthen(pass, interleave as f32));
             }
             Action::Localise => {
                 let pass = Pass::over(
@@ -318,15 +360,15 @@ impl Workout {
         let count = (PORTION_PAIRS / self.pairs_per_ping.max(1.0)) as usize + 1;
         let pairs;
         match doing {
-            Doing::Strengthen(mut pass) => {
+            Doing::Strengthen(mut pass, stride) => {
                 pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
                 if pass.is_done() {
                     let (sums, all, looks) = pass.finish();
                     self.worked(all, looks);
-                    maximise(&mut self.draft, &sums, self.at_work);
+                    maximise(&mut self.draft, &sums, stride, self.at_work);
                     self.iterations += 1;
                 } else {
-                    self.doing = Some(Doing::Strengthen(pass));
+                    self.doing = Some(Doing::Strengthen(pass, stride));
                 }
             }
             Doing::Localise(mut pass) => {
@@ -366,7 +408,16 @@ impl Workout {
         let is_worked_on: Vec<bool> = (0..self.draft.slot_count())
             .map(|slot| self.draft.is_worked_on(slot))
             .collect();
-        let finding_of = |slot: usize| is_worked_on[slot].then(|| findings[slot].times(stride));
+        let told: Vec<Finding> = (0..self.draft.slot_count())
+            .map(|slot| {
+                let mut finding = findings[slot].times(stride);
+                if let Some(kept) = &self.draft.kept[slot] {
+                    finding.add(&kept.finding_of(self.draft.part[slot]));
+                }
+                finding
+            })
+            .collect();
+        let finding_of = |slot: usize| is_worked_on[slot].then(|| told[slot]);
         judge(&mut self.draft, finding_of, self.voxel_m, self.demand);
         // Nothing is seen through the ground.
         for slot in 0..self.draft.slot_count() {
@@ -389,12 +440,14 @@ impl Workout {
         for (index, mask) in &self.blocks {
             let block = world.evidence.block_mut(*index);
             let mut ids: BTreeMap<u16, VecDeque<GaussianId>> = BTreeMap::new();
-            let is_considered = |voxel: u16| mask[usize::from(voxel) / 64] >> (voxel % 64) & 1 == 1;
+            let mut kept: BTreeMap<u16, Vec<Kept>> = BTreeMap::new();
             block.gaussians.retain(|&(voxel, slot)| {
-                let is_news = !is_considered(voxel) && map.stage[slot as usize] == Stage::Newborn;
+                let is_news = !is(mask, voxel);
                 if !is_news {
                     let ids = ids.entry(voxel).or_default();
                     ids.push_back(map.id[slot as usize]);
+                    let told = map.kept[slot as usize].as_deref();
+                    kept.entry(voxel).or_default().extend(told);
                     map.remove(slot);
                 }
                 is_news
@@ -403,8 +456,11 @@ impl Workout {
             let mut homeless = Vec::new();
             for (&(_, voxel), slots) in found.range((*index, 0)..=(*index, u16::MAX)) {
                 block.barred[usize::from(voxel) / 64] &= !(1 << (voxel % 64));
+                // As it is now: pings may have been forgotten since the draft began.
+                let told = kept.get(&voxel).and_then(|parts| Kept::mean(parts.iter()));
                 for &slot in slots {
                     let placed = map.adopt(draft, slot, Stage::Worked);
+                    map.kept[placed as usize] = told.map(Box::new);
                     block.gaussians.push((voxel, placed));
                     match ids.get_mut(&voxel).and_then(VecDeque::pop_front) {
                         Some(id) => map.id[placed as usize] = id,
@@ -440,6 +496,43 @@ impl Workout {
     }
 }
 
+/// Adds what pings tell of each Gaussian that was worked out to what it keeps, before they are forgotten.
+pub(crate) fn keep(
+    world: &World,
+    map: &mut Gaussians,
+    pings: &[Arc<Past>],
+    terms: Terms<'_>,
+) -> u64 {
+    let scene = |gaussians, is_blurred| Scene {
+        evidence: &world.evidence,
+        gaussians,
+        floor: terms.floor,
+        is_blurred,
+        at_work: terms.at_work,
+    };
+    let count = pings.len();
+    let mut pass = Pass::over(pings.to_vec(), &world.evidence, map);
+    pass.advance(scene(map, false), count, strengths_of_ping);
+    let (sums, pairs, _) = pass.finish();
+    let rule = Rule::of(&scene(map, true), Demand::of(terms.config, terms.at_work));
+    let mut pass = Pass::over(pings.to_vec(), &world.evidence, map);
+    let each = |tally: &mut _, desk: &mut Desk, past: &_, sight: &_| {
+        findings_of_ping(tally, desk, past, sight, map, rule);
+    };
+    pass.advance(scene(map, true), count, each);
+    let (findings, more_pairs, _) = pass.finish();
+    let whole = whole_area(world.evidence.voxel_m());
+    for slot in 0..map.slot_count() {
+        let is_told = sums[slot].weight.sum() > 0.0 || findings[slot].account.looks > 0.0;
+        if map.alive[slot] && map.stage[slot] == Stage::Worked && is_told {
+            let (area, part) = (area_of(map, slot) / whole, map.part[slot]);
+            let kept = map.kept[slot].get_or_insert_default();
+            kept.add(sums[slot].weight, &findings[slot], area, part);
+        }
+    }
+    pairs + more_pairs
+}
+
 /// Of a Gaussian's strength for each of its eight parts: half as wide, each fills a quarter of
 /// the solid angle, so eight of them at half the strength send back as much.
 const PART_OF_STRENGTH: f32 = 0.5;
@@ -449,7 +542,7 @@ const PART_OF_INFORMATION: f32 = 0.125;
 fn split(gaussians: &mut Gaussians, slot: usize, quarter_m: f32) {
     let (home, mean_m) = (gaussians.home[slot], gaussians.mean_m[slot]);
     let mut strength = gaussians.strength[slot];
-    let known = gaussians.known[slot];
+    let (known, kept) = (gaussians.known[slot], gaussians.kept[slot].clone());
     strength.scale(PART_OF_STRENGTH);
     for corner in 0..8_u32 {
         let at_m = mean_m + corner_of(corner) * quarter_m;
@@ -463,6 +556,7 @@ fn split(gaussians: &mut Gaussians, slot: usize, quarter_m: f32) {
         gaussians.strength[part] = strength;
         gaussians.known[part] = known;
         gaussians.part[part] = PART_OF_INFORMATION;
+        gaussians.kept[part] = kept.clone();
         gaussians.verdict[part] = Verdict::Published(Standing::Confident);
     }
 }

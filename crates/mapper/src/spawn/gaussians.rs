@@ -1,10 +1,12 @@
 //! The Gaussians as arrays of each quantity, with stable ids.
 
 use echosplat_acoustics::SymmetricMat3;
-use echosplat_model::glam::{BVec3, Mat3, Quat, Vec3};
+use echosplat_model::glam::{Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
 use crate::accumulate::evidence::BlockIndex;
+use crate::spawn::kept::Kept;
+use crate::spawn::lobes::{Lobes, Sides};
 
 /// What the last assessment found of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,78 +26,6 @@ pub(crate) enum Stage {
     Worked,
     /// Held still beside those that are being worked out.
     Background,
-}
-
-/// Strength towards the six sides of a cube: seen along the unit vector `u` towards the sensor,
-/// it is `Σ u_k² s_k` over the three sides that face the sensor. A surface's back, hidden by the
-/// structure itself, and a glint need no more than this.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Lobes {
-    /// Towards +x, +y, +z.
-    pub(crate) ahead: Vec3,
-    /// Towards −x, −y, −z.
-    pub(crate) behind: Vec3,
-}
-
-impl Lobes {
-    /// The same towards all sides.
-    pub(crate) fn even(strength: f32) -> Self {
-        Self {
-            ahead: Vec3::splat(strength),
-            behind: Vec3::splat(strength),
-        }
-    }
-
-    /// Strength seen along `towards`.
-    #[cfg(test)]
-    pub(crate) fn seen(&self, towards: Vec3) -> f32 {
-        let faces = Vec3::select(towards.cmpge(Vec3::ZERO), self.ahead, self.behind);
-        faces.dot(towards * towards)
-    }
-
-    /// Strength of the strongest of some sides; of all if they are none.
-    fn strongest(&self, sides: Sides) -> f32 {
-        if sides == Sides::default() {
-            return self.ahead.max(self.behind).max_element();
-        }
-        let ahead = Vec3::select(sides.ahead, self.ahead, Vec3::ZERO);
-        let behind = Vec3::select(sides.behind, self.behind, Vec3::ZERO);
-        ahead.max(behind).max_element()
-    }
-
-    /// Adds `amount` to the sides that face along `towards`, by what each counts.
-    pub(crate) fn add_facing(&mut self, towards: Vec3, amount: f32) {
-        let counts = towards * towards * amount;
-        let ahead = towards.cmpge(Vec3::ZERO);
-        self.ahead += Vec3::select(ahead, counts, Vec3::ZERO);
-        self.behind += Vec3::select(ahead, Vec3::ZERO, counts);
-    }
-
-    /// Adds side by side.
-    pub(crate) fn add(&mut self, other: &Self) {
-        self.ahead += other.ahead;
-        self.behind += other.behind;
-    }
-
-    /// Of all sides.
-    pub(crate) fn sum(&self) -> f32 {
-        self.ahead.element_sum() + self.behind.element_sum()
-    }
-
-    /// Multiplies every side.
-    pub(crate) fn scale(&mut self, factor: f32) {
-        self.ahead *= factor;
-        self.behind *= factor;
-    }
-}
-
-/// Sides of a Gaussian.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Sides {
-    /// +x, +y, +z.
-    pub(crate) ahead: BVec3,
-    /// −x, −y, −z.
-    pub(crate) behind: BVec3,
 }
 
 /// Arrays indexed by slot. A slot is used again after its Gaussian is gone, an id never.
@@ -119,6 +49,8 @@ pub(crate) struct Gaussians {
     pub(crate) sigma_m: Vec<f32>,
     pub(crate) verdict: Vec<Verdict>,
     pub(crate) stage: Vec<Stage>,
+    /// What forgotten pings told.
+    pub(crate) kept: Vec<Option<Box<Kept>>>,
     free: Vec<u32>,
     next_id: GaussianId,
 }
@@ -157,6 +89,7 @@ impl Gaussians {
         self.sigma_m[s] = f32::INFINITY;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
         self.stage[s] = Stage::Newborn;
+        self.kept[s] = None;
         slot
     }
 
@@ -185,6 +118,7 @@ impl Gaussians {
     pub(crate) fn remove(&mut self, slot: u32) {
         self.alive[slot as usize] = false;
         self.strength[slot as usize] = Lobes::default();
+        self.kept[slot as usize] = None;
         self.free.push(slot);
     }
 
@@ -210,6 +144,7 @@ impl Gaussians {
         self.sigma_m.push(f32::INFINITY);
         self.verdict.push(Verdict::ExplainedAway);
         self.stage.push(Stage::Newborn);
+        self.kept.push(None);
         (self.id.len() - 1) as u32
     }
 

@@ -2,4 +2,6 @@
 
 pub(crate) mod births;
 pub(crate) mod gaussians;
+pub(crate) mod kept;
+pub(crate) mod lobes;
 pub(crate) mod neighbours;

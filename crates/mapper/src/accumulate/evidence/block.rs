@@ -64,7 +64,7 @@ const STEPS: f32 = 64.0;
 type Totals = [i32; VOXELS];
 
 /// 8 × 8 × 8 voxels.
-#[derive(Debug)]
+#[derive(Debug, Default)]
 pub(crate) struct Block {
     /// Position in units of blocks.
     pub(crate) key: IVec3,
@@ -77,6 +77,8 @@ pub(crate) struct Block {
     pub(crate) barred: [u64; VOXELS / 64],
     /// The most evidence of any voxel.
     pub(crate) best: f32,
+    /// Evidence of looks that are not in `sides` any more, where there are Gaussians.
+    left: Vec<(u16, f32)>,
 }
 
 /// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
@@ -142,17 +144,29 @@ impl Block {
     pub(super) fn new(key: IVec3) -> Self {
         Self {
             key,
-            sides: Default::default(),
-            gaussians: Vec::new(),
-            barred: [0; VOXELS / 64],
-            best: 0.0,
+            ..Self::default()
         }
     }
 
     /// Forgets all evidence, and keeps its Gaussians.
     pub(super) fn forget(&mut self) {
         self.sides = Default::default();
+        self.left = Vec::new();
         self.best = 0.0;
+    }
+
+    /// Keeps evidence only of voxels that hold Gaussians.
+    pub(super) fn leave(&mut self) {
+        let sums = self.evidence(Horizon::Quarters);
+        let mut voxels: Vec<u16> = self.gaussians.iter().map(|&(voxel, _)| voxel).collect();
+        voxels.sort_unstable();
+        voxels.dedup();
+        let left = voxels
+            .into_iter()
+            .map(|voxel| (voxel, sums[usize::from(voxel)]));
+        self.left = left.collect();
+        self.sides = Default::default();
+        self.gaussians.shrink_to_fit();
     }
 
     pub(super) fn center_m(&self, voxel_m: f32) -> Vec3 {
@@ -208,6 +222,9 @@ impl Block {
             Horizon::Eighths => self.add_sides(&mut totals, &[[0], [1], [2], [3], [4], [5], [6], [7]], AGAINST_EIGHTH),
             Horizon::Quarters => self.add_sides(&mut totals, &QUARTERS, AGAINST_QUARTER),
         });
+        for &(voxel, sum) in &self.left {
+            totals[usize::from(voxel)] += (STEPS * sum) as i32;
+        }
         totals
     }
 
@@ -328,6 +345,18 @@ impl<'a> Glance<'a> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn what_is_left_remembers_the_places_of_its_gaussians() {
+        let mut block = Block::new(IVec3::ZERO);
+        block.sides[0] = Side::Seen(Box::new([(STEPS * 20.0) as i16; VOXELS]));
+        block.gaussians = vec![(7, 0), (7, 1)];
+        block.leave();
+        let evidence = block.evidence(Horizon::Eighths);
+        assert!((evidence[7] - 20.0).abs() < 1e-3 && evidence[8].abs() < 1e-6);
+        block.sides[3] = Side::Seen(Box::new([STEPS as i16; VOXELS]));
+        assert!((block.evidence(Horizon::Quarters)[7] - 21.0).abs() < 1e-3);
+    }
 
     #[test]
     fn a_side_that_sees_nothing_contradicts_the_others_only_so_far() {

@@ -34,12 +34,37 @@ pub(crate) type TileIndex = u32;
 pub(crate) struct Tile {
     pub(crate) center_m: Vec3,
     pub(crate) blocks: Vec<BlockIndex>,
-    /// Independent looks at it of the remembered pings that heard anything.
+    /// Independent looks at it of all pings that heard anything.
     pub(crate) looks: f32,
+    /// Of these, those of forgotten pings.
+    pub(crate) forgotten_looks: f32,
+    /// Remembered pings that may see it.
+    remembered_pings: u32,
+    /// Whether it keeps only what its Gaussians need.
+    is_left: bool,
     /// Of these, those that its Gaussians were last worked out from.
     pub(crate) worked_looks: f32,
     /// Of these, those of the last time that they were worked out anew, not from the map.
     pub(crate) even_looks: f32,
+}
+
+impl Tile {
+    /// Counts the looks of some pings; whether any may see it.
+    fn count_looks(&mut self, pings: &[Arc<Past>], radius_m: f32) -> bool {
+        let mut is_near = false;
+        for past in pings {
+            if !past.fan.touches(self.center_m, radius_m) {
+                continue;
+            }
+            is_near = true;
+            if !past.profile.echoes.is_empty() {
+                self.looks += past.weight;
+                self.remembered_pings += 1;
+                self.is_left = false;
+            }
+        }
+        is_near
+    }
 }
 
 /// The grid.
@@ -47,13 +72,15 @@ pub(crate) struct Tile {
 pub(crate) struct Evidence {
     voxel_m: f32,
     blocks: Vec<Block>,
-    /// Whose evidence changed since last asked, by block.
-    touched: Vec<bool>,
+    /// Whose evidence changed since last asked.
+    touched: BTreeSet<BlockIndex>,
     block_at: HashMap<IVec3, BlockIndex>,
     /// Of each block, its tile.
     tile_of: Vec<TileIndex>,
     tiles: Vec<Tile>,
     tile_at: HashMap<IVec3, usize>,
+    /// Indices of blocks that are no more.
+    free: Vec<BlockIndex>,
 }
 
 impl Evidence {
@@ -61,11 +88,12 @@ impl Evidence {
         Self {
             voxel_m,
             blocks: Vec::new(),
-            touched: Vec::new(),
+            touched: BTreeSet::new(),
             block_at: HashMap::new(),
             tile_of: Vec::new(),
             tiles: Vec::new(),
             tile_at: HashMap::new(),
+            free: Vec::new(),
         }
     }
 
@@ -74,7 +102,7 @@ impl Evidence {
     }
 
     pub(crate) fn block_count(&self) -> usize {
-        self.blocks.len()
+        self.blocks.len() - self.free.len()
     }
 
     pub(crate) fn block(&self, index: BlockIndex) -> &Block {
@@ -111,39 +139,43 @@ impl Evidence {
         slice_start: usize,
         extent: Extent,
     ) -> u64 {
-        let known = self.blocks.len();
-        for key in self.wanted(&history[slice_start..]) {
-            self.create(key);
-        }
-        let slice = &history[slice_start..];
+        let (before, slice) = history.split_at(slice_start);
+        let known = self.tiles.len();
+        let wanted = self.wanted(slice).into_iter();
+        let fresh: BTreeSet<BlockIndex> = wanted.map(|key| self.create(key)).collect();
+        self.count_looks(known, before);
+        let mut near = self.near(slice);
+        near.extend(&fresh);
+        near.sort_unstable();
+        near.dedup();
+        // Only these are gone through, however large the map.
+        let take = |index: BlockIndex| (index, std::mem::take(&mut self.blocks[index as usize]));
+        let mut taken: Vec<(BlockIndex, Block)> = near.into_iter().map(take).collect();
         let voxel_m = self.voxel_m;
-        let near = self.near(slice);
-        self.blocks
-            .par_iter_mut()
-            .zip(&mut self.touched)
-            .zip(near)
-            .enumerate()
-            .with_min_len(16)
-            .map(|(index, ((block, touched), near))| {
-                let pings = match (index >= known, near) {
-                    (true, _) => history,
-                    (false, true) => slice,
-                    (false, false) => return 0,
-                };
-                let work = block.integrate(pings, voxel_m, extent);
-                *touched |= work > 0;
-                work
-            })
-            .sum()
+        let tell = |(index, block): &mut (BlockIndex, Block)| {
+            let pings = match fresh.contains(index) {
+                true => history,
+                false => slice,
+            };
+            block.integrate(pings, voxel_m, extent)
+        };
+        let looks: Vec<u64> = taken.par_iter_mut().with_min_len(16).map(tell).collect();
+        for ((index, block), &looks) in taken.into_iter().zip(&looks) {
+            self.blocks[index as usize] = block;
+            self.touch(index, looks > 0);
+        }
+        looks.iter().sum()
     }
 
     /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
     pub(crate) fn integrate_anew(&mut self, history: &[Arc<Past>], extent: Extent) -> u64 {
+        let known = self.tiles.len();
         for key in self.wanted(history) {
             self.create(key);
         }
+        self.count_looks(known, history);
         let voxel_m = self.voxel_m;
-        self.touched.fill(true);
+        self.touched.extend(0..self.blocks.len() as BlockIndex);
         let blocks = self.blocks.par_iter_mut().with_min_len(16);
         blocks
             .map(|block| {
@@ -154,27 +186,23 @@ impl Evidence {
     }
 
     /// Blocks that any look of the slice may see, through the tiles, which count their looks.
-    fn near(&mut self, slice: &[Arc<Past>]) -> Vec<bool> {
+    fn near(&mut self, slice: &[Arc<Past>]) -> Vec<BlockIndex> {
         let radius_m = self.tile_radius_m();
-        let mut near = vec![false; self.blocks.len()];
+        let mut near = Vec::new();
         for tile in &mut self.tiles {
-            let touching = slice
-                .iter()
-                .filter(|past| past.fan.touches(tile.center_m, radius_m));
-            let mut is_near = false;
-            for past in touching {
-                is_near = true;
-                if !past.profile.echoes.is_empty() {
-                    tile.looks += past.weight;
-                }
-            }
-            if is_near {
-                for &block in &tile.blocks {
-                    near[block as usize] = true;
-                }
+            if tile.count_looks(slice, radius_m) {
+                near.extend(&tile.blocks);
             }
         }
         near
+    }
+
+    /// Counts what pings saw of tiles that are new, from `first` on.
+    fn count_looks(&mut self, first: usize, pings: &[Arc<Past>]) {
+        let radius_m = self.tile_radius_m();
+        for tile in &mut self.tiles[first..] {
+            tile.count_looks(pings, radius_m);
+        }
     }
 
     /// Pings that are no longer remembered.
@@ -183,9 +211,36 @@ impl Evidence {
         for past in pings.iter().filter(|past| !past.profile.echoes.is_empty()) {
             for tile in &mut self.tiles {
                 if past.fan.touches(tile.center_m, radius_m) {
-                    tile.looks = (tile.looks - past.weight).max(0.0);
+                    tile.forgotten_looks += past.weight;
+                    tile.remembered_pings = tile.remembered_pings.saturating_sub(1);
                 }
             }
+        }
+    }
+
+    /// Of tiles that no remembered ping sees any more, keeps only what is known of the places that hold Gaussians.
+    /// Not while anything holds indices of blocks.
+    pub(crate) fn leave(&mut self) {
+        for index in 0..self.tiles.len() {
+            let tile = &mut self.tiles[index];
+            if tile.remembered_pings > 0 || tile.blocks.is_empty() || tile.is_left {
+                continue;
+            }
+            tile.is_left = true;
+            let blocks = std::mem::take(&mut tile.blocks);
+            let (held, empty): (Vec<BlockIndex>, Vec<BlockIndex>) = blocks
+                .into_iter()
+                .partition(|&block| !self.blocks[block as usize].gaussians.is_empty());
+            for &block in &held {
+                self.blocks[block as usize].leave();
+            }
+            for block in empty {
+                self.block_at.remove(&self.blocks[block as usize].key);
+                self.blocks[block as usize] = Block::default();
+                self.touched.remove(&block);
+                self.free.push(block);
+            }
+            self.tiles[index].blocks = held;
         }
     }
 
@@ -224,11 +279,14 @@ impl Evidence {
     }
 
     /// Takes the blocks touched since last asked, in order of index.
-    pub(crate) fn take_touched(&mut self) -> Vec<BlockIndex> {
-        let touched = self.touched.iter_mut().enumerate();
-        touched
-            .filter_map(|(index, touched)| std::mem::take(touched).then_some(index as BlockIndex))
-            .collect()
+    pub(crate) fn take_touched(&mut self) -> BTreeSet<BlockIndex> {
+        std::mem::take(&mut self.touched)
+    }
+
+    fn touch(&mut self, index: BlockIndex, is_touched: bool) {
+        if is_touched {
+            self.touched.insert(index);
+        }
     }
 
     /// Blocks that the lit arcs of a slice pass through and that do not exist, in order.
@@ -254,11 +312,15 @@ impl Evidence {
         wanted
     }
 
-    fn create(&mut self, [z, y, x]: [i32; 3]) {
+    fn create(&mut self, [z, y, x]: [i32; 3]) -> BlockIndex {
         let key = IVec3::new(x, y, z);
-        let index = self.blocks.len() as BlockIndex;
-        self.blocks.push(Block::new(key));
-        self.touched.push(true);
+        let index = self.free.pop().unwrap_or_else(|| {
+            self.blocks.push(Block::default());
+            self.tile_of.push(0);
+            self.blocks.len() as BlockIndex - 1
+        });
+        self.blocks[index as usize] = Block::new(key);
+        self.touched.insert(index);
         self.block_at.insert(key, index);
         let tile_key = key.div_euclid(IVec3::splat(TILE_EDGE));
         let tile_m = self.voxel_m * (BLOCK_EDGE * TILE_EDGE) as f32;
@@ -267,13 +329,17 @@ impl Evidence {
                 center_m: (tile_key.as_vec3() + 0.5) * tile_m,
                 blocks: Vec::new(),
                 looks: 0.0,
+                forgotten_looks: 0.0,
+                remembered_pings: 0,
+                is_left: false,
                 worked_looks: 0.0,
                 even_looks: 0.0,
             });
             self.tiles.len() - 1
         });
         self.tiles[tile].blocks.push(index);
-        self.tile_of.push(tile as TileIndex);
+        self.tile_of[index as usize] = tile as TileIndex;
+        index
     }
 }
 

@@ -1,0 +1,83 @@
+//! What looks found of one Gaussian.
+
+use echosplat_acoustics::SymmetricMat3;
+use echosplat_model::glam::Vec3;
+
+/// What was seen of one Gaussian over all looks that lit it.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Account {
+    /// Independent lit looks.
+    pub(crate) looks: f32,
+    /// Of these, looks past a confident surface that should hide it.
+    pub(crate) hidden_looks: f32,
+    /// Of all, looks whose echo comes from its surroundings alone, or nearly.
+    pub(crate) clear_looks: f32,
+    /// Sum over looks of what its surroundings explain against the best place on the same arc.
+    pub(crate) rivalry: f32,
+    /// Sums over looks of its mirror image above or below the beam's axis, metres from the
+    /// Gaussian's home, and of its square.
+    pub(crate) mirror_m: Vec3,
+    pub(crate) mirror_m2: f32,
+}
+
+impl Account {
+    pub(crate) fn add(&mut self, part: &Self) {
+        self.looks += part.looks;
+        self.hidden_looks += part.hidden_looks;
+        self.clear_looks += part.clear_looks;
+        self.rivalry += part.rivalry;
+        self.mirror_m += part.mirror_m;
+        self.mirror_m2 += part.mirror_m2;
+    }
+
+    /// As if each look had been made so many times.
+    fn times(self, count: f32) -> Self {
+        Self {
+            looks: self.looks * count,
+            hidden_looks: self.hidden_looks * count,
+            clear_looks: self.clear_looks * count,
+            rivalry: self.rivalry * count,
+            mirror_m: self.mirror_m * count,
+            mirror_m2: self.mirror_m2 * count,
+        }
+    }
+}
+
+/// What the looks of some pings say of one Gaussian.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Finding {
+    pub(crate) account: Account,
+    /// Fisher information of its mean, 1/m².
+    pub(crate) information: SymmetricMat3,
+}
+
+impl Finding {
+    pub(crate) fn add(&mut self, part: &Self) {
+        self.account.add(&part.account);
+        self.information.diagonal += part.information.diagonal;
+        self.information.mixed += part.information.mixed;
+    }
+
+    /// As if each look had been made so many times.
+    pub(crate) fn times(self, count: f32) -> Self {
+        Self {
+            account: self.account.times(count),
+            information: informed(self.information, count),
+        }
+    }
+
+    /// With the information of looks as many times as sharp.
+    pub(crate) fn with_information(self, factor: f32) -> Self {
+        Self {
+            information: informed(self.information, factor),
+            ..self
+        }
+    }
+}
+
+fn informed(information: SymmetricMat3, factor: f32) -> SymmetricMat3 {
+    SymmetricMat3 {
+        diagonal: information.diagonal * factor,
+        mixed: information.mixed * factor,
+    }
+}

@@ -1,0 +1,75 @@
+//! Strength towards the six sides of a cube.
+
+use echosplat_model::glam::{BVec3, Vec3};
+
+/// Strength towards the six sides of a cube: seen along the unit vector `u` towards the sensor,
+/// it is `Σ u_k² s_k` over the three sides that face the sensor. A surface's back, hidden by the
+/// structure itself, and a glint need no more than this.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Lobes {
+    /// Towards +x, +y, +z.
+    pub(crate) ahead: Vec3,
+    /// Towards −x, −y, −z.
+    pub(crate) behind: Vec3,
+}
+
+impl Lobes {
+    /// The same towards all sides.
+    pub(crate) fn even(strength: f32) -> Self {
+        Self {
+            ahead: Vec3::splat(strength),
+            behind: Vec3::splat(strength),
+        }
+    }
+
+    /// Strength seen along `towards`.
+    #[cfg(test)]
+    pub(crate) fn seen(&self, towards: Vec3) -> f32 {
+        let faces = Vec3::select(towards.cmpge(Vec3::ZERO), self.ahead, self.behind);
+        faces.dot(towards * towards)
+    }
+
+    /// Strength of the strongest of some sides; of all if they are none.
+    pub(crate) fn strongest(&self, sides: Sides) -> f32 {
+        if sides == Sides::default() {
+            return self.ahead.max(self.behind).max_element();
+        }
+        let ahead = Vec3::select(sides.ahead, self.ahead, Vec3::ZERO);
+        let behind = Vec3::select(sides.behind, self.behind, Vec3::ZERO);
+        ahead.max(behind).max_element()
+    }
+
+    /// Adds `amount` to the sides that face along `towards`, by what each counts.
+    pub(crate) fn add_facing(&mut self, towards: Vec3, amount: f32) {
+        let counts = towards * towards * amount;
+        let ahead = towards.cmpge(Vec3::ZERO);
+        self.ahead += Vec3::select(ahead, counts, Vec3::ZERO);
+        self.behind += Vec3::select(ahead, Vec3::ZERO, counts);
+    }
+
+    /// Adds side by side.
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.ahead += other.ahead;
+        self.behind += other.behind;
+    }
+
+    /// Of all sides.
+    pub(crate) fn sum(&self) -> f32 {
+        self.ahead.element_sum() + self.behind.element_sum()
+    }
+
+    /// Multiplies every side.
+    pub(crate) fn scale(&mut self, factor: f32) {
+        self.ahead *= factor;
+        self.behind *= factor;
+    }
+}
+
+/// Sides of a Gaussian.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct Sides {
+    /// +x, +y, +z.
+    pub(crate) ahead: BVec3,
+    /// −x, −y, −z.
+    pub(crate) behind: BVec3,
+}
