@@ -6,7 +6,8 @@
 //!
 //! [`stability`] is another question: what the program's numerics make of stiff and extreme cases.
 //! [`runs`] names single runs and what came out of them; [`targets`] says what maps of which dives
-//! must reach. [`frame_check`] tells from a dive's pings whether its poses can be what they are read
+//! must reach; [`long`] makes a dive of hours past many structures, and says what it must not cost.
+//! [`frame_check`] tells from a dive's pings whether its poses can be what they are read
 //! as.
 //!
 //! Deliberately absent: a clock (times come in as numbers), running the mapper on dives (only the
@@ -21,6 +22,7 @@ pub mod error_time;
 pub mod frame_check;
 pub mod front;
 pub mod held_back;
+pub mod long;
 mod map_points;
 mod metrics;
 mod neighbors;

@@ -163,7 +163,8 @@ pub fn metres(value: f64) -> String {
     }
 }
 
-fn metres_unit(value: f64) -> String {
+/// The same with its unit.
+pub(crate) fn metres_unit(value: f64) -> String {
     match value.is_finite() {
         true => metres(value) + " m",
         false => "∞".to_owned(),

@@ -25,6 +25,6 @@ mod stop;
 mod url;
 
 pub use log::{LogPosesError, poses_of_mcap, poses_of_svlog};
-pub use source::{LivePoses, PoseSource, PoseSourceError};
+pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
 pub use status::PoseSourceStatus;
 pub use url::{POSE_URL_FORMS, PoseUrl, PoseUrlError};

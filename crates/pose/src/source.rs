@@ -30,8 +30,30 @@ pub enum PoseSource {
     File(std::vec::IntoIter<StampedPose>),
     /// All at once, with the times at which they arrived then.
     Recorded(std::vec::IntoIter<ArrivedPose>),
+    /// One after another as they are asked for, in order of time: of a dive too long to be held.
+    Made(MadePoses),
     /// As they arrive.
     Live(Box<LivePoses>),
+}
+
+/// Poses that nobody holds; they arrived when they were valid.
+pub struct MadePoses {
+    next: Option<StampedPose>,
+    rest: Box<dyn Iterator<Item = StampedPose> + Send>,
+}
+
+impl std::fmt::Debug for MadePoses {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let mut fields = f.debug_struct("MadePoses");
+        fields.field("next", &self.next).finish_non_exhaustive()
+    }
+}
+
+impl MadePoses {
+    fn take(&mut self) -> Option<StampedPose> {
+        let following = self.rest.next();
+        std::mem::replace(&mut self.next, following)
+    }
 }
 
 /// Poses as they arrive, and what is known of their source.
@@ -146,6 +168,15 @@ impl PoseSource {
         Self::Recorded(poses.into_iter())
     }
 
+    /// Poses that are made when they are asked for.
+    #[must_use]
+    pub fn made(mut poses: impl Iterator<Item = StampedPose> + Send + 'static) -> Self {
+        Self::Made(MadePoses {
+            next: poses.next(),
+            rest: Box::new(poses),
+        })
+    }
+
     /// The next pose, if it is known already. Poses of a file arrived at their own stamps.
     #[must_use]
     pub fn try_next(&mut self) -> Option<ArrivedPose> {
@@ -153,6 +184,7 @@ impl PoseSource {
             Self::None => None,
             Self::File(poses) => poses.next().map(ArrivedPose::at_its_stamp),
             Self::Recorded(poses) => poses.next(),
+            Self::Made(poses) => poses.take().map(ArrivedPose::at_its_stamp),
             Self::Live(live) => live.next(None),
         }
     }
@@ -179,13 +211,14 @@ impl PoseSource {
     }
 
     /// How many poses are known to be left: of a file all of them, which is what a trajectory
-    /// should have room for.
+    /// should have room for; of poses made one by one the next.
     #[must_use]
     pub fn known_len(&self) -> usize {
         match self {
             Self::None => 0,
             Self::File(poses) => poses.len(),
             Self::Recorded(poses) => poses.len(),
+            Self::Made(poses) => usize::from(poses.next.is_some()),
             Self::Live(live) => live.waiting_len(),
         }
     }
@@ -201,6 +234,7 @@ impl PoseSource {
             Self::None => named("none"),
             Self::File(_) => named("tum://"),
             Self::Recorded(_) => named("log://"),
+            Self::Made(_) => named("simulated"),
             Self::Live(live) => live.status(),
         }
     }
@@ -342,6 +376,22 @@ mod tests {
             .collect();
         let (first, second) = (1_500_000_000, 2_500_000_000);
         assert_eq!(times, [(first, first), (second, second)]);
+        assert!(source.is_ended() && !source.is_live());
+    }
+
+    #[test]
+    fn poses_made_one_by_one_end_after_the_last() {
+        let pose = |seconds: i32| StampedPose {
+            time: echosplat_model::Timestamp::from_secs_f64(f64::from(seconds)),
+            world_from_vehicle: echosplat_model::Pose::IDENTITY,
+            uncertainty: None,
+            epoch: 0,
+        };
+        let mut source = PoseSource::made((0..3).map(pose));
+        assert_eq!((source.known_len(), source.is_ended()), (1, false));
+        let times = std::iter::from_fn(|| source.try_next()).map(|pose| pose.arrived.nanos());
+        let times: Vec<_> = times.collect();
+        assert_eq!(times, [0, 1_000_000_000, 2_000_000_000]);
         assert!(source.is_ended() && !source.is_live());
     }
 

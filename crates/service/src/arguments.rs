@@ -521,6 +521,9 @@ pub(crate) enum Bench {
     ErrorTime(ErrorTimeBenchArguments),
     /// Each optional part of the mapper on, off and as it chooses by itself
     Ablation(AblationBenchArguments),
+    /// Hours of diving past several structures: whether memory, work per ping and the first structure's
+    /// map stay as they were
+    Long(LongBenchArguments),
     /// The running service killed, unplugged, lied to and flooded: what is told, lost and left
     Faults(FaultsBenchArguments),
     /// Error-time, ablation, stability and targets in turn, each within its share of the time
@@ -565,8 +568,8 @@ pub(crate) struct TargetsBenchArguments {
     pub(crate) options: BenchOptions,
     #[command(flatten)]
     pub(crate) queue: QueueOptions,
-    /// Only this section (accuracy, shift, more, length, threads, frames, own, paper) or this scene;
-    /// repeatable, and SECTION/SCENE takes what is both
+    /// Only this section (accuracy, shift, more, live, work, length, threads, frames, own, paper) or
+    /// this scene; repeatable, and SECTION/SCENE takes what is both
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
 }
@@ -609,6 +612,18 @@ pub(crate) struct AllBenchArguments {
     /// Write the table of work and error there
     #[arg(long, value_name = "TABLE.json", requires = "quick")]
     pub(crate) write_table: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct LongBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    /// Length of the dive; 2 without, with --quick ten minutes past two structures
+    #[arg(long, value_name = "HOURS", value_parser = positive)]
+    pub(crate) hours: Option<f64>,
+    /// Pings per second, fewer where the range needs longer
+    #[arg(long, value_name = "N", value_parser = positive, default_value_t = 58.0)]
+    pub(crate) pings_per_s: f64,
 }
 
 #[derive(Debug, Clone, Args)]

@@ -11,6 +11,9 @@ use crate::runs::{Method, Outcome, Results, Spec, dive_name};
 const MOMENTS: usize = 12;
 const QUICK_MOMENTS: usize = 8;
 const QUICK_DIVE_S: f64 = 30.0;
+/// A dive is cut at so many moments and ended there, each half as long as the next; the last of them is
+/// the whole.
+const CUTS: i32 = 6;
 /// Of the finish with more passes: three times the default's, and four times the work.
 const MORE_PASSES: [(&str, &str); 2] = [
     ("mapper.workout_passes", "48"),
@@ -29,6 +32,8 @@ pub enum Line {
     Paper,
     /// The live map as the dive goes on.
     Online,
+    /// The finished maps of the dive cut at some moments and ended there.
+    Cut,
     /// The finished map.
     Finished,
     /// The finished map, with more passes of the finish.
@@ -37,11 +42,12 @@ pub enum Line {
 
 impl Line {
     /// In the order of legends and tables.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Support,
         Self::Carving,
         Self::Paper,
         Self::Online,
+        Self::Cut,
         Self::Finished,
         Self::MorePasses,
     ];
@@ -54,6 +60,7 @@ impl Line {
             Self::Carving => "hit-ratio carving",
             Self::Paper => "paper",
             Self::Online => "online",
+            Self::Cut => "online, cut there and ended",
             Self::Finished => "online finished",
             Self::MorePasses => "online finished, more passes",
         }
@@ -64,14 +71,14 @@ impl Line {
             Self::Support => Method::Support,
             Self::Carving => Method::Carving,
             Self::Paper => Method::Paper,
-            Self::Online | Self::Finished | Self::MorePasses => Method::Online,
+            Self::Online | Self::Cut | Self::Finished | Self::MorePasses => Method::Online,
         }
     }
 
     /// The moments of a run that it draws.
     fn samples(self, outcome: &Outcome) -> Vec<Sample> {
         match self {
-            Self::Finished | Self::MorePasses => vec![finished(outcome)],
+            Self::Cut | Self::Finished | Self::MorePasses => vec![finished(outcome)],
             _ => outcome.samples.clone(),
         }
     }
@@ -110,14 +117,29 @@ impl Case {
         dive_name(self.scene, self.dive, self.noise, self.duration_s)
     }
 
-    /// What is to be run with a seed; the paper's method only with the first of all.
+    /// What is to be run with a seed, but for the dives cut short; the paper's method only with the
+    /// first of all.
     #[must_use]
     pub fn specs(&self, seed: u64, first_seed: u64) -> Vec<Spec> {
         let wanted = |line: &&Line| **line != Line::Paper || seed == first_seed;
         let lines = self.lines.iter().filter(wanted);
         // The finished map belongs to the live one's run.
-        let own = lines.filter(|line| **line != Line::Finished);
+        let own = lines.filter(|line| !matches!(line, Line::Finished | Line::Cut));
         own.map(|line| self.spec(*line, seed)).collect()
+    }
+
+    /// The dives cut short, from the shortest on; that of the whole is the live map's run.
+    #[must_use]
+    pub fn cut_specs(&self, seed: u64) -> Vec<Spec> {
+        let cut = |halvings: i32| Spec {
+            share: 0.5_f64.powi(halvings),
+            moments: 0,
+            ..self.spec(Line::Cut, seed)
+        };
+        match self.lines.contains(&Line::Cut) {
+            true => (1..CUTS).rev().map(cut).collect(),
+            false => Vec::new(),
+        }
     }
 
     fn spec(&self, line: Line, seed: u64) -> Spec {
@@ -155,11 +177,33 @@ impl Case {
     /// The curves of all lines and seeds that were run; failed runs say why.
     #[must_use]
     pub fn curves(&self, seeds: &[u64], results: &Results) -> Vec<Curve> {
-        let curves = self.lines.iter().flat_map(|line| {
-            let runs = self.results_of(*line, seeds, results);
-            runs.map(|(seed, result)| curve(*line, seed, result))
+        let curves = self.lines.iter().flat_map(|line| match line {
+            Line::Cut => self.cut_curves(seeds, results),
+            _ => {
+                let runs = self.results_of(*line, seeds, results);
+                runs.map(|(seed, result)| curve(*line, seed, result))
+                    .collect()
+            }
         });
         curves.collect()
+    }
+
+    /// Of each seed whose dives were all run; moments that are missing would put the others in their
+    /// places.
+    fn cut_curves(&self, seeds: &[u64], results: &Results) -> Vec<Curve> {
+        let of_seed = |seed: &u64| {
+            let whole = self.spec(Line::Cut, *seed);
+            let specs = self.cut_specs(*seed).into_iter().chain([whole]);
+            let runs: Option<Vec<_>> = specs.map(|spec| results.of(&spec)).collect();
+            let mut all = Curve::new(Line::Cut.as_str(), *seed);
+            for result in runs? {
+                let one = curve(Line::Cut, *seed, result);
+                all.samples.extend(one.samples);
+                all.failure = all.failure.or(one.failure);
+            }
+            Some(all)
+        };
+        seeds.iter().filter_map(of_seed).collect()
     }
 }
 
@@ -172,6 +216,19 @@ fn curve(line: Line, seed: u64, result: &Result<Outcome, String>) -> Curve {
     curve
 }
 
+/// All that can be drawn of a dive, but for dives cut short where these take long or show nothing: they
+/// cost as much as the live map again.
+fn lines(scene: &str, dive: DiveKind, noise: NoiseLevel) -> Vec<Line> {
+    let is_drawn = |line: &Line| match (line, dive) {
+        (Line::Paper, _) => dive == DiveKind::Viewpoints && noise == NoiseLevel::None,
+        (Line::Cut, DiveKind::Survey) => noise == NoiseLevel::Nominal || scene == "fence",
+        (Line::Cut, DiveKind::Viewpoints) => scene == "fence",
+        (Line::Cut, DiveKind::Pan | DiveKind::Level) => false,
+        _ => true,
+    };
+    Line::ALL.into_iter().filter(is_drawn).collect()
+}
+
 /// All dives, in the order of the report.
 #[must_use]
 pub fn cases(quick: bool) -> Vec<Case> {
@@ -182,10 +239,9 @@ pub fn cases(quick: bool) -> Vec<Case> {
         scene,
         dive,
         noise,
-        lines: match (quick, dive, noise) {
-            (true, ..) => own.to_vec(),
-            (_, Viewpoints, Clean) => Line::ALL.to_vec(),
-            _ => [&own[..], &[Line::MorePasses]].concat(),
+        lines: match quick {
+            true => own.to_vec(),
+            false => lines(scene, dive, noise),
         },
         duration_s: quick.then_some(QUICK_DIVE_S),
         moments: if quick { QUICK_MOMENTS } else { MOMENTS },
@@ -222,7 +278,13 @@ pub fn omissions(cases: &[Case], quick: bool) -> Vec<Omission> {
     ];
     if quick {
         let why = "--quick: short dives of one scene, one seed";
-        omissions.push(Omission::new("more passes, paper, sweeps of settings", why));
+        let what = "more passes, dives cut and ended, paper, sweeps of settings";
+        omissions.push(Omission::new(what, why));
+    } else {
+        let uncut = cases.iter().filter(|case| !case.lines.contains(&Line::Cut));
+        let uncut: Vec<String> = uncut.map(Case::name).collect();
+        let what = format!("dives cut and ended: {}", uncut.join("; "));
+        omissions.push(Omission::new(what, "thinned, to fit the time"));
     }
     let mut scenes: Vec<&str> = cases.iter().map(|case| case.scene).collect();
     scenes.dedup();
@@ -278,6 +340,41 @@ mod tests {
                 |spec: &&Spec| case.lines.iter().any(|line| case.spec(*line, 3) == **spec);
             assert_eq!(first.iter().filter(reached).count(), first.len());
         }
+    }
+
+    #[test]
+    fn a_cut_curve_has_every_moment_or_is_none() {
+        let cases = cases(false);
+        // More would have no colour of their own.
+        assert!(cases.iter().all(|case| case.lines.len() <= 7));
+        let case = &cases[0];
+        let cut = case.cut_specs(1);
+        let shares: Vec<u64> = cut.iter().map(|spec| spec.share.to_bits()).collect();
+        let expected = [0.03125, 0.0625, 0.125, 0.25, 0.5].map(f64::to_bits);
+        assert_eq!(shares, expected);
+        assert!(cut.iter().all(|spec| spec.moments == 0));
+        let mut results = Results::default();
+        for (index, spec) in cut.iter().enumerate() {
+            let made = sample_outcome(1.0 / (1 + index) as f64, 100);
+            results.0.insert(spec.name(), Ok(made));
+        }
+        let of = |results: &Results| {
+            let curves = case.curves(&[1], results).into_iter();
+            curves
+                .filter(|curve| curve.method == Line::Cut.as_str())
+                .collect::<Vec<_>>()
+        };
+        assert!(of(&results).is_empty());
+        let whole = case.spec(Line::Online, 1);
+        results
+            .0
+            .insert(whole.name(), Ok(sample_outcome(0.01, 900)));
+        let curve = &of(&results)[0];
+        let cds: Vec<f64> = curve.samples.iter().map(|s| s.metrics.cd_m).collect();
+        assert!(cds.len() == 6 && cds.is_sorted_by(|a, b| a > b));
+        assert!(curve.failure.is_none());
+        results.0.insert(cut[2].name(), Err("no room".into()));
+        assert_eq!(of(&results)[0].failure.as_deref(), Some("no room"));
     }
 
     #[test]

@@ -77,10 +77,12 @@ pub struct Endings {
     pub work: Spread,
 }
 
-/// One for each line of a case; the live map's run is that of its finished one.
+/// One for each line of a case; the live map's run is that of its finished one, and so is the last of a
+/// dive that is cut.
 #[must_use]
 pub fn endings(case: &Case, seeds: &[u64], results: &Results) -> Vec<Endings> {
-    let lines = case.lines.iter().filter(|line| **line != Line::Online);
+    let is_own = |line: &&Line| !matches!(line, Line::Online | Line::Cut);
+    let lines = case.lines.iter().filter(is_own);
     lines
         .map(|line| endings_of(case, *line, seeds, results))
         .collect()
@@ -119,7 +121,8 @@ pub fn case_section(case: &Case, seeds: &[u64], results: &Results) -> Section {
         title: case.name(),
         text: "Work is counted: Gaussian–bin pairs and voxel looks, arc samples for support. \
                Methods that take all pings at once are run anew on the first part of the dive \
-               for each moment, and each point is what that run took by itself. What judging \
+               for each moment, and each point is what that run took by itself; so is a dive cut \
+               there and ended, whose map is finished. What judging \
                takes is not counted."
             .to_owned(),
         curves: case.curves(seeds, results),

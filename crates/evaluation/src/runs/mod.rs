@@ -10,4 +10,4 @@ mod spec;
 pub(crate) use outcome::tests::outcome as sample_outcome;
 pub use outcome::{Ending, LeftOut, Outcome, Results, Work, run_line};
 pub(crate) use spec::dive_name;
-pub use spec::{Method, Placement, Spec};
+pub use spec::{Method, Placement, Spacing, Spec};

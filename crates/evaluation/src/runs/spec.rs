@@ -35,6 +35,17 @@ impl Method {
     }
 }
 
+/// How the moments of a dive are spaced at which its map is judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Spacing {
+    /// Every second one doubles the time: curves on logarithmic axes.
+    #[default]
+    Doubling,
+    /// So that each is as far from the next, the first as far from the beginning.
+    Even,
+}
+
 /// A simulated dive, and how it becomes a map.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Spec {
@@ -65,9 +76,12 @@ pub struct Spec {
     /// defaults without.
     #[serde(default)]
     pub settings: BTreeMap<String, String>,
-    /// Moments of the dive at which its map is judged, spaced logarithmically; 0 for none.
+    /// Moments of the dive at which its map is judged; 0 for none.
     #[serde(default)]
     pub moments: usize,
+    /// How they are spaced.
+    #[serde(default)]
+    pub spacing: Spacing,
     /// Whether the map is scored on pings that it has not seen; plain dives always are.
     #[serde(default)]
     pub held_back: bool,
@@ -121,6 +135,7 @@ impl Spec {
             method: Method::default(),
             settings: BTreeMap::new(),
             moments: 0,
+            spacing: Spacing::default(),
             held_back: false,
         }
     }
@@ -136,7 +151,13 @@ impl Spec {
     #[must_use]
     pub fn moment_shares(&self) -> Vec<f64> {
         let before_end = (0..self.moments as i32).rev();
-        before_end.map(|steps| MOMENT_RATIO.powi(-steps)).collect()
+        match self.spacing {
+            Spacing::Doubling => before_end.map(|steps| MOMENT_RATIO.powi(-steps)).collect(),
+            Spacing::Even => {
+                let share = |moment| moment as f64 / self.moments as f64;
+                (1..=self.moments).map(share).collect()
+            }
+        }
     }
 
     /// Says all of it: no two different runs have the same name.
@@ -170,7 +191,11 @@ impl Spec {
             add(format!("{key} = {value}"));
         }
         if self.moments > 0 {
-            add(format!("{} moments", self.moments));
+            let even = match self.spacing {
+                Spacing::Doubling => "",
+                Spacing::Even => "even ",
+            };
+            add(format!("{} {even}moments", self.moments));
         }
         if self.held_back {
             add("held-back pings scored".to_owned());
@@ -268,6 +293,11 @@ mod tests {
                 ..plain.clone()
             },
             Spec {
+                moments: 12,
+                spacing: Spacing::Even,
+                ..plain.clone()
+            },
+            Spec {
                 held_back: true,
                 ..plain.clone()
             },
@@ -296,6 +326,10 @@ mod tests {
         let json = serde_json::to_string(&spec).unwrap();
         assert_eq!(serde_json::from_str::<Spec>(&json).unwrap(), spec);
         assert!(serde_json::from_str::<Spec>(&json.replace("harsh", "rough")).is_err());
+        // Of a program that knew one spacing only.
+        let before = json.replace(",\"spacing\":\"doubling\"", "");
+        assert_ne!(before, json);
+        assert_eq!(serde_json::from_str::<Spec>(&before).unwrap(), spec);
     }
 
     #[test]
@@ -312,5 +346,17 @@ mod tests {
             assert!((share - expected).abs() < 1e-5, "{shares:?}");
         }
         assert_eq!(Spec { moments: 0, ..spec }.moment_shares().len(), 0);
+    }
+
+    #[test]
+    fn even_moments_are_those_at_which_dives_are_cut() {
+        let spec = Spec {
+            moments: 10,
+            spacing: Spacing::Even,
+            ..Spec::new("fence", DiveKind::Survey, NoiseLevel::Nominal, 1)
+        };
+        let shares = spec.moment_shares().into_iter().map(f64::to_bits);
+        let tenths = [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0].map(f64::to_bits);
+        assert!(shares.eq(tenths));
     }
 }

@@ -1,13 +1,15 @@
 //! All that is run and judged.
 
+use echosplat_mapper::MapperConfig;
 use echosplat_simulator::{DiveKind, NoiseLevel};
 use glam::DVec3;
 
 use super::accuracy::{self, Judged};
 use super::limit::{Limit, Row, Target, Unit};
 use super::sections::Section;
+use crate::Metrics;
 use crate::held_back::HeldBack;
-use crate::runs::{Method, Outcome, Placement, Results, Spec};
+use crate::runs::{Method, Outcome, Placement, Results, Spacing, Spec};
 
 /// Runs of one seed that are judged together.
 #[derive(Debug, Clone)]
@@ -48,18 +50,21 @@ impl Case {
     }
 }
 
-/// All cases, in the order of the report.
+/// All cases, in the order in which they are run: those that take long come last.
 #[must_use]
 pub fn cases() -> Vec<Case> {
     let of_maps = |section, table: Vec<Judged>| table.into_iter().map(move |j| of_map(section, j));
     let mut cases: Vec<Case> = of_maps(Section::Accuracy, accuracy::table()).collect();
     cases.push(shift());
     cases.extend(["fence", "wall", "pier"].map(more));
+    cases.extend(["fence", "wall", "pier"].map(live));
     cases.push(length());
+    cases.push(memory());
     cases.push(threads());
     cases.extend(frames());
     cases.extend(of_maps(Section::Own, accuracy::own()));
     cases.extend(papers());
+    cases.extend(work());
     cases
 }
 
@@ -175,6 +180,171 @@ fn most_lost(values: &[f64]) -> f64 {
         best = best.max(value);
         lost.max(best - value)
     })
+}
+
+/// Tenths of a dive: live maps are judged at each.
+const LIVE_MOMENTS: usize = 10;
+/// Of these the first few only show how a map begins.
+const LIVE_FROM: usize = 3;
+
+/// The dive watched, then the dives cut; that of the whole dive is the watched one's own finished map,
+/// on which looking leaves no trace.
+fn live(scene: &'static str) -> Case {
+    let watched = Spec {
+        moments: LIVE_MOMENTS,
+        spacing: Spacing::Even,
+        ..survey(scene)
+    };
+    let shares = watched.moment_shares();
+    let cut = shares[LIVE_FROM - 1..LIVE_MOMENTS - 1].iter();
+    let cut: Vec<Spec> = cut
+        .map(|&share| Spec {
+            share,
+            ..survey(scene)
+        })
+        .collect();
+    let as_good = |quantity, most, value| Target {
+        must: Some(Limit::RatioAtMost(most)),
+        aim: Some(1.0),
+        ..target(quantity, Unit::Ratio, value)
+    };
+    let never_false = Target {
+        must: Some(Limit::AtMost(0.005)),
+        aim: Some(0.0),
+        ..target("live confident-false, most", Unit::Share, |o| {
+            worst(live_and_cut(o).map(|[live, _]| live.confident_false_share))
+        })
+    };
+    let metres = |quantity, value| target(quantity, Unit::Metres, value);
+    let targets = vec![
+        as_good("live CD over cut CD, worst", 1.15, |o| {
+            worst(live_and_cut(o).map(|[live, cut]| live.cd_m / cut.cd_m))
+        }),
+        as_good("live 99th percentile over cut, worst", 1.3, |o| {
+            worst(live_and_cut(o).map(|[live, cut]| live.p99_m / cut.p99_m))
+        }),
+        never_false,
+        metres("live CD, 30 %", |o| cd_at(o, 3, 0)),
+        metres("cut CD, 30 %", |o| cd_at(o, 3, 1)),
+        metres("live CD, 50 %", |o| cd_at(o, 5, 0)),
+        metres("cut CD, 50 %", |o| cd_at(o, 5, 1)),
+        metres("live CD, 70 %", |o| cd_at(o, 7, 0)),
+        metres("cut CD, 70 %", |o| cd_at(o, 7, 1)),
+    ];
+    let runs = [&[watched][..], &cut].concat();
+    case(Section::Live, scene, runs, targets)
+}
+
+/// Of each moment from [`LIVE_FROM`] on the live map and that of the dive cut there; nothing if some
+/// moment had no map of its own.
+fn live_and_cut<'a>(outcomes: &[&'a Outcome]) -> impl Iterator<Item = [&'a Metrics; 2]> {
+    let watched = outcomes[0];
+    let live = match watched.samples.len() {
+        LIVE_MOMENTS => &watched.samples[LIVE_FROM - 1..],
+        _ => &[],
+    };
+    let cut = outcomes[1..].iter().copied().chain([watched]);
+    let pair = |(live, cut): (&'a crate::curve::Sample, &'a Outcome)| [&live.metrics, &cut.metrics];
+    live.iter().zip(cut).map(pair)
+}
+
+/// Of the live map (0) or the cut dive's (1) after so many tenths.
+fn cd_at(outcomes: &[&Outcome], tenths: usize, which: usize) -> f64 {
+    let pair = live_and_cut(outcomes).nth(tenths - LIVE_FROM);
+    pair.map_or(f64::NAN, |pair| pair[which].cd_m)
+}
+
+/// Not a number if there are none, or one of them is not.
+fn worst(values: impl Iterator<Item = f64>) -> f64 {
+    let worse = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
+    values.reduce(worse).unwrap_or(f64::NAN)
+}
+
+const WORK: &str = "mapper.work_pairs_per_ping";
+
+/// Each dive with a third of the default's work, the default's, and more and more.
+fn work() -> Vec<Case> {
+    let default = MapperConfig::default().work_pairs_per_ping;
+    let truss = Spec::new("truss", DiveKind::Viewpoints, NoiseLevel::None, 0);
+    let dives = [
+        ("fence", survey("fence"), "fence, survey, nominal"),
+        ("pier", survey("pier"), "pier, survey, nominal"),
+        ("truss", truss, "truss, viewpoints, none"),
+    ];
+    let with = |dive: &Spec, pairs: u64| match pairs == default {
+        true => dive.clone(),
+        false => dive.clone().with(WORK, &pairs.to_string()),
+    };
+    let budgets = [default / 3, default, 2 * default, 4 * default, 8 * default];
+    let case_of = |(scene, dive, name): (&'static str, Spec, &str)| Case {
+        name: name.to_owned(),
+        ..case(
+            Section::Work,
+            scene,
+            budgets.map(|pairs| with(&dive, pairs)).into(),
+            work_targets(),
+        )
+    };
+    dives.map(case_of).into()
+}
+
+fn work_targets() -> Vec<Target> {
+    let never = |quantity, most, value| Target {
+        must: Some(Limit::AtMost(most)),
+        aim: Some(0.0),
+        ..target(quantity, Unit::Share, value)
+    };
+    let ratio = |quantity, value| target(quantity, Unit::Ratio, value);
+    vec![
+        never("CD grown with more work", 0.02, |o| {
+            most_grown(&of_more(o, |o| o.metrics.cd_m), |from, to| to / from - 1.0)
+        }),
+        never("confident-false grown with more work", 0.001, |o| {
+            let shares = of_more(o, |o| o.metrics.confident_false_share);
+            most_grown(&shares, |from, to| to - from)
+        }),
+        ratio("CD with a third of the work, over the default's", |o| {
+            o[0].metrics.cd_m / o[1].metrics.cd_m
+        }),
+        ratio("mid-dive CD with a third, over the default's", |o| {
+            o[0].mid_dive_cd_m / o[1].mid_dive_cd_m
+        }),
+    ]
+}
+
+/// From the default's work on.
+fn of_more(outcomes: &[&Outcome], value: fn(&Outcome) -> f64) -> Vec<f64> {
+    outcomes[1..].iter().map(|outcome| value(outcome)).collect()
+}
+
+/// From any value to any later one, at least 0.
+fn most_grown(values: &[f64], growth: fn(f64, f64) -> f64) -> f64 {
+    let later = |from: usize| {
+        values[from + 1..]
+            .iter()
+            .map(move |to| growth(values[from], *to))
+    };
+    worst((0..values.len()).flat_map(later).chain([0.0]))
+}
+
+fn memory() -> Case {
+    let forgetful = survey("fence").with("mapper.history_pings", "1024");
+    let as_good = Target {
+        must: Some(Limit::RatioAtMost(1.2)),
+        aim: Some(1.0),
+        ..target("CD over that with all remembered", Unit::Ratio, |o| {
+            o[0].metrics.cd_m / o[1].metrics.cd_m
+        })
+    };
+    Case {
+        name: "fence, survey, nominal, 1024 pings remembered".to_owned(),
+        ..case(
+            Section::Length,
+            "fence",
+            vec![forgetful, survey("fence")],
+            vec![as_good],
+        )
+    }
 }
 
 fn length() -> Case {
@@ -420,6 +590,59 @@ mod tests {
     fn what_was_lost_on_the_way_is_not_forgotten() {
         assert!((most_lost(&[0.5, 0.9, 0.88, 0.87]) - 0.03).abs() < 1e-12);
         assert!(most_lost(&[0.1, 0.2, 0.3]).abs() < 1e-300);
+    }
+
+    /// A dive watched whose live maps are `live_cd_m` off, and as many cut as there are.
+    fn watched(live_cd_m: [f64; LIVE_MOMENTS]) -> Vec<Outcome> {
+        let sample = |cd_m: f64| crate::curve::Sample {
+            dive_s: 0.0,
+            compute_s: 0.0,
+            pair_count: 0,
+            voxel_looks: 0,
+            ping_count: 0,
+            metrics: crate::runs::sample_outcome(cd_m, 1).metrics,
+        };
+        let whole = Outcome {
+            samples: live_cd_m.map(sample).into(),
+            ..crate::runs::sample_outcome(0.01, 1)
+        };
+        let cut = live("fence").runs(1).len() - 1;
+        let cut = (0..cut).map(|index| crate::runs::sample_outcome(0.08 - 0.01 * index as f64, 1));
+        [whole].into_iter().chain(cut).collect()
+    }
+
+    #[test]
+    fn a_live_map_is_held_against_the_dive_cut_at_its_moment() {
+        // Twice as far off at 60 %, and far off before 30 %, which does not count.
+        let far = 9.0;
+        let live_cd_m = [far, far, 0.08, 0.07, 0.06, 0.1, 0.04, 0.03, 0.02, 0.01];
+        let outcomes = watched(live_cd_m);
+        let outcomes: Vec<&Outcome> = outcomes.iter().collect();
+        let ratios = || live_and_cut(&outcomes).map(|[live, cut]| live.cd_m / cut.cd_m);
+        assert_eq!(ratios().count(), 8);
+        assert!((worst(ratios()) - 2.0).abs() < 1e-9);
+        assert!((cd_at(&outcomes, 3, 0) - 0.08).abs() < 1e-12);
+        assert!((cd_at(&outcomes, 7, 1) - 0.04).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_moment_without_a_map_is_no_number() {
+        let mut outcomes = watched([0.1; LIVE_MOMENTS]);
+        outcomes[0].samples.pop();
+        let outcomes: Vec<&Outcome> = outcomes.iter().collect();
+        assert!(worst(live_and_cut(&outcomes).map(|[live, _]| live.cd_m)).is_nan());
+        assert!(cd_at(&outcomes, 5, 0).is_nan());
+        assert!(worst([1.0, f64::NAN, 2.0].into_iter()).is_nan());
+    }
+
+    #[test]
+    fn growth_is_from_any_budget_to_any_greater_one() {
+        let by_share = |from: f64, to: f64| to / from - 1.0;
+        assert!((most_grown(&[1.0, 0.5, 0.6, 0.55], by_share) - 0.2).abs() < 1e-12);
+        assert!(most_grown(&[1.0, 0.9, 0.8], by_share).abs() < 1e-300);
+        assert!(most_grown(&[f64::INFINITY; 2], by_share).is_nan());
+        let runs = work()[0].runs(1);
+        assert!(runs[1].is_plain() && runs[0].settings[WORK] == "66666");
     }
 
     #[test]

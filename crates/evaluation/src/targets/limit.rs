@@ -7,6 +7,9 @@ use crate::{nullable, table};
 
 /// The worst seed may miss by this factor.
 const WORST_FACTOR: f64 = 1.5;
+/// A ratio of two errors of one dive moves with both: the worst seed's may be above 1 by this factor
+/// of what the median's may.
+const WORST_EXCESS: f64 = 2.0;
 
 /// What a value must keep to. Not a number keeps to nothing.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -14,6 +17,8 @@ const WORST_FACTOR: f64 = 1.5;
 pub enum Limit {
     /// Errors, counts, costs.
     AtMost(f64),
+    /// Ratios to what is to be as good: what may be twice as large is what is above 1.
+    RatioAtMost(f64),
     /// Ratios.
     AtLeast(f64),
     /// Shares of 1: what may be 1.5 times as large is what is missing from it.
@@ -23,7 +28,7 @@ pub enum Limit {
 impl Limit {
     fn holds(self, value: f64) -> bool {
         match self {
-            Self::AtMost(most) => value <= most,
+            Self::AtMost(most) | Self::RatioAtMost(most) => value <= most,
             Self::AtLeast(least) | Self::ShareAtLeast(least) => value >= least,
         }
     }
@@ -32,18 +37,22 @@ impl Limit {
     fn of_worst(self) -> Self {
         match self {
             Self::AtMost(most) => Self::AtMost(WORST_FACTOR * most),
+            Self::RatioAtMost(most) => Self::RatioAtMost(1.0 + WORST_EXCESS * (most - 1.0)),
             Self::AtLeast(least) => Self::AtLeast(least / WORST_FACTOR),
             Self::ShareAtLeast(least) => Self::ShareAtLeast(1.0 - WORST_FACTOR * (1.0 - least)),
         }
     }
 
     fn wants_small(self) -> bool {
-        matches!(self, Self::AtMost(_))
+        matches!(self, Self::AtMost(_) | Self::RatioAtMost(_))
     }
 
     fn value(self) -> f64 {
         match self {
-            Self::AtMost(value) | Self::AtLeast(value) | Self::ShareAtLeast(value) => value,
+            Self::AtMost(value)
+            | Self::RatioAtMost(value)
+            | Self::AtLeast(value)
+            | Self::ShareAtLeast(value) => value,
         }
     }
 
@@ -338,6 +347,11 @@ mod tests {
         let share = Limit::ShareAtLeast(0.9);
         assert_eq!(verdict(share, &[0.86, 0.9, 1.0]), Verdict::Passed);
         assert_eq!(verdict(share, &[0.84, 0.9, 1.0]), Verdict::Failed);
+        let as_good = Limit::RatioAtMost(1.15);
+        assert_eq!(verdict(as_good, &[0.9, 1.15, 1.299]), Verdict::Passed);
+        assert_eq!(verdict(as_good, &[0.9, 1.15, 1.301]), Verdict::Failed);
+        assert_eq!(verdict(as_good, &[0.9, 1.16, 1.2]), Verdict::Failed);
+        assert_eq!(verdict(as_good, &[0.9, 1.0, f64::NAN]), Verdict::Failed);
     }
 
     #[test]

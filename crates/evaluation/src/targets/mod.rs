@@ -2,7 +2,7 @@
 //!
 //! A [`Case`] names the [`Spec`](crate::runs::Spec)s of its runs and makes [`Row`]s of their
 //! [`Outcome`](crate::runs::Outcome)s. A row passes if its median over the seeds meets what it must,
-//! and its worst stays within 1.5 times that. Deliberately absent: making the runs.
+//! and its worst stays within 1.5 times that, ratios to what is as good within twice what is above 1. Deliberately absent: making the runs.
 
 mod accuracy;
 mod cases;

@@ -63,7 +63,8 @@ fn row_table(rows: &[&Row]) -> Table {
         columns: ROW_COLUMNS.map(str::to_owned).into(),
         rows: rows.iter().map(|row| row_cells(row).into()).collect(),
         note: "The median over the seeds must meet it, the worst seed within 1.5 times of it (of \
-               what is missing, for shares). A run that failed counts as infinitely bad; a row \
+               what is missing, for shares; within twice what is above 1, for ratios to what is to \
+               be as good). A run that failed counts as infinitely bad; a row \
                whose seeds were not all run claims nothing."
             .to_owned(),
     }

@@ -9,6 +9,10 @@ pub enum Section {
     Shift,
     /// More pings must not.
     More,
+    /// The map while the dive goes on must be about as good as if it ended there.
+    Live,
+    /// More work must not spoil the map.
+    Work,
     /// Work per ping over the length of a dive.
     Length,
     /// The same bits on any number of threads.
@@ -23,10 +27,12 @@ pub enum Section {
 
 impl Section {
     /// In the order of the report.
-    pub const ALL: [Self; 8] = [
+    pub const ALL: [Self; 10] = [
         Self::Accuracy,
         Self::Shift,
         Self::More,
+        Self::Live,
+        Self::Work,
         Self::Length,
         Self::Threads,
         Self::Frames,
@@ -41,6 +47,8 @@ impl Section {
             Self::Accuracy => "accuracy",
             Self::Shift => "shift",
             Self::More => "more",
+            Self::Live => "live",
+            Self::Work => "work",
             Self::Length => "length",
             Self::Threads => "threads",
             Self::Frames => "frames",
@@ -54,6 +62,8 @@ impl Section {
             Self::Accuracy => "Accuracy",
             Self::Shift => "Poses shifted in time",
             Self::More => "More pings",
+            Self::Live => "Live against finished",
+            Self::Work => "More work",
             Self::Length => "Length of the dive",
             Self::Threads => "Number of threads",
             Self::Frames => "Where it takes place",
@@ -79,10 +89,22 @@ impl Section {
                  finished: the share of map points within 10 cm of truth, and how much of it any \
                  longer dive has lost against a shorter one."
             }
+            Self::Live => {
+                "The live map at 30, 40 … 100 % of a dive (the last one before its end) beside that \
+                 of the same dive cut there and ended, both against what the whole dive sees. The \
+                 99th percentile is the larger of the two directed ones. Of each seed the worst of \
+                 these moments."
+            }
+            Self::Work => {
+                "One dive with 1, 2, 4 and 8 times the pairs of the default that a ping allows: how \
+                 much worse the finished map gets from any of them to any greater one. And with a \
+                 third of them, which is what a computer with a third of the speed could do."
+            }
             Self::Length => {
                 "One motion, cut after 60, 120, 240 and 480 s: counted work per ping (voxel looks \
                  and Gaussian–bin pairs, both at their count), without the finish and of the \
-                 finish. Flat is the most over the least, minus 1."
+                 finish. Flat is the most over the least, minus 1. And a dive longer than memory: \
+                 only 1,024 of its pings remembered."
             }
             Self::Threads => "Whether one thread and two give the same bits.",
             Self::Frames => {

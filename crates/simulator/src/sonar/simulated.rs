@@ -62,6 +62,13 @@ impl SimulatedSonar {
         sonar
     }
 
+    /// The same with the decibel scale of another: one device that goes from scene to scene.
+    #[must_use]
+    pub fn on_scale_of(mut self, other: &Self) -> Self {
+        self.device.strongest = other.device.strongest;
+        self
+    }
+
     /// The dive it is carried along.
     #[must_use]
     pub fn dive(&self) -> &Arc<Dive> {
@@ -107,12 +114,29 @@ impl SimulatedSonar {
     /// Settings beyond what [`PingSettings::check`] allows give a ping of no power.
     #[must_use]
     pub fn ping_at(&self, sequence: u64, time_s: f64, settings: &PingSettings) -> SimulatedPing {
+        let pose_after = |later_s: f64| self.dive.pose_during(time_s, later_s);
+        SimulatedPing {
+            view: self.dive.view_at(time_s),
+            ..self.ping_along(sequence, time_s, settings, pose_after)
+        }
+    }
+
+    /// As [`Self::ping_at`], but heard on another way through the same scene: `pose_after` says where
+    /// the sensor is so many seconds after its transmit.
+    #[must_use]
+    pub fn ping_along(
+        &self,
+        sequence: u64,
+        time_s: f64,
+        settings: &PingSettings,
+        pose_after: impl Fn(f64) -> Pose,
+    ) -> SimulatedPing {
         let mut settings = *settings;
         settings.gain_index = self
             .device
             .gain_index(sequence, time_s, settings.gain_index);
         let heard = if settings.check().is_ok() {
-            let echoes = self.echoes(sequence, time_s, &settings);
+            let echoes = self.echoes_along(sequence, &settings, pose_after);
             self.device.heard(sequence, &settings, echoes)
         } else {
             Vec::new()
@@ -123,7 +147,7 @@ impl SimulatedSonar {
             sequence,
             device_time_ms: (device_s * 1e3).round() as u32,
             settings,
-            view: self.dive.view_at(time_s),
+            view: None,
             intensity: profile.intensity(),
             profile,
         }
@@ -132,10 +156,20 @@ impl SimulatedSonar {
     /// Power per bin without any noise, solid angle × sensitivity × reflectivity in steradian.
     #[must_use]
     pub fn echoes(&self, sequence: u64, time_s: f64, settings: &PingSettings) -> Vec<f64> {
+        self.echoes_along(sequence, settings, |later_s| {
+            self.dive.pose_during(time_s, later_s)
+        })
+    }
+
+    fn echoes_along(
+        &self,
+        sequence: u64,
+        settings: &PingSettings,
+        pose_after: impl Fn(f64) -> Pose,
+    ) -> Vec<f64> {
         let mut random = Random::new(self.seed, Purpose::Rays, sequence);
-        let sensor = MovingSensor::new(settings.range_end_m(), |range_m| -> Pose {
-            self.dive
-                .pose_during(time_s, range_m / settings.speed_of_sound_mps)
+        let sensor = MovingSensor::new(settings.range_end_m(), |range_m| {
+            pose_after(range_m / settings.speed_of_sound_mps)
         });
         power_per_bin(&self.scene, &sensor, settings, &self.fan, &mut random)
     }

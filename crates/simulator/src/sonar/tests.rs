@@ -498,3 +498,39 @@ fn other_settings_than_the_dives_are_obeyed_and_bad_ones_harmless() {
     assert!(sonar.ping_at(9, 0.225, &bad).intensity.is_empty());
     assert!(sonar.ping(9).to_ping().is_ok());
 }
+
+#[test]
+fn another_way_and_another_scale_change_what_they_must_and_no_more() {
+    let scene = Arc::new(Scene::named("fence").unwrap());
+    let plan = |seed| Dive::plan(DiveKind::Survey, &scene, NoiseLevel::None, seed).unwrap();
+    let sonar = |seed| {
+        SimulatedSonar::new(
+            Arc::clone(&scene),
+            Arc::new(plan(seed)),
+            NoiseLevel::None,
+            seed,
+        )
+    };
+    let (own, other) = (sonar(1), sonar(2));
+    let (time_s, settings) = (12.0, own.dive().settings());
+    let heard = own.ping_at(7, time_s, &settings);
+    let along = |sonar: &SimulatedSonar, ahead_s: f64| {
+        let dive = Arc::clone(own.dive());
+        sonar.ping_along(7, time_s, &settings, |later_s| {
+            dive.pose_during(time_s + ahead_s, later_s)
+        })
+    };
+    assert_eq!(along(&own, 0.0).intensity, heard.intensity);
+    assert_ne!(along(&own, 1.0).intensity, heard.intensity);
+    let rescaled = sonar(1).on_scale_of(&other);
+    let loudest = |sonar: &SimulatedSonar| {
+        let ping = sonar.ping_at(7, time_s, &settings);
+        f64::from(ping.intensity.iter().copied().fold(0.0, f32::max))
+    };
+    assert!((loudest(&rescaled) / loudest(&own) - 1.0).abs() > 1e-3);
+    let back = rescaled.on_scale_of(&own);
+    assert_eq!(
+        back.ping_at(7, time_s, &settings).intensity,
+        heard.intensity
+    );
+}

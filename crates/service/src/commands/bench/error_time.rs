@@ -71,7 +71,7 @@ impl Plan {
         })
     }
 
-    /// The first seed of all cases, then the settings, then the other seeds.
+    /// The first seed of all cases, then the settings, then dives cut short, then the other seeds.
     fn specs(&self) -> Vec<Spec> {
         let first = self.seeds.first().copied().unwrap_or_default();
         let of_seed = |seed: u64| {
@@ -79,8 +79,11 @@ impl Plan {
             own.flat_map(move |case| case.specs(seed, first))
         };
         let swept = self.sweeps.iter().flat_map(Sweep::specs);
-        let others = self.seeds.iter().skip(1).flat_map(|seed| of_seed(*seed));
-        runs::once(of_seed(first).chain(swept).chain(others).collect())
+        let cut = |seed: u64| self.cases.iter().flat_map(move |case| case.cut_specs(seed));
+        let others = self.seeds.iter().skip(1);
+        let others = others.flat_map(|seed| of_seed(*seed).chain(cut(*seed)));
+        let of_first = of_seed(first).chain(swept).chain(cut(first));
+        runs::once(of_first.chain(others).collect())
     }
 }
 

@@ -9,6 +9,7 @@ mod all;
 mod error_time;
 mod faults;
 mod kernels;
+mod long;
 mod machine;
 mod paper;
 mod runs;
@@ -50,6 +51,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Targets(arguments) => publish(targets::run(arguments)?, &arguments.options),
         Bench::ErrorTime(arguments) => publish(error_time::run(arguments)?, &arguments.options),
         Bench::Ablation(arguments) => publish(ablation::run(arguments)?, &arguments.options),
+        Bench::Long(arguments) => publish(long::run(arguments)?, &arguments.options),
         Bench::Faults(arguments) => faults::run(arguments),
         Bench::All(arguments) => all::run(arguments),
         Bench::Run(arguments) => runs::run_one(arguments),
