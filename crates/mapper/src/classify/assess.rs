@@ -378,6 +378,8 @@ pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize
 
 #[cfg(test)]
 mod tests {
+    use echosplat_model::glam::Vec3;
+
     use super::*;
 
     #[test]
