@@ -26,7 +26,7 @@ use crate::spawn::lobes::Lobes;
 
 /// Sums are made per so many pings and added in order, so that threads do not change them.
 const CHUNK: usize = 32;
-const CHUNKS_AT_ONCE: usize = 16;
+const CHUNKS_AT_ONCE: usize = 8;
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
 /// Exponent for counts over that for gamma speckle.

@@ -44,6 +44,8 @@ const SPAWN_PART_OF_GLINTS: f32 = 0.667;
 const MOST_PLACES: usize = 400_000;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
 const ENOUGH_PAIRS: f64 = 3_000.0;
+/// The part of them that a start from the map needs, since the map knows the rest.
+const ENOUGH_FROM_MAP: f64 = 0.5;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = LOOKS_PER_PING;
 /// Steps of offset from one step to the next.
@@ -290,7 +292,13 @@ impl Workout {
         let gaussians = self.draft.alive_count().max(1) as f64;
         let enough = match self.at_work.converged {
             Extent::All => 0.0,
-            Extent::Useful => pass / (ENOUGH_PAIRS * gaussians),
+            Extent::Useful => {
+                let part = match self.start {
+                    Start::Even => 1.0,
+                    Start::Map => ENOUGH_FROM_MAP,
+                };
+                pass / (part * ENOUGH_PAIRS * gaussians)
+            }
             Extent::None => NEVER_TWICE,
         };
         // At least some dozens of looks a step, however crowded the map.
