@@ -8,14 +8,17 @@ mod beam;
 pub mod lanes;
 mod normal;
 pub mod online;
+pub mod packed;
 pub mod paper;
 mod parameters;
+mod ping_view;
 mod projector;
 mod real;
 pub mod reference;
 pub mod sample;
 pub mod sample_paper;
 mod spatial_index;
+mod triple;
 
 pub use beam::{Beam, BeamError};
 pub use normal::normal_cdf;

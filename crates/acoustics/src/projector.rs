@@ -3,10 +3,10 @@
 use echosplat_model::glam::{Mat3, Vec3};
 use fearless_simd::{Level, Simd, dispatch};
 
+use crate::online::constants::{
+    BEAM_REACH_SIGMAS, LEAST_FAN, LEAST_VARIANCE_M2, NEAREST_M, RANGE_REACH_SIGMAS, SIDEWAYS,
+};
 use crate::{Beam, online};
-
-/// Beyond this the beam is 24 dB down.
-const BEAM_REACH_SIGMAS: f32 = 3.3;
 
 /// A covariance as its six different numbers, square metres, world axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -149,7 +149,7 @@ impl Look {
         let q = self.in_beam(mean_m);
         let lever_m = (q.x * q.x + q.y * q.y).sqrt();
         let range_m = (lever_m * lever_m + q.z * q.z).sqrt();
-        if !(range_m > 0.05 && q.x > 0.25 * range_m) {
+        if !(range_m > NEAREST_M && q.x > SIDEWAYS * range_m) {
             return None;
         }
         // The beam is narrow: a first look with the Gaussian's widest sigma spares most the rest.
@@ -163,7 +163,7 @@ impl Look {
         let azimuth_rad = small_atan(q.y / q.x);
         let elevation_rad = (q.z / lever_m).atan();
         let fan = self.beam.elevation_weight(elevation_rad);
-        if !(fan > 1e-3) {
+        if !(fan > LEAST_FAN) {
             return None;
         }
         Some(self.splat(
@@ -210,7 +210,7 @@ impl Look {
         let pattern = sigma_b / total.sqrt() * (-0.5 * azimuth_rad * azimuth_rad / total).exp();
         let range_sigma_m = (range_variance + self.range_variance_m2
             - range_azimuth * range_azimuth / total)
-            .max(1e-8)
+            .max(LEAST_VARIANCE_M2)
             .sqrt();
         Splat {
             range_m: range_m - azimuth_rad * range_azimuth / total,
@@ -229,7 +229,7 @@ impl Look {
     #[inline]
     #[must_use]
     pub fn bins_of(&self, splat: &Splat) -> std::ops::Range<usize> {
-        let reach_m = 3.7 * splat.range_sigma_m;
+        let reach_m = RANGE_REACH_SIGMAS * splat.range_sigma_m;
         let bin = |range_m: f32| {
             let position = (range_m - self.range_start_m) / self.bin_length_m;
             position.clamp(0.0, self.bin_count as f32)

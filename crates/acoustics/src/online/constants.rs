@@ -8,6 +8,8 @@ pub(crate) const NEAREST_M: f32 = 0.05;
 pub(crate) const SIDEWAYS: f32 = 0.25;
 /// Least sensitivity of the fan.
 pub(crate) const LEAST_FAN: f32 = 1e-3;
+/// Elevation over the fan's half-width at which its sensitivity has fallen to [`LEAST_FAN`].
+pub(crate) const FAN_REACH: f32 = 1.333;
 /// Floor of the variance in range: a tenth of a millimetre.
 pub(crate) const LEAST_VARIANCE_M2: f32 = 1e-8;
 /// Least squared cross-section (over (2π)²): where f32 still holds it and its inverse.

@@ -8,96 +8,29 @@ use fearless_simd::prelude::*;
 use fearless_simd::{f32x8, mask32x8};
 
 use super::constants::{
-    BEAM_REACH_SIGMAS, LEAST_AREA2_M4, LEAST_FAN, LEAST_VARIANCE_M2, NEAREST_M, RANGE_REACH_SIGMAS,
-    SIDEWAYS, STRONGEST,
+    BEAM_REACH_SIGMAS, LEAST_AREA2_M4, LEAST_FAN, LEAST_VARIANCE_M2, RANGE_REACH_SIGMAS, STRONGEST,
 };
 use super::raster;
 use super::rows::{OnlineRow, Shadow};
 use crate::Look;
 use crate::lanes::{self, LANES};
 use crate::parameters::{OPACITY_MAX, PARAMETER_COUNT};
-
-/// Three numbers of eight Gaussians.
-pub(super) type Triple<S> = [f32x8<S>; 3];
-
-#[inline(always)]
-pub(super) fn dot<S: Simd>(a: Triple<S>, b: Triple<S>) -> f32x8<S> {
-    a[0].mul_add(b[0], a[1].mul_add(b[1], a[2] * b[2]))
-}
-
-#[inline(always)]
-pub(super) fn times<S: Simd>(a: Triple<S>, b: Triple<S>) -> Triple<S> {
-    [a[0] * b[0], a[1] * b[1], a[2] * b[2]]
-}
-
-#[inline(always)]
-pub(super) fn cross<S: Simd>(a: Triple<S>, b: Triple<S>) -> Triple<S> {
-    [
-        a[1].mul_sub(b[2], a[2] * b[1]),
-        a[2].mul_sub(b[0], a[0] * b[2]),
-        a[0].mul_sub(b[1], a[1] * b[0]),
-    ]
-}
-
-#[inline(always)]
-fn weighted<S: Simd>(v: Triple<S>, [x, y, z]: [f32; 3]) -> f32x8<S> {
-    v[0].mul_add(x, v[1].mul_add(y, v[2] * z))
-}
+use crate::ping_view::PingView;
+use crate::triple::{Triple, cross, dot, gathered, times};
 
 /// A look in single numbers, worked out once per ping.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
-    /// Axes of the beam's frame: along, left, up.
-    pub(super) axes: [[f32; 3]; 3],
-    position_m: [f32; 3],
-    pub(super) drift_per_m: [f32; 3],
-    pub(super) reference_range_m: f32,
-    pub(super) sigma_b: f32,
-    /// Variance in azimuth of beam and attitude.
-    pub(super) beam_variance: f32,
-    pub(super) inverse_half_width: f32,
-    pub(super) cell_variance_rad2: [f32; 2],
-    range_variance_m2: f32,
-    range_start_m: f32,
-    bin_length_m: f32,
-    bin_count: f32,
+    pub(super) ping: PingView,
+    cell_variance_rad2: [f32; 2],
 }
 
 impl View {
     pub(super) fn new(look: &Look) -> Self {
-        let sigma_b = look.beam.azimuth_sigma_rad();
         Self {
-            axes: look.pose.axes.to_cols_array_2d(),
-            position_m: look.pose.position_m.to_array(),
-            drift_per_m: look.pose.drift_per_m.to_array(),
-            reference_range_m: look.pose.reference_range_m,
-            sigma_b,
-            beam_variance: sigma_b * sigma_b + look.azimuth_variance_rad2,
-            inverse_half_width: 1.0 / look.beam.elevation_half_width_rad(),
+            ping: PingView::new(look),
             cell_variance_rad2: raster::cell_rad(look).map(|size| (0.25 * size * size) as f32),
-            range_variance_m2: look.range_variance_m2,
-            range_start_m: look.range_start_m,
-            bin_length_m: look.bin_length_m,
-            bin_count: look.bin_count as f32,
         }
-    }
-
-    /// `R v`.
-    #[inline(always)]
-    pub(super) fn in_world_frame<S: Simd>(&self, v: Triple<S>) -> Triple<S> {
-        let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = self.axes;
-        [
-            weighted(v, [xx, yx, zx]),
-            weighted(v, [xy, yy, zy]),
-            weighted(v, [xz, yz, zz]),
-        ]
-    }
-
-    /// `Rᵀ v`.
-    #[inline(always)]
-    fn in_beam_frame<S: Simd>(&self, v: Triple<S>) -> Triple<S> {
-        let [along, left, up] = self.axes;
-        [weighted(v, along), weighted(v, left), weighted(v, up)]
     }
 }
 
@@ -109,20 +42,6 @@ pub(super) struct Eight<S: Simd> {
     log_scale: Triple<S>,
     pub(super) opacity_logit: f32x8<S>,
     reflectivity_log: f32x8<S>,
-}
-
-#[inline(always)]
-fn gathered<S: Simd>(simd: S, field: &[f32], indices: [u32; LANES]) -> f32x8<S> {
-    let (first, last) = (indices[0] as usize, indices[LANES - 1] as usize);
-    // Ascending and each once: eight in a row if the ends say so.
-    if last - first == LANES - 1 {
-        return f32x8::from_slice(simd, &field[first..=last]);
-    }
-    let mut values = [0.0; LANES];
-    for (value, index) in values.iter_mut().zip(indices) {
-        *value = field[index as usize];
-    }
-    f32x8::simd_from(simd, values)
 }
 
 impl<S: Simd> Eight<S> {
@@ -247,22 +166,9 @@ impl<S: Simd> Sight<S> {
     pub(super) fn new(view: &View, eight: &Eight<S>) -> Self {
         let simd = eight.opacity_logit.simd;
         let one = f32x8::splat(simd, 1.0);
-        let [px, py, pz] = view.position_m;
-        let [mx, my, mz] = eight.mean_m;
-        let still = view.in_beam_frame([mx - px, my - py, mz - pz]);
-        let still_m = dot(still, still).sqrt();
-        let [left, turn, roll] = view.drift_per_m;
-        let rate = still[0] * turn - still[2] * roll + left;
-        let mean = [
-            still[0],
-            still[1] - (still_m - view.reference_range_m) * rate,
-            still[2],
-        ];
-        let [x, y, z] = mean;
-        let lever2 = x.mul_add(x, y * y);
-        let lever_m = lever2.sqrt();
-        let range_m = z.mul_add(z, lever2).sqrt();
-        let (by_lever, by_range) = (one / lever_m, one / range_m);
+        let ping = &view.ping;
+        let place = ping.place(eight.mean_m);
+        let y = place.mean[1];
 
         let [qx, qy, qz, qw] = eight.rotation;
         let length2 = qx.mul_add(qx, qy * qy) + qz.mul_add(qz, qw * qw);
@@ -273,11 +179,8 @@ impl<S: Simd> Sight<S> {
             qz * inverse_length,
             qw * inverse_length,
         ];
-        let zero = f32x8::splat(simd, 0.0);
-        let outward = [x * by_range, y * by_range, z * by_range];
-        let along = rotated_back(unit, view.in_world_frame(outward));
-        let leftward = [-y * by_lever, x * by_lever, zero];
-        let across = rotated_back(unit, view.in_world_frame(leftward));
+        let along = rotated_back(unit, ping.range_axis(&place));
+        let across = rotated_back(unit, ping.azimuth_axis(&place));
         let up = cross(along, across);
 
         let [s0, s1, s2] = eight.log_scale;
@@ -290,25 +193,24 @@ impl<S: Simd> Sight<S> {
         let area2 = [s1 * s2, s2 * s0, s0 * s1];
         let (stretched, flattened) = (times(scale2, along), times(scale2, across));
         let tt = dot(flattened, across);
-        let beam2 = lever2 * view.beam_variance;
-        let elevation = lanes::ratio_atan(z, lever_m);
+        let beam2 = place.lever2 * ping.beam_variance;
+        let elevation = place.elevation();
         let section2 = dot(times(area2, along), along);
-        let fan = fan(view, elevation);
+        let fan = ping.fan(elevation);
         let widest2 = beam2 + (s0 + s1 + s2);
         let seen = eight.finite()
-            & range_m.simd_gt(NEAREST_M)
-            & x.simd_gt(range_m * SIDEWAYS)
+            & place.in_front()
             & length2.simd_gt(0.0)
             & (y * y).simd_le(widest2 * (BEAM_REACH_SIGMAS * BEAM_REACH_SIGMAS))
             & fan.simd_gt(LEAST_FAN)
             & section2.simd_gt(LEAST_AREA2_M4);
         Self {
-            still,
-            still_m,
-            mean,
-            lever_m,
-            range_m,
-            azimuth: lanes::ratio_atan(y, x),
+            still: place.still,
+            still_m: place.still_m,
+            mean: place.mean,
+            lever_m: place.lever_m,
+            range_m: place.range_m,
+            azimuth: place.azimuth(),
             elevation,
             unit,
             inverse_length,
@@ -335,7 +237,7 @@ impl<S: Simd> Sight<S> {
         let arc = self.azimuth * self.lever_m;
         let pattern = lanes::exp(arc * arc / self.total2 * -0.5) * self.lever_m;
         let solid_angle = (self.section2 / self.total2).sqrt() / (self.range_m * self.range_m);
-        solid_angle * pattern * self.fan * (std::f32::consts::TAU * view.sigma_b)
+        solid_angle * pattern * self.fan * (std::f32::consts::TAU * view.ping.sigma_b)
     }
 
     /// r′ − r̄.
@@ -353,7 +255,7 @@ impl<S: Simd> Sight<S> {
     /// s², and where it stands above its floor.
     #[inline(always)]
     pub(super) fn range_variance(&self, view: &View) -> (f32x8<S>, mask32x8<S>) {
-        let variance = self.own_variance() + view.range_variance_m2;
+        let variance = self.own_variance() + view.ping.range_variance_m2;
         (
             variance.max(LEAST_VARIANCE_M2),
             variance.simd_gt(LEAST_VARIANCE_M2),
@@ -386,15 +288,6 @@ impl<S: Simd> Sight<S> {
             peak: (determinant / widened).sqrt(),
         }
     }
-}
-
-/// `g(φ)`.
-#[inline(always)]
-fn fan<S: Simd>(view: &View, elevation: f32x8<S>) -> f32x8<S> {
-    let x = elevation * view.inverse_half_width;
-    let x2 = x * x;
-    let x4 = x2 * x2;
-    lanes::exp(x4 * x4 * -std::f32::consts::LN_2)
 }
 
 /// [`Shadow`] of eight Gaussians, with their covariances in radians.
@@ -484,8 +377,9 @@ fn push_rows<S: Simd>(
 /// Bins and parts of one from the ping's start, inside the ping.
 #[inline(always)]
 fn bin_edge<S: Simd>(view: &View, range_m: f32x8<S>) -> f32x8<S> {
-    let position = (range_m - view.range_start_m) / view.bin_length_m;
-    position.max(0.0).min(view.bin_count)
+    let ping = &view.ping;
+    let position = (range_m - ping.range_start_m) / ping.bin_length_m;
+    position.max(0.0).min(ping.bin_count)
 }
 
 #[inline(always)]

@@ -4,9 +4,10 @@ use fearless_simd::f32x8;
 use fearless_simd::prelude::*;
 
 use super::rows::{OnlineRow, Pull};
-use super::sight::{Eight, Sight, Triple, View, cross, dot};
+use super::sight::{Eight, Sight, View};
 use crate::lanes::{self, LANES};
 use crate::parameters::{GradientArrays, PARAMETER_COUNT};
+use crate::triple::{Triple, cross, dot};
 
 /// [`Pull`] of eight rows.
 #[derive(Clone, Copy)]
@@ -115,7 +116,7 @@ pub(super) fn accumulate<S: Simd>(
 #[inline(always)]
 fn add<S: Simd>(field: &mut [f32], indices: [u32; LANES], count: usize, part: f32x8<S>) {
     let (first, last) = (indices[0] as usize, indices[LANES - 1] as usize);
-    if last - first == LANES - 1 {
+    if count == LANES && last - first == LANES - 1 {
         if let Some(sums) = field.get_mut(first..=last) {
             (f32x8::from_slice(part.simd, sums) + part).store_slice(sums);
         }
@@ -181,7 +182,9 @@ fn measurement_back<S: Simd>(view: &View, sight: &Sight<S>, pulls: &Pulls<S>) ->
     let by_arc = -(e * arc + pulls.range * sight.rt) * by_total;
     SightPull {
         range_m: pulls.range - e * 2.0 / sight.range_m,
-        lever_m: e / lever + by_arc * sight.azimuth + lever * by_beam2 * (2.0 * view.beam_variance),
+        lever_m: e / lever
+            + by_arc * sight.azimuth
+            + lever * by_beam2 * (2.0 * view.ping.beam_variance),
         azimuth: by_arc * lever,
         elevation: e * fan_slope(view, sight.elevation),
         rr: variance * sight.beam2 * by_total,
@@ -197,9 +200,9 @@ fn measurement_back<S: Simd>(view: &View, sight: &Sight<S>, pulls: &Pulls<S>) ->
 /// `d ln g(φ)/dφ`.
 #[inline(always)]
 fn fan_slope<S: Simd>(view: &View, elevation: f32x8<S>) -> f32x8<S> {
-    let x = elevation * view.inverse_half_width;
+    let x = elevation * view.ping.inverse_half_width;
     let x2 = x * x;
-    let slope = -8.0 * std::f32::consts::LN_2 * view.inverse_half_width;
+    let slope = -8.0 * std::f32::consts::LN_2 * view.ping.inverse_half_width;
     x2 * x2 * x2 * x * slope
 }
 
@@ -288,15 +291,15 @@ fn mean_back<S: Simd>(
         y * sunk + x * sideways,
         z * range + sight.lever_m * upward,
     ];
-    view.in_world_frame(drift_back(view, sight, moved))
+    view.ping.in_world_frame(drift_back(view, sight, moved))
 }
 
 /// `Dᵀg` with D the derivative of the drifted mean by the still one.
 #[inline(always)]
 fn drift_back<S: Simd>(view: &View, sight: &Sight<S>, g: Triple<S>) -> Triple<S> {
-    let [left, turn, roll] = view.drift_per_m;
+    let [left, turn, roll] = view.ping.drift_per_m;
     let [x, y, z] = sight.still;
-    let late = sight.still_m - view.reference_range_m;
+    let late = sight.still_m - view.ping.reference_range_m;
     let rate = (x * turn - z * roll + left) / sight.still_m;
     [
         g[0] - g[1] * (rate * x + late * turn),

@@ -3,6 +3,7 @@
 
 use std::f32::consts::PI;
 
+use echosplat_acoustics::packed::Row;
 use echosplat_model::Standing;
 
 use crate::MapperConfig;
@@ -13,7 +14,6 @@ use crate::parts::AtWork;
 use crate::refine::expectation::{Pull, Sum};
 use crate::refine::scene::Scene;
 use crate::refine::shape::least_eigenvalue;
-use crate::refine::splats::Row;
 use crate::refine::tally::Tally;
 use crate::refine::visibility::{Moments, Sight};
 use crate::spawn::gaussians::{Gaussians, Verdict};

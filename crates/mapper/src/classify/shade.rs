@@ -3,8 +3,7 @@
 //! Cost: one addition for each confident Gaussian in the ping and a sum over 64 × shells.
 
 use echosplat_acoustics::Look;
-
-use crate::refine::splats::Row;
+use echosplat_acoustics::packed::Row;
 
 /// Steps of elevation over the fan and its soft edge.
 const CELLS: usize = 64;

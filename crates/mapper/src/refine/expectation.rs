@@ -8,6 +8,7 @@
 use std::sync::Arc;
 
 use echosplat_acoustics::SymmetricMat3;
+use echosplat_acoustics::packed::Row;
 use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 
@@ -16,7 +17,6 @@ use crate::accumulate::history::Past;
 use crate::parts::AtWork;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
-use crate::refine::splats::Row;
 use crate::refine::step::damped_step;
 use crate::refine::tally::Tally;
 use crate::refine::visibility::{Against, Moments, Sight};

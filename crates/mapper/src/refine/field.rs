@@ -3,15 +3,13 @@
 use std::ops::Range;
 
 use echosplat_acoustics::lanes::LANES;
+use echosplat_acoustics::packed::NUMBERS;
 use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 
 use crate::accumulate::evidence::{BlockIndex, Evidence, TileIndex};
 use crate::accumulate::fan::Fan;
 use crate::spawn::gaussians::Gaussians;
-
-/// Numbers per Gaussian: mean, covariance (xx, yy, zz, yz, xz, xy), strength ahead and behind.
-pub(crate) const NUMBERS: usize = 15;
 
 /// Gaussians that lie together.
 #[derive(Debug)]
@@ -66,17 +64,6 @@ impl Field {
         field
     }
 
-    /// One block of all there are.
-    #[cfg(test)]
-    pub(crate) fn of_all(gaussians: &Gaussians) -> Self {
-        let mut field = Self {
-            slots: gaussians.slots().map(|slot| slot as u32).collect(),
-            ..Self::default()
-        };
-        field.copy(gaussians);
-        field
-    }
-
     fn copy(&mut self, gaussians: &Gaussians) {
         let slots = &self.slots;
         let triple = |which: usize, slot: usize| match which {
@@ -104,13 +91,14 @@ impl Field {
         });
     }
 
+    /// As [`echosplat_acoustics::packed`] has them, with room for eight from each Gaussian on.
     pub(crate) fn numbers(&self) -> &[Vec<f32>; NUMBERS] {
         &self.numbers
     }
 
-    /// Slot of the Gaussian at a place of the arrays.
-    pub(crate) fn slot(&self, place: u32) -> u32 {
-        self.slots[place as usize]
+    /// Slot of the Gaussian at each place of the arrays.
+    pub(crate) fn slots(&self) -> &[u32] {
+        &self.slots
     }
 
     /// Finds the places of the arrays that a fan may see, block by block.

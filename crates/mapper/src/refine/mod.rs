@@ -6,7 +6,6 @@ pub(crate) mod inherit;
 pub(crate) mod scene;
 pub(crate) mod schedule;
 pub(crate) mod shape;
-pub(crate) mod splats;
 pub(crate) mod step;
 pub(crate) mod tally;
 pub(crate) mod visibility;

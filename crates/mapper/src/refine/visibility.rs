@@ -8,6 +8,7 @@ use std::ops::Range;
 
 use echosplat_acoustics::Look;
 use echosplat_acoustics::lanes::{self, LANES};
+use echosplat_acoustics::packed::{self, Row, View};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8};
 
@@ -16,7 +17,6 @@ use crate::detect::profile::BinState;
 use crate::parts::Extent;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
-use crate::refine::splats::{self, Row, View};
 
 /// Everything one ping sees, and what it should measure. Reused from ping to ping.
 #[derive(Debug, Default)]
@@ -99,18 +99,13 @@ impl Sight {
 
     #[inline(always)]
     fn find<S: Simd>(&mut self, simd: S, view: &View, field: &Field) {
+        let (numbers, slots) = (field.numbers(), field.slots());
         self.places.clear();
         self.rows.clear();
         for members in &self.near {
-            splats::cull(
-                simd,
-                view,
-                field.numbers(),
-                members.clone(),
-                &mut self.places,
-            );
+            packed::cull(simd, view, numbers, members.clone(), &mut self.places);
         }
-        splats::project(simd, view, field, &self.places, &mut self.rows);
+        packed::project(simd, view, numbers, slots, &self.places, &mut self.rows);
     }
 
     /// Energies of all rows, and their sum.

@@ -1,0 +1,156 @@
+//! What kernels know of a ping, and where its beam hears eight Gaussians' means.
+
+use fearless_simd::prelude::*;
+use fearless_simd::{f32x8, mask32x8};
+
+use crate::Look;
+use crate::lanes;
+use crate::online::constants::{NEAREST_M, SIDEWAYS};
+use crate::triple::{Triple, dot, weighted};
+
+/// A look in single numbers, worked out once per ping.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct PingView {
+    /// Axes of the beam's frame: along, left, up.
+    axes: [[f32; 3]; 3],
+    position_m: [f32; 3],
+    pub(crate) drift_per_m: [f32; 3],
+    pub(crate) reference_range_m: f32,
+    pub(crate) sigma_b: f32,
+    /// Variance in azimuth of beam and attitude.
+    pub(crate) beam_variance: f32,
+    pub(crate) inverse_half_width: f32,
+    pub(crate) range_variance_m2: f32,
+    pub(crate) range_start_m: f32,
+    pub(crate) bin_length_m: f32,
+    pub(crate) bin_count: f32,
+}
+
+/// Means of eight Gaussians in the beam's frame.
+#[derive(Clone, Copy)]
+pub(crate) struct Place<S: Simd> {
+    /// Before what the sensor drifts until their echo, and how far away.
+    pub(crate) still: Triple<S>,
+    pub(crate) still_m: f32x8<S>,
+    /// After it.
+    pub(crate) mean: Triple<S>,
+    /// Squared distance from the sensor's z axis, m².
+    pub(crate) lever2: f32x8<S>,
+    /// Metres per radian of azimuth.
+    pub(crate) lever_m: f32x8<S>,
+    pub(crate) range_m: f32x8<S>,
+    pub(crate) by_lever: f32x8<S>,
+    pub(crate) by_range: f32x8<S>,
+}
+
+impl PingView {
+    pub(crate) fn new(look: &Look) -> Self {
+        let sigma_b = look.beam.azimuth_sigma_rad();
+        Self {
+            axes: look.pose.axes.to_cols_array_2d(),
+            position_m: look.pose.position_m.to_array(),
+            drift_per_m: look.pose.drift_per_m.to_array(),
+            reference_range_m: look.pose.reference_range_m,
+            sigma_b,
+            beam_variance: sigma_b * sigma_b + look.azimuth_variance_rad2,
+            inverse_half_width: 1.0 / look.beam.elevation_half_width_rad(),
+            range_variance_m2: look.range_variance_m2,
+            range_start_m: look.range_start_m,
+            bin_length_m: look.bin_length_m,
+            bin_count: look.bin_count as f32,
+        }
+    }
+
+    /// `R v`.
+    #[inline(always)]
+    pub(crate) fn in_world_frame<S: Simd>(&self, v: Triple<S>) -> Triple<S> {
+        let [[xx, xy, xz], [yx, yy, yz], [zx, zy, zz]] = self.axes;
+        [
+            weighted(v, [xx, yx, zx]),
+            weighted(v, [xy, yy, zy]),
+            weighted(v, [xz, yz, zz]),
+        ]
+    }
+
+    /// `Rᵀ v`.
+    #[inline(always)]
+    fn in_beam_frame<S: Simd>(&self, v: Triple<S>) -> Triple<S> {
+        let [along, left, up] = self.axes;
+        [weighted(v, along), weighted(v, left), weighted(v, up)]
+    }
+
+    /// [`Look::in_beam`] of means on the map's coordinates.
+    #[inline(always)]
+    pub(crate) fn place<S: Simd>(&self, [mx, my, mz]: Triple<S>) -> Place<S> {
+        let [px, py, pz] = self.position_m;
+        let still = self.in_beam_frame([mx - px, my - py, mz - pz]);
+        let still_m = dot(still, still).sqrt();
+        let [left, turn, roll] = self.drift_per_m;
+        let rate = still[0] * turn - still[2] * roll + left;
+        let mean = [
+            still[0],
+            still[1] - (still_m - self.reference_range_m) * rate,
+            still[2],
+        ];
+        let [x, y, z] = mean;
+        let one = f32x8::splat(x.simd, 1.0);
+        let lever2 = x.mul_add(x, y * y);
+        let lever_m = lever2.sqrt();
+        let range_m = z.mul_add(z, lever2).sqrt();
+        Place {
+            still,
+            still_m,
+            mean,
+            lever2,
+            lever_m,
+            range_m,
+            by_lever: one / lever_m,
+            by_range: one / range_m,
+        }
+    }
+
+    /// Unit vectors of growing range, world axes.
+    #[inline(always)]
+    pub(crate) fn range_axis<S: Simd>(&self, place: &Place<S>) -> Triple<S> {
+        let [x, y, z] = place.mean;
+        let by_range = place.by_range;
+        self.in_world_frame([x * by_range, y * by_range, z * by_range])
+    }
+
+    /// Unit vectors of growing azimuth, world axes.
+    #[inline(always)]
+    pub(crate) fn azimuth_axis<S: Simd>(&self, place: &Place<S>) -> Triple<S> {
+        let [x, y, _] = place.mean;
+        let zero = f32x8::splat(x.simd, 0.0);
+        self.in_world_frame([-y * place.by_lever, x * place.by_lever, zero])
+    }
+
+    /// Sensitivity along: `g(φ)`.
+    #[inline(always)]
+    pub(crate) fn fan<S: Simd>(&self, elevation: f32x8<S>) -> f32x8<S> {
+        let x = elevation * self.inverse_half_width;
+        let x2 = x * x;
+        let x4 = x2 * x2;
+        lanes::exp(x4 * x4 * -std::f32::consts::LN_2)
+    }
+}
+
+impl<S: Simd> Place<S> {
+    /// Where the mean is neither too near nor too far aside.
+    #[inline(always)]
+    pub(crate) fn in_front(&self) -> mask32x8<S> {
+        self.range_m.simd_gt(NEAREST_M) & self.mean[0].simd_gt(self.range_m * SIDEWAYS)
+    }
+
+    /// Azimuth from the beam's axis, radians.
+    #[inline(always)]
+    pub(crate) fn azimuth(&self) -> f32x8<S> {
+        lanes::ratio_atan(self.mean[1], self.mean[0])
+    }
+
+    /// Elevation, radians.
+    #[inline(always)]
+    pub(crate) fn elevation(&self) -> f32x8<S> {
+        lanes::ratio_atan(self.mean[2], self.lever_m)
+    }
+}
