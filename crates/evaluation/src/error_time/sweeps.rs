@@ -28,7 +28,7 @@ const KNOBS: [Knob; 5] = [
     Knob {
         key: "mapper.work_pairs_per_ping",
         // As the targets write theirs, so that their runs serve here too.
-        values: &["50000", "100000", "400000", "800000"],
+        values: &["75000", "150000", "600000", "1200000"],
     },
     Knob {
         key: "mapper.spawn_evidence",

@@ -642,7 +642,8 @@ mod tests {
         assert!(most_grown(&[1.0, 0.9, 0.8], by_share).abs() < 1e-300);
         assert!(most_grown(&[f64::INFINITY; 2], by_share).is_nan());
         let runs = work()[0].runs(1);
-        assert!(runs[1].is_plain() && runs[0].settings[WORK] == "66666");
+        let third = MapperConfig::default().work_pairs_per_ping / 3;
+        assert!(runs[1].is_plain() && runs[0].settings[WORK] == third.to_string());
     }
 
     #[test]

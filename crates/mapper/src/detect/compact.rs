@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use crate::detect::profile::BinState;
+use crate::detect::bin_state::BinState;
 
 /// Decibels from one code to the next: rounding to them errs by 2 %, far below speckle.
 const STEP_DB: f32 = 0.3;

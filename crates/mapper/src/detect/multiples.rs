@@ -294,7 +294,7 @@ mod tests {
 
     #[test]
     fn doubted_bins_say_nothing() {
-        use crate::detect::profile::BinState::{Blank, Dark, Lit};
+        use crate::detect::bin_state::BinState::{Blank, Dark, Lit};
         let (_, power, mut profile, _) = heard(&[(4.0, 1e4), (6.8, 1e3)]);
         profile.doubted = [(339, 342)].into();
         profile.judge(&power, &Backdrop::default());

@@ -2,8 +2,10 @@
 
 mod intake;
 mod published;
+mod schedule;
 mod status;
 mod work;
+mod workout;
 
 use std::sync::Arc;
 
@@ -15,8 +17,8 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::accumulate::history::History;
 use crate::detect::multiples::Multiples;
 use crate::detect::profile::Levels;
+use crate::mapper::workout::Workout;
 use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
-use crate::refine::workout::Workout;
 use crate::seabed::Seabed;
 use crate::spawn::gaussians::Gaussians;
 use crate::world::World;

@@ -7,9 +7,9 @@ use super::{LEAST_NOISE, Mapper};
 use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::multiples::Multiples;
+use crate::mapper::schedule::Start;
+use crate::mapper::workout::{Terms, Workout, keep};
 use crate::parts::{MapCues, decide};
-use crate::refine::schedule::Start;
-use crate::refine::workout::{Terms, Workout, keep};
 use crate::seabed::Seabed;
 
 /// Tiles are due when this part of what they hold comes from looks that it was not worked out with: they were looked

@@ -13,7 +13,7 @@ use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8};
 
 use crate::accumulate::history::Past;
-use crate::detect::profile::BinState;
+use crate::detect::bin_state::BinState;
 use crate::parts::Extent;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;

@@ -18,13 +18,13 @@ use crate::accumulate::evidence::{BlockIndex, Horizon, TileIndex, VOXELS};
 use crate::accumulate::finding::Finding;
 use crate::accumulate::history::{Past, every};
 use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, judge, tails};
+use crate::mapper::schedule::{Action, INTERLEAVE, Start, actions};
 use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
     Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
 };
 use crate::refine::inherit::{area_of, inherit, whole_area};
 use crate::refine::scene::Scene;
-use crate::refine::schedule::{Action, INTERLEAVE, Start, actions};
 use crate::refine::shape::align;
 use crate::seabed::Seabed;
 use crate::spawn::births;
