@@ -59,7 +59,7 @@ impl Default for MapperConfig {
             detection_factor: 12.0,
             dynamic_range_db: 30.0,
             slice_pings: 4,
-            history_pings: 16_384,
+            history_pings: 65_536,
             spawn_evidence: 4.5,
             work_pairs_per_ping: 300_000,
             workout_passes: 16,

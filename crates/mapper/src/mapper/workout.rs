@@ -43,9 +43,9 @@ const SPAWN_PART_OF_GLINTS: f32 = 0.667;
 /// With more candidates than this, all that any side saw dark is doubted in full.
 const MOST_PLACES: usize = 400_000;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
-const ENOUGH_PAIRS: f64 = 3_000.0;
+const ENOUGH_PAIRS: f64 = 12_000.0;
 /// The part of them that a start from the map needs, since the map knows the rest.
-const ENOUGH_FROM_MAP: f64 = 0.5;
+const ENOUGH_FROM_MAP: f64 = 0.125;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = LOOKS_PER_PING;
 /// Steps of offset from one step to the next.
