@@ -229,20 +229,6 @@ fn what_forgotten_pings_told_stays_in_the_map() {
 }
 
 #[test]
-fn a_short_memory_maps_what_a_long_one_does() {
-    let (_, pings) = dive("fence", DiveKind::Survey, 80.0);
-    let asserted = |history_pings: usize| {
-        let remembering = MapperConfig {
-            history_pings,
-            ..config(0)
-        };
-        confident(&map(&pings, remembering)).len()
-    };
-    let (all, few) = (asserted(16_384), asserted(pings.len() / 4));
-    assert!(3 * few > all, "{few} of {all}");
-}
-
-#[test]
 fn turning_on_the_spot_asserts_nothing() {
     let (_, pings) = dive("fence", DiveKind::Pan, 40.0);
     let snapshot = map(&pings, config(0));

@@ -13,6 +13,9 @@ use crate::detect::profile::Profile;
 /// Slices are cut where the beam has fallen to 1 %.
 const FAN_SIGMAS: f32 = 3.0;
 
+/// Most pings that are let go at once: with 15,000 pairs each, looked at twice, below 0.1 s.
+const MOST_AT_ONCE: usize = 256;
+
 /// One remembered ping.
 #[derive(Debug, Clone)]
 pub(crate) struct Past {
@@ -62,8 +65,9 @@ impl History {
         if self.pings.len() <= self.capacity {
             return Vec::new();
         }
-        // Some more than needed, since the rest moves up.
-        let keep = (self.capacity - self.capacity / 32).max(recent);
+        // Some more than needed, since the rest moves up; not so many that summing up what they told is a pause.
+        let spare = (self.capacity / 32).min(MOST_AT_ONCE);
+        let keep = (self.capacity - spare).max(recent);
         let count = self.pings.len().saturating_sub(keep);
         self.forgotten += count as u64;
         self.pings.drain(..count).collect()

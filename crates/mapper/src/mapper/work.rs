@@ -2,8 +2,8 @@
 
 use echosplat_model::Snapshot;
 
+use super::Mapper;
 use super::intake::doubt_multiples;
-use super::{LEAST_NOISE, Mapper};
 use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::multiples::Multiples;
@@ -97,7 +97,7 @@ impl Mapper {
 
     /// Lets go of the oldest pings when there are too many; `recent` of them stay in any case. What they told stays.
     pub(super) fn forget(&mut self, recent: usize) {
-        let gone = self.history.forget(recent);
+        let (gone, floor) = (self.history.forget(recent), self.floor());
         let Some(world) = &mut self.world else { return };
         if gone.is_empty() {
             return;
@@ -110,7 +110,7 @@ impl Mapper {
         let terms = Terms {
             config: &self.config,
             at_work: self.at_work,
-            floor: LEAST_NOISE * self.levels.strongest(),
+            floor,
             unit_strength: self.unit_strength,
         };
         let map = &mut self.gaussians;

@@ -36,16 +36,16 @@ pub(crate) struct Tile {
     pub(crate) blocks: Vec<BlockIndex>,
     /// Independent looks at it of all pings that heard anything.
     pub(crate) looks: f32,
-    /// Of these, those of forgotten pings.
+    /// Of these looks, those of forgotten pings.
     pub(crate) forgotten_looks: f32,
-    /// Remembered pings that may see it.
+    /// Looks there had been when its Gaussians were last worked out.
+    pub(crate) worked_looks: f32,
+    /// Looks there had been when they were last worked out anew, not from the map.
+    pub(crate) even_looks: f32,
+    /// Remembered pings with echoes that may see it.
     remembered_pings: u32,
     /// Whether it keeps only what its Gaussians need.
     is_left: bool,
-    /// Of these, those that its Gaussians were last worked out from.
-    pub(crate) worked_looks: f32,
-    /// Of these, those of the last time that they were worked out anew, not from the map.
-    pub(crate) even_looks: f32,
 }
 
 impl Tile {
@@ -162,7 +162,9 @@ impl Evidence {
         let looks: Vec<u64> = taken.par_iter_mut().with_min_len(16).map(tell).collect();
         for ((index, block), &looks) in taken.into_iter().zip(&looks) {
             self.blocks[index as usize] = block;
-            self.touch(index, looks > 0);
+            if looks > 0 {
+                self.touched.insert(index);
+            }
         }
         looks.iter().sum()
     }
@@ -281,12 +283,6 @@ impl Evidence {
     /// Takes the blocks touched since last asked, in order of index.
     pub(crate) fn take_touched(&mut self) -> BTreeSet<BlockIndex> {
         std::mem::take(&mut self.touched)
-    }
-
-    fn touch(&mut self, index: BlockIndex, is_touched: bool) {
-        if is_touched {
-            self.touched.insert(index);
-        }
     }
 
     /// Blocks that the lit arcs of a slice pass through and that do not exist, in order.
