@@ -12,6 +12,8 @@ pub(crate) struct Account {
     pub(crate) hidden_looks: f32,
     /// Of all, looks whose echo comes from its surroundings alone, or nearly.
     pub(crate) clear_looks: f32,
+    /// Log likelihood ratio of all looks, dark ones too: that its surroundings send back what they do, against nothing.
+    pub(crate) odds: f32,
     /// Sum over looks of what its surroundings explain against the best place on the same arc.
     pub(crate) rivalry: f32,
     /// Sums over looks of its mirror image above or below the beam's axis, metres from the
@@ -25,6 +27,7 @@ impl Account {
         self.looks += part.looks;
         self.hidden_looks += part.hidden_looks;
         self.clear_looks += part.clear_looks;
+        self.odds += part.odds;
         self.rivalry += part.rivalry;
         self.mirror_m += part.mirror_m;
         self.mirror_m2 += part.mirror_m2;
@@ -36,6 +39,7 @@ impl Account {
             looks: self.looks * count,
             hidden_looks: self.hidden_looks * count,
             clear_looks: self.clear_looks * count,
+            odds: self.odds * count,
             rivalry: self.rivalry * count,
             mirror_m: self.mirror_m * count,
             mirror_m2: self.mirror_m2 * count,

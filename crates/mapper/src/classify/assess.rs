@@ -25,6 +25,9 @@ const SURROUNDINGS_VOXELS: f32 = 5.0;
 const LEAST_LOOKS: f32 = 8.0;
 /// Where poses smear echoes over voxels, more do.
 const LEAST_SMEARED_LOOKS: f32 = 10.0;
+/// Log likelihood ratio at which a place is sure although few looks, or a small part of them, are clear: weak echoes
+/// are dark in most pings. A clear look counts as one more.
+const ENOUGH_ODDS: f32 = 15.0;
 /// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
 /// Most part of its lit looks that pass through another surface: what is behind an opaque one is
@@ -71,11 +74,14 @@ impl Account {
 
     /// Whether its looks fix a place, one sigma of which is given.
     fn fixes(&self, sigma_m: f32, demand: Demand) -> bool {
-        self.clear_looks >= demand.looks
+        let is_clear = self.clear_looks >= demand.looks
             && self.clear_looks >= LEAST_CLEAR_SHARE * self.looks
+            && sigma_m <= demand.sigma_m;
+        let is_likely =
+            self.odds + self.clear_looks >= demand.odds && sigma_m <= demand.likely_sigma_m;
+        (is_clear || is_likely)
             && self.hidden_looks <= MOST_HIDDEN_SHARE * self.looks
             && self.tells_from_mirror()
-            && sigma_m <= demand.sigma_m
     }
 }
 
@@ -86,6 +92,9 @@ pub(crate) struct Demand {
     looks: f32,
     /// Most one-sigma uncertainty.
     sigma_m: f32,
+    /// Log likelihood ratio that does in place of clear looks, and the uncertainty it may have then.
+    odds: f32,
+    likely_sigma_m: f32,
     /// Least share of an echo that makes a look clear.
     clear_share: f32,
 }
@@ -98,6 +107,12 @@ impl Demand {
                 false => LEAST_LOOKS,
             },
             sigma_m: config.confident_sigma_m,
+            // Where poses smear echoes the likelihood is not that of the echoes.
+            odds: match at_work.smeared {
+                true => f32::INFINITY,
+                false => ENOUGH_ODDS,
+            },
+            likely_sigma_m: SIGMAS_TO_CONTINUE * config.confident_sigma_m,
             clear_share: config.confident_share,
         }
     }
@@ -288,11 +303,15 @@ impl Desk {
             let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
             let range_bins = (splat.range_m - past.look.range_start_m) / past.look.bin_length_m;
             let bin = range_bins as usize;
-            if !(past.profile.is_lit(bin) && off < 1.5) {
+            if !(off < 1.5 && bin < past.look.bin_count as usize) {
                 continue;
             }
             let looks = past.weight * (1.0 - off / 1.5);
             let near = arcs.around(bin, arcs.step_of(row));
+            tally.of(row.slot).account.odds += looks * sight.odds(bin, near);
+            if !past.profile.is_lit(bin) {
+                continue;
+            }
             let below_m = 2.0 * splat.range_m * splat.elevation_rad.sin();
             let mirror_m = past.look.pose.axes.z_axis * -below_m;
             let if_so = |so: bool| if so { looks } else { 0.0 };
@@ -300,6 +319,7 @@ impl Desk {
                 looks,
                 hidden_looks: if_so(rule.occlusion && shade.hides(row)),
                 clear_looks: if_so(near > rule.clear_share * sight.predicted[bin]),
+                odds: 0.0,
                 rivalry: looks * near / arcs.best(bin).max(f32::MIN_POSITIVE),
                 mirror_m: mirror_m * looks,
                 mirror_m2: mirror_m.length_squared() * looks,

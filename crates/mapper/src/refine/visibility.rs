@@ -30,12 +30,17 @@ pub(crate) struct Sight {
     /// Predicted intensity per bin, noise included; it goes on beyond the last bin.
     pub(crate) predicted: Vec<f32>,
     measured: Vec<f32>,
+    /// Power of the noise.
+    background: f32,
     /// What each bin counts: 0 in the blanking, little in a shadow, 0 beyond the last.
     pub(crate) bin_weight: Vec<f32>,
     /// `w/Î` and `w·I/Î²` per bin, as counts `w` and `w·I/Î`: what a row's energies are summed with.
     share: Vec<f32>,
     pull: Vec<f32>,
 }
+
+/// Most that one bin says for or against an echo, since the model of it may be wrong.
+const MOST_ODDS_OF_BIN: f32 = 3.0;
 
 /// Darkness behind an echo may be its shadow and counts this little.
 const SHADOWED_WEIGHT: f32 = 0.15;
@@ -79,8 +84,8 @@ impl Sight {
         let profile = &past.profile;
         let padded = (profile.intensity.len() + LANES).next_multiple_of(LANES);
         self.predicted.clear();
-        self.predicted
-            .resize(padded, profile.noise.max(scene.floor));
+        self.background = profile.noise.max(scene.floor);
+        self.predicted.resize(padded, self.background);
         for (predicted, ground) in self.predicted.iter_mut().zip(profile.ground.iter()) {
             *predicted += ground;
         }
@@ -246,6 +251,14 @@ impl Sight {
             square: [flat.reduce_sum(), tilt.reduce_sum(), bend.reduce_sum()],
             residual: [pull.reduce_sum(), push.reduce_sum()],
         }
+    }
+
+    /// Log likelihood ratio of a bin with all that is predicted, against without `energy` of it.
+    pub(crate) fn odds(&self, bin: usize, energy: f32) -> f32 {
+        let (with, measured) = (self.predicted[bin], self.measured[bin]);
+        let without = (with - energy).clamp(self.background.min(with), with);
+        let odds = (without / with).ln() + measured * (without.recip() - with.recip());
+        self.bin_weight[bin] * odds.clamp(-MOST_ODDS_OF_BIN, MOST_ODDS_OF_BIN)
     }
 
     /// Gaussian–bin pairs in this ping: the unit of work.
