@@ -28,6 +28,8 @@ const LEAST_SMEARED_LOOKS: f32 = 10.0;
 /// Log likelihood ratio at which a place is sure although few looks, or a small part of them, are clear: weak echoes
 /// are dark in most pings. A clear look counts as one more.
 const ENOUGH_ODDS: f32 = 15.0;
+/// Such a place explains at least this part of what the best place on its arcs does.
+const LEAST_LIKELY_RIVALRY: f32 = 0.4;
 /// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
 /// Most part of its lit looks that pass through another surface: what is behind an opaque one is
@@ -77,8 +79,9 @@ impl Account {
         let is_clear = self.clear_looks >= demand.looks
             && self.clear_looks >= LEAST_CLEAR_SHARE * self.looks
             && sigma_m <= demand.sigma_m;
-        let is_likely =
-            self.odds + self.clear_looks >= demand.odds && sigma_m <= demand.likely_sigma_m;
+        let is_likely = self.odds + self.clear_looks >= demand.odds
+            && self.rivalry >= LEAST_LIKELY_RIVALRY * self.looks
+            && sigma_m <= demand.likely_sigma_m;
         (is_clear || is_likely)
             && self.hidden_looks <= MOST_HIDDEN_SHARE * self.looks
             && self.tells_from_mirror()
@@ -401,6 +404,32 @@ mod tests {
     use echosplat_model::glam::Vec3;
 
     use super::*;
+    use crate::parts::{Cues, MapCues, Parts, decide};
+
+    #[test]
+    fn few_clear_looks_do_where_all_looks_together_are_likely_and_poses_do_not_smear_them() {
+        let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
+        let demand = Demand::of(&MapperConfig::default(), at_work);
+        let weak = Account {
+            looks: 40.0,
+            clear_looks: 3.0,
+            odds: 13.0,
+            rivalry: 30.0,
+            ..Account::default()
+        };
+        assert!(weak.fixes(0.5, demand) && !weak.fixes(1.5, demand));
+        let unlikely = Account { odds: 11.0, ..weak };
+        let rivalled = Account {
+            rivalry: 10.0,
+            ..weak
+        };
+        assert!(!unlikely.fixes(0.5, demand) && !rivalled.fixes(0.5, demand));
+        let smeared = AtWork {
+            smeared: true,
+            ..at_work
+        };
+        assert!(!weak.fixes(0.5, Demand::of(&MapperConfig::default(), smeared)));
+    }
 
     #[test]
     fn what_continues_a_surface_is_trusted_and_what_is_beside_it_is_not() {
