@@ -28,8 +28,8 @@ const LEAST_SMEARED_LOOKS: f32 = 10.0;
 /// Log likelihood ratio at which a place is sure although few looks, or a small part of them, are clear: weak echoes
 /// are dark in most pings. A clear look counts as one more.
 const ENOUGH_ODDS: f32 = 15.0;
-/// Such a place explains at least this part of what the best place on its arcs does.
-const LEAST_LIKELY_RIVALRY: f32 = 0.4;
+/// Such a place explains at least half of what the best place on its arcs does.
+const LEAST_LIKELY_RIVALRY: f32 = 0.5;
 /// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
 /// Most part of its lit looks that pass through another surface: what is behind an opaque one is
