@@ -161,7 +161,7 @@ fn parts_are_compared_and_those_that_are_not_settings_are_listed() {
         "--only",
         "fence",
         "--part",
-        "mapper.work_pairs_per_ping=600000,20000,200000",
+        "mapper.work_pairs_per_ping=600000,20000,60000",
         "--part",
         "mapper.no_such_part=1,2,3",
     ];
