@@ -174,6 +174,21 @@ impl Ping {
         self
     }
 
+    /// The same ping with the power of each bin times a factor of it; what is no power then is none.
+    #[must_use]
+    pub fn scaled(&self, factor: impl Fn(usize) -> f32) -> Self {
+        let bins = self.intensity.iter().enumerate();
+        let scaled = bins.map(|(bin, power)| power * factor(bin));
+        let kept = scaled.map(|power| match (0.0..f32::MAX).contains(&power) {
+            true => power,
+            false => 0.0,
+        });
+        Self {
+            intensity: kept.collect(),
+            ..*self
+        }
+    }
+
     /// The ping's number in its stream, across restarts of the device; no two pings share one. A
     /// ping that comes late, as datagrams and blocks of a log do, has its own right number, which
     /// is then less than that of a ping received before it.

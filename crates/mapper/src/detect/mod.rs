@@ -4,3 +4,4 @@ pub(crate) mod bin_state;
 pub(crate) mod compact;
 pub(crate) mod multiples;
 pub(crate) mod profile;
+pub(crate) mod receiver;

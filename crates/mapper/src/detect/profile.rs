@@ -9,7 +9,7 @@ use crate::detect::compact::{Powers, States};
 /// One ping's intensities and what they say, shapes `[bin_count]`.
 #[derive(Debug, Clone)]
 pub(crate) struct Profile {
-    /// Linear power as the ping has it.
+    /// Linear power at one gain, with noise that is flat over range.
     pub(crate) intensity: Powers,
     /// What each bin says, echoes widened by the localisation error.
     pub(crate) state: States,
@@ -126,31 +126,46 @@ impl Levels {
         ground: &Backdrop,
         config: &MapperConfig,
     ) -> Profile {
-        let settings = ping.settings();
-        let bin_length_m = settings.bin_length_m();
-        let blank = blank_bins(ping, config.blanking_m);
-        let open = &ping.intensity()[blank..];
+        let bin_length_m = ping.settings().bin_length_m();
+        let mut profile = Profile {
+            intensity: Powers::default(),
+            state: States::default(),
+            echoes: Box::default(),
+            doubted: Box::default(),
+            noise: 0.0,
+            strongest: 0.0,
+            threshold: 0.0,
+            blank: blank_bins(ping, config.blanking_m),
+            widen: (tolerance_m / bin_length_m).ceil() as usize,
+            shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
+            ground: Powers::default(),
+        };
+        self.renew(&mut profile, ping.intensity(), ground, config);
+        profile
+    }
+
+    /// Makes a profile anew of a ping's power, and learns from it.
+    pub(crate) fn renew(
+        &mut self,
+        profile: &mut Profile,
+        intensity: &[f32],
+        ground: &Backdrop,
+        config: &MapperConfig,
+    ) {
+        let blank = profile.blank;
+        let open = &intensity[blank..];
         let peak = greatest(open);
         let noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
         if peak > config.detection_factor * noise {
             self.strongest = risen(self.strongest, peak);
         }
         let floor = self.strongest * 10f32.powf(-0.1 * config.dynamic_range_db);
-        let mut profile = Profile {
-            intensity: Powers::of(ping.intensity(), peak),
-            state: States::of(&vec![BinState::Blank; settings.bin_count]),
-            echoes: Box::default(),
-            doubted: Box::default(),
-            noise,
-            strongest: self.strongest,
-            threshold: (config.detection_factor * noise).max(floor),
-            blank,
-            widen: (tolerance_m / bin_length_m).ceil() as usize,
-            shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
-            ground: Powers::default(),
-        };
-        profile.judge(ping.intensity(), ground);
-        profile
+        profile.intensity = Powers::of(intensity, peak);
+        profile.noise = noise;
+        profile.strongest = self.strongest;
+        profile.threshold = (config.detection_factor * noise).max(floor);
+        profile.doubted = Box::default();
+        profile.judge(intensity, ground);
     }
 
     /// Whether a ping is evidence of anything: its receiver is not at its stop, and it is not louder
@@ -220,7 +235,7 @@ fn is_clipped(open: &[f32]) -> bool {
 }
 
 /// Bins that begin nearer than the blanking.
-fn blank_bins(ping: &Ping, blanking_m: f64) -> usize {
+pub(crate) fn blank_bins(ping: &Ping, blanking_m: f64) -> usize {
     let settings = ping.settings();
     let bins = (blanking_m - settings.range_start_m) / settings.bin_length_m();
     (bins.ceil().max(0.0) as usize).min(settings.bin_count)

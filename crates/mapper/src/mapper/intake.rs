@@ -9,8 +9,9 @@ use super::{Mapper, NEWBORN_STRENGTH};
 use crate::MapperConfig;
 use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
 use crate::detect::multiples::Multiples;
-use crate::detect::profile::{Backdrop, Profile};
+use crate::detect::profile::{Backdrop, Levels, Profile, blank_bins};
 use crate::parts::{Cue, Extent};
+use crate::seabed::Seabed;
 use crate::spawn::births;
 use crate::world::{World, voxel_m};
 
@@ -166,9 +167,37 @@ impl Mapper {
         true
     }
 
+    /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less.
+    fn refer_anew(&mut self, change: f32) {
+        (self.levels, self.unit_strength) = (Levels::default(), 0.0);
+        self.seabed = Seabed::new(&self.config.beam);
+        let (ground, config) = (Backdrop::default(), &self.config);
+        for past in self.history.pings_mut() {
+            let range_m =
+                |bin: usize| past.look.range_start_m + (bin as f32 + 0.5) * past.look.bin_length_m;
+            let bins = past.profile.intensity.iter().enumerate();
+            let referred = bins.map(|(bin, power)| power * range_m(bin).powf(-change));
+            let intensity: Vec<f32> = referred.collect();
+            self.levels
+                .renew(&mut past.profile, &intensity, &ground, config);
+            past.brightness = 0.0;
+        }
+        self.sum_up_anew();
+    }
+
     pub(super) fn take_in_slice(&mut self) -> InsertReport {
         let mut slice = std::mem::take(&mut self.waiting);
         slice.sort_by_key(|posed| (posed.ping.transmit_time(), posed.ping.sequence()));
+        for PosedPing { ping, .. } in &slice {
+            let blank = blank_bins(ping, self.config.blanking_m);
+            self.receiver.learn(ping, blank);
+        }
+        if let Some(change) = self.receiver.settle() {
+            self.refer_anew(change);
+        }
+        for PosedPing { ping, .. } in &mut slice {
+            *ping = self.receiver.refer(ping);
+        }
         let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
         self.forget(fresh);
         let Some(world) = &mut self.world else {

@@ -17,6 +17,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 use crate::accumulate::history::History;
 use crate::detect::multiples::Multiples;
 use crate::detect::profile::Levels;
+use crate::detect::receiver::Receiver;
 use crate::mapper::workout::Workout;
 use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::seabed::Seabed;
@@ -38,6 +39,7 @@ pub struct Mapper {
     config: MapperConfig,
     pool: Arc<ThreadPool>,
     world: Option<World>,
+    receiver: Receiver,
     levels: Levels,
     seabed: Seabed,
     multiples: Multiples,
@@ -75,6 +77,7 @@ impl Mapper {
             config,
             pool: Arc::new(pool),
             world: None,
+            receiver: Receiver::default(),
             levels: Levels::default(),
             multiples: Multiples::default(),
             gaussians: Gaussians::default(),

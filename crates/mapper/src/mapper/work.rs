@@ -59,13 +59,19 @@ impl Mapper {
 
     /// Judges every ping by what is now known of the seabed and of multiples, and sums up all evidence anew.
     fn judge_anew(&mut self) {
-        let Some(world) = &mut self.world else { return };
         let knows_more = self.seabed.is_there() || !self.multiples.ratios().is_empty();
-        // Evidence of pings that are forgotten cannot be summed up again.
-        if !knows_more || self.history.forgotten() > 0 {
+        if knows_more && self.history.forgotten() == 0 {
+            judge_all(&mut self.history, &self.seabed, &self.multiples);
+            self.sum_up_anew();
+        }
+    }
+
+    /// Sums up all evidence anew, unless pings are forgotten, whose evidence cannot be.
+    pub(super) fn sum_up_anew(&mut self) {
+        let Some(world) = &mut self.world else { return };
+        if self.history.forgotten() > 0 {
             return;
         }
-        judge_all(&mut self.history, &self.seabed, &self.multiples);
         let (pings, extent) = (self.history.pings(), self.at_work.converged);
         let evidence: &mut Evidence = &mut world.evidence;
         self.status.voxel_looks += self.pool.install(|| evidence.integrate_anew(pings, extent));
