@@ -11,8 +11,8 @@ use super::{BLOCK_EDGE, VOXELS};
 use crate::accumulate::history::Past;
 use crate::parts::Extent;
 
-/// Horizon of a block that looks come from: eighths of the horizon.
-const SIDES: usize = 8;
+/// Sides of a block that looks come from: eighths of the horizon, each from above and from below.
+const SIDES: usize = 16;
 
 /// Log likelihood ratio of a look on the beam's axis: an echo is seen from 95 % of looks at a
 /// surface, and from about 57 % at a place that is only asked about because some arc of it was
@@ -34,13 +34,23 @@ const POSE_DOUBT: f32 = 6.0;
 /// What a side that saw a place dark counts at most against what others saw.
 const AGAINST_EIGHTH: f32 = -0.5;
 const AGAINST_QUARTER: f32 = -2.0;
-/// The eighths of [`side_of`] that make up quarters around the axes.
-const QUARTERS: [[usize; 2]; 4] = [[0, 2], [1, 3], [4, 5], [6, 7]];
+/// Each side of [`side_of`] by itself: what lies flat is seen from above or below alone.
+const EIGHTHS: [[usize; 1]; SIDES] = {
+    let mut eighths = [[0]; SIDES];
+    let mut side = 0;
+    while side < SIDES {
+        eighths[side] = [side];
+        side += 1;
+    }
+    eighths
+};
+/// The sides that make up quarters around the axes.
+const QUARTERS: [[usize; 4]; 4] = [[0, 2, 8, 10], [1, 3, 9, 11], [4, 5, 12, 13], [6, 7, 14, 15]];
 
 /// How finely sides are told apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Horizon {
-    /// Where structures glint, each eighth of the horizon may have seen something of its own.
+    /// Where structures glint, each eighth of the horizon, above or below, may have seen something of its own.
     Eighths,
     /// Where echoes are smeared, darkness has to count for more.
     Quarters,
@@ -135,9 +145,10 @@ impl Side {
 
 /// The side a look comes from, by the direction towards its sensor.
 fn side_of(towards_m: Vec3) -> usize {
-    let (west, south) = (towards_m.x < 0.0, towards_m.y < 0.0);
+    let (west, south, below) = (towards_m.x < 0.0, towards_m.y < 0.0, towards_m.z < 0.0);
     let is_steep = towards_m.y.abs() > towards_m.x.abs();
-    usize::from(west) + 2 * usize::from(south) + 4 * usize::from(is_steep)
+    let eighth = usize::from(west) + 2 * usize::from(south) + 4 * usize::from(is_steep);
+    eighth + 8 * usize::from(below)
 }
 
 impl Block {
@@ -219,7 +230,7 @@ impl Block {
     fn totals(&self, sides: Horizon) -> Totals {
         let mut totals = [0; VOXELS];
         dispatch!(Level::new(), _simd => match sides {
-            Horizon::Eighths => self.add_sides(&mut totals, &[[0], [1], [2], [3], [4], [5], [6], [7]], AGAINST_EIGHTH),
+            Horizon::Eighths => self.add_sides(&mut totals, &EIGHTHS, AGAINST_EIGHTH),
             Horizon::Quarters => self.add_sides(&mut totals, &QUARTERS, AGAINST_QUARTER),
         });
         for &(voxel, sum) in &self.left {
@@ -379,16 +390,20 @@ mod tests {
 
     #[test]
     fn looks_come_from_the_side_their_sensor_is_on() {
-        let towards = |eighth: i32| {
-            let bearing_rad = f64::from(eighth) * std::f64::consts::FRAC_PI_4 + 0.1;
+        let towards = |side: i32| {
+            let bearing_rad = f64::from(side % 8) * std::f64::consts::FRAC_PI_4 + 0.1;
             side_of(Vec3::new(
                 bearing_rad.cos() as f32,
                 bearing_rad.sin() as f32,
-                3.0,
+                if side < 8 { 0.2 } else { -0.2 },
             ))
         };
         let mut sides: Vec<usize> = (0..SIDES as i32).map(towards).collect();
         sides.sort_unstable();
         assert!(sides.into_iter().eq(0..SIDES));
+        // Groups leave out none and count none twice.
+        let mut grouped: Vec<usize> = QUARTERS.into_iter().flatten().collect();
+        grouped.sort_unstable();
+        assert!(grouped.into_iter().eq(0..SIDES));
     }
 }
