@@ -154,7 +154,7 @@ impl Scale {
     fn evenly_over(values: impl Iterator<Item = f64>, start: f64, end: f64) -> Option<Self> {
         let (low, high) = ends(values);
         let widen = (0.04 * (high - low)).max(0.5);
-        (high > 0.0).then(|| Self {
+        (high > 0.0).then_some(Self {
             is_linear: true,
             low: low - widen,
             high: high + widen,

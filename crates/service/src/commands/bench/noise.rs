@@ -21,7 +21,7 @@ pub(super) fn run(arguments: &NoiseBenchArguments) -> anyhow::Result<Results> {
         .into_iter()
         .map(|omission| omission.what)
         .collect();
-    results(&levels, &seeds, &outcomes, left_out)
+    results(&levels, &seeds, &outcomes, &left_out)
 }
 
 /// All levels of the first seed before those of the next.
@@ -34,7 +34,7 @@ fn results(
     levels: &[Level],
     seeds: &[u64],
     outcomes: &Outcomes,
-    left_out: Vec<String>,
+    left_out: &[String],
 ) -> anyhow::Result<Results> {
     let rows: Vec<Row> = noise_sweep::rows(levels, seeds, outcomes);
     let missed = noise_sweep::failures(&rows);
@@ -89,13 +89,8 @@ mod tests {
 
     #[test]
     fn without_runs_nothing_is_claimed() {
-        let found = results(
-            &levels(false),
-            &[1],
-            &Outcomes::default(),
-            vec!["a".to_owned()],
-        );
-        let found = found.unwrap();
+        let left_out = ["a".to_owned()];
+        let found = results(&levels(false), &[1], &Outcomes::default(), &left_out).unwrap();
         assert!(found.failures.is_empty() && found.text.contains("1 runs left out"));
         assert!(found.report.to_html().contains("incomplete"));
     }
