@@ -9,10 +9,10 @@ pub(super) const GAIN_START: [i16; 5] = [0, 4, 5, 6, 7];
 /// The gain that automatic control ends up between.
 const LEAST_INDEX: i16 = 4;
 const MOST_INDEX: i16 = 7;
-/// The loudest echo is kept between these, dB as reported: wider than the largest step, so that a
-/// steady echo leaves the gain alone. Louder ones were seen at gains below 7 only.
+/// The loudest echo is kept between these, dB as reported. Chosen, since a unit's own rule is not
+/// known: wider than the largest step, so that a steady echo leaves the gain alone.
 const LOUDEST_DB: std::ops::RangeInclusive<f64> = 12.0..=24.0;
-/// How often control may make a step.
+/// How often control may make a step. Chosen: real units were seen to step once a ping at their start.
 const STEP_S: f64 = 0.25;
 /// In dives longer than an hour and more, less often.
 const MOST_STEPS: usize = 16_384;

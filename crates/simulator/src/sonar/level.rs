@@ -62,7 +62,8 @@ impl NoiseLevel {
                 ..PoseNoise::default()
             },
             // A velocity log and a compass: dead reckoning of position and heading walks away, depth
-            // and tilt are measured against pressure and gravity and do not.
+            // and tilt are measured against pressure and gravity and do not. Chosen within what such
+            // instruments are sold as.
             Self::Field => PoseNoise {
                 white_m: 0.01,
                 white_rad: degrees(0.1),

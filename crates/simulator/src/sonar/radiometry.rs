@@ -7,10 +7,9 @@ const ABSORPTION_DB_PER_M: f64 = 0.1;
 /// Nearer than this a surface is not in the far field: its echo grows no further.
 const NEAREST_M: f64 = 0.2;
 /// Of the reflectivity of a surface that its scene says no exponent for: what facets send back that
-/// face the sonar, the rest scattered by Lambert's law. No surface was measured.
+/// face the sonar, the rest scattered by Lambert's law. Chosen; no surface was measured.
 const FACET_SHARE: f64 = 0.5;
-/// Root-mean-square slope of these facets, 11°: echoes of concrete and of fouled steel stand out
-/// within about as much of the normal.
+/// Root-mean-square slope of these facets, 11°. Chosen too: between a painted pipe and rough rock.
 const FACET_SLOPE: f64 = 0.2;
 
 /// The law by which echoes weaken.

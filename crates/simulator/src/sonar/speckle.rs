@@ -5,7 +5,8 @@ use glam::{DVec2, DVec3};
 
 use crate::random::{Purpose, Random};
 
-/// Waves whose sum is the speckle of a place; with these its power is exponential to 1 part in 16.
+/// Waves whose sum is the lasting speckle. Their amplitudes are normal, so its power is exponential with
+/// any number; with few it would repeat itself along a dive.
 const WAVE_COUNT: usize = 16;
 /// Bins with speckle of their own: the most a unit offers. Further ones begin anew.
 const BIN_COUNT: usize = 1200;

@@ -281,7 +281,8 @@ fn the_gain_walks_with_the_echoes_one_step_at_a_time() {
         10.0 * mean(far).log10() - NOISE_DB - gain_db(gain(index))
     };
     let spread = (20..400).step_by(10).map(noise_db);
-    assert!(mean(spread).abs() < 6.0);
+    let middle = quantile(spread.collect(), 0.5);
+    assert!(middle.abs() < 1.0, "{middle}");
 }
 
 #[test]
