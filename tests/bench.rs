@@ -156,6 +156,25 @@ fn curves_say_what_each_moment_took_and_what_is_left_out() {
 }
 
 #[test]
+fn the_sweep_of_noise_says_what_became_of_each_level() {
+    let json = bench("noise", &[]);
+    let levels = json["levels"].as_array().unwrap();
+    let of = |pings: &str| -> Vec<f64> {
+        let own = levels.iter().filter(|row| row["level"]["pings"] == pings);
+        own.map(|row| row["confident_count"]["median"].as_f64().unwrap())
+            .collect()
+    };
+    for pings in ["field", "nominal"] {
+        let asserted = of(pings);
+        assert_eq!(asserted.len(), 3, "{json}");
+        // At 30 dB more of a fence is asserted than at 6 dB.
+        assert!(asserted[0] > asserted[2], "{pings}: {asserted:?}");
+    }
+    // Nothing is asked of a short dive.
+    assert!(levels.iter().all(|row| row["verdict"] == "shown"), "{json}");
+}
+
+#[test]
 fn parts_are_compared_and_those_that_are_not_settings_are_listed() {
     let parts = [
         "--only",

@@ -6,7 +6,7 @@
 //!
 //! [`stability`] is another question: what the program's numerics make of stiff and extreme cases.
 //! [`runs`] names single runs and what came out of them; [`targets`] says what maps of which dives
-//! must reach; [`long`] makes a dive of hours past many structures, and says what it must not cost.
+//! must reach; [`noise_sweep`] hears one dive under more and more noise; [`long`] makes a dive of hours past many structures, and says what it must not cost.
 //! [`frame_check`] tells from a dive's pings whether its poses can be what they are read
 //! as.
 //!
@@ -26,6 +26,7 @@ pub mod long;
 mod map_points;
 mod metrics;
 mod neighbors;
+pub mod noise_sweep;
 mod nullable;
 mod point_file;
 mod rendering;

@@ -519,6 +519,8 @@ pub(crate) enum Bench {
     /// Error against compute time, counted work and dive time, of several methods; and what each
     /// setting trades
     ErrorTime(ErrorTimeBenchArguments),
+    /// Error against noise: one survey with its echoes 40 to 6 dB over the noise
+    Noise(NoiseBenchArguments),
     /// Each optional part of the mapper on, off and as it chooses by itself
     Ablation(AblationBenchArguments),
     /// Hours of diving past several structures: whether memory, work per ping and the first structure's
@@ -568,8 +570,8 @@ pub(crate) struct TargetsBenchArguments {
     pub(crate) options: BenchOptions,
     #[command(flatten)]
     pub(crate) queue: QueueOptions,
-    /// Only this section (accuracy, shift, more, live, work, length, threads, frames, own, paper) or
-    /// this scene; repeatable, and SECTION/SCENE takes what is both
+    /// Only this section (accuracy, field, shift, more, live, work, length, threads, frames, own,
+    /// paper) or this scene; repeatable, and SECTION/SCENE takes what is both
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
 }
@@ -584,6 +586,14 @@ pub(crate) struct ErrorTimeBenchArguments {
     /// SCENE/DIVE/NOISE take less
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct NoiseBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    #[command(flatten)]
+    pub(crate) queue: QueueOptions,
 }
 
 #[derive(Debug, Clone, Args)]

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use echosplat_simulator::{BUILT_IN_SCENES, Dive, DiveOptions, Scene, SimulatedSonar};
+use echosplat_simulator::{BUILT_IN_SCENES, Dive, DiveOptions, NoiseLevel, Scene, SimulatedSonar};
 use rayon::prelude::*;
 
 use crate::arguments::DiveArguments;
@@ -34,6 +34,18 @@ pub(crate) fn sonar(
     arguments: &DiveArguments,
     duration_s: Option<f64>,
 ) -> anyhow::Result<SimulatedSonar> {
+    sonar_with_poses(arguments, duration_s, arguments.noise)
+}
+
+/// As [`sonar`], with poses of another noise than that of the pings.
+///
+/// # Errors
+/// As [`sonar`].
+pub(crate) fn sonar_with_poses(
+    arguments: &DiveArguments,
+    duration_s: Option<f64>,
+    pose_noise: NoiseLevel,
+) -> anyhow::Result<SimulatedSonar> {
     let scene = scene(&arguments.scene)?;
     let defaults = DiveOptions::default();
     let options = DiveOptions {
@@ -42,7 +54,7 @@ pub(crate) fn sonar(
         ..defaults
     };
     let noise = arguments.noise;
-    let dive = Dive::plan_with(arguments.dive, &scene, noise, arguments.seed, &options)
+    let dive = Dive::plan_with(arguments.dive, &scene, pose_noise, arguments.seed, &options)
         .map_err(|error| Usage::error(format!("--scene {}: {error}", arguments.scene)))?;
     let (scene, dive) = (Arc::new(scene), Arc::new(dive));
     Ok(SimulatedSonar::new(scene, dive, noise, arguments.seed))

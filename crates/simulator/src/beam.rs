@@ -24,9 +24,20 @@ const ELEVATION_CELL_COUNT: usize = 256;
 const AZIMUTH_STEP_SIGMAS: f64 = 1.2;
 const AZIMUTH_LIMIT_SIGMAS: f64 = 3.6;
 
-/// First side lobes: one and a half widths off the axis, as narrow as the beam, 20 dB down.
+/// First side lobes across: one and a half widths off the axis, as narrow as the beam.
 const SIDE_LOBE_OFFSET_SIGMAS: f64 = 1.5 * FWHM_PER_SIGMA;
-const SIDE_LOBE_POWER: f64 = 0.01;
+/// Of harsh noise, two-way: 20 dB down.
+const HARSH_LOBE_POWER: f64 = 0.01;
+/// Of a real unit, two-way: 26 dB down, as the first side lobe of an evenly driven line of elements
+/// is (13.3 dB each way).
+const FIELD_LOBE_POWER: f64 = 0.0025;
+/// Where a real unit's fan hears again beyond its edge, as loud as the side lobes across and as soft
+/// at the edges: no unit's pattern was measured.
+const ALONG_LOBE_OFFSET_RAD: f64 = 43.0 * DEGREE;
+const ALONG_LOBE_SIGMA_RAD: f64 = 5.0 * DEGREE;
+const ALONG_LOBE_LIMIT_RAD: f64 = 55.0 * DEGREE;
+/// Cells as tall as those of the fan alone.
+const ALONG_LOBE_CELL_COUNT: usize = 420;
 
 /// (7): sensitivity across, 1 on the axis. Power, two-way.
 #[must_use]
@@ -77,6 +88,41 @@ impl Stratum {
     }
 }
 
+/// Which side lobes the beam has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum SideLobes {
+    /// None at all.
+    Without,
+    /// Across, 20 dB down.
+    Harsh,
+    /// Across and along, 26 dB down.
+    Field,
+}
+
+impl SideLobes {
+    fn power_across(self) -> f64 {
+        match self {
+            Self::Without => 0.0,
+            Self::Harsh => HARSH_LOBE_POWER,
+            Self::Field => FIELD_LOBE_POWER,
+        }
+    }
+
+    fn rows(self) -> Vec<Stratum> {
+        let main = |elevation_rad: f64| elevation_weight(elevation_rad) * elevation_rad.cos();
+        let beyond = |elevation_rad: f64| {
+            let sigmas = (elevation_rad.abs() - ALONG_LOBE_OFFSET_RAD) / ALONG_LOBE_SIGMA_RAD;
+            FIELD_LOBE_POWER * (-0.5 * sigmas * sigmas).exp() * elevation_rad.cos()
+        };
+        match self {
+            Self::Without | Self::Harsh => strata(ELEVATION_LIMIT_RAD, ELEVATION_CELL_COUNT, main),
+            Self::Field => strata(ALONG_LOBE_LIMIT_RAD, ALONG_LOBE_CELL_COUNT, |e| {
+                main(e) + beyond(e)
+            }),
+        }
+    }
+}
+
 /// The beam cut into rows of elevation, each crossed by equal steps of azimuth that begin at a
 /// random place: (6) with one ray per cell that stands for the cell's weighted solid angle. So the
 /// pattern across is exact for the smallest target, and a wide one has no noise of sampling.
@@ -97,16 +143,15 @@ pub(crate) struct Cell {
 }
 
 impl Fan {
-    pub(crate) fn new(with_side_lobes: bool) -> Self {
-        let (lobe_sigmas, side_lobe_power) = if with_side_lobes {
-            (SIDE_LOBE_OFFSET_SIGMAS, SIDE_LOBE_POWER)
-        } else {
-            (0.0, 0.0)
+    pub(crate) fn new(side_lobes: SideLobes) -> Self {
+        let side_lobe_power = side_lobes.power_across();
+        let lobe_sigmas = match side_lobes {
+            SideLobes::Without => 0.0,
+            SideLobes::Harsh | SideLobes::Field => SIDE_LOBE_OFFSET_SIGMAS,
         };
         let limit_sigmas = AZIMUTH_LIMIT_SIGMAS + lobe_sigmas;
-        let along = |elevation_rad: f64| elevation_weight(elevation_rad) * elevation_rad.cos();
         Self {
-            elevations: strata(ELEVATION_LIMIT_RAD, ELEVATION_CELL_COUNT, along),
+            elevations: side_lobes.rows(),
             step_count: (2.0 * limit_sigmas / AZIMUTH_STEP_SIGMAS).ceil() as usize,
             side_lobe_power,
         }
@@ -192,9 +237,12 @@ mod tests {
             .map(|e| elevation_weight(e) * e.cos() * step)
             .sum();
         let expected = AZIMUTH_SIGMA_RAD * std::f64::consts::TAU.sqrt() * along;
-        let share = total_weight(&Fan::new(false)) / expected;
+        let share = total_weight(&Fan::new(SideLobes::Without)) / expected;
         assert!((share - 1.0).abs() < 1e-3, "{share}");
-        let with_lobes = total_weight(&Fan::new(true)) / expected;
-        assert!((with_lobes - 1.02).abs() < 1e-3, "{with_lobes}");
+        let harsh = total_weight(&Fan::new(SideLobes::Harsh)) / expected;
+        assert!((harsh - 1.02).abs() < 1e-3, "{harsh}");
+        // Two lobes across of 1/400 each; two along of 1/400, σ√2π = 12.5° wide, at cos 43°, of 48°.
+        let field = total_weight(&Fan::new(SideLobes::Field)) / expected;
+        assert!((field - 1.005 - 0.0025 * 0.38).abs() < 1e-3, "{field}");
     }
 }

@@ -1,6 +1,6 @@
 //! Random numbers as pure functions of (seed, purpose, index).
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use rand::{Rng, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -13,6 +13,8 @@ pub(crate) enum Purpose {
     PoseNoise = 4,
     Plan = 5,
     GainWalk = 6,
+    Speckle = 7,
+    PoseWalk = 8,
 }
 
 /// A stream that depends on nothing but its three keys.
@@ -58,6 +60,13 @@ impl Random {
         radius * (std::f64::consts::TAU * self.unit()).cos()
     }
 
+    /// A complex number, real part first, of mean 0 and mean squared magnitude 1: the amplitude of
+    /// many waves of random phase.
+    pub(crate) fn amplitude(&mut self) -> DVec2 {
+        let magnitude = self.exponential().sqrt();
+        magnitude * DVec2::from_angle(std::f64::consts::TAU * self.unit())
+    }
+
     /// Three of [`Self::normal`].
     pub(crate) fn normal3(&mut self) -> DVec3 {
         DVec3::new(self.normal(), self.normal(), self.normal())
@@ -83,6 +92,12 @@ mod tests {
         };
         assert!(near(moments(|| random.exponential()), 1.0, 1.0));
         assert!(near(moments(|| random.normal()), 0.0, 1.0));
+        assert!(near(
+            moments(|| random.amplitude().length_squared()),
+            1.0,
+            1.0
+        ));
+        assert!(near(moments(|| random.amplitude().y), 0.0, 0.5));
         for looks in [1, 4] {
             let (mean, variance) = moments(|| random.speckle(looks));
             assert!((mean - 1.0).abs() < 0.03);

@@ -184,6 +184,7 @@ pub fn sweep_section(sweep: &Sweep, results: &Results) -> Section {
     let plot = |x_label: &str, cost: fn(&Point) -> f64| Plot {
         x_label: x_label.to_owned(),
         y_label: "CD, m".to_owned(),
+        x_is_linear: false,
         lines: lines(&points, cost),
         marks: points.iter().map(|point| mark(point, cost)).collect(),
     };

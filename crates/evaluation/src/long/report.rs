@@ -29,7 +29,7 @@ pub fn section(found: &Found, about: String) -> Section {
         x_label: "dive time, s".to_owned(),
         y_label: y_label.to_owned(),
         lines,
-        marks: Vec::new(),
+        ..Plot::default()
     };
     Section {
         title: "A long dive".to_owned(),

@@ -1,4 +1,4 @@
-//! Log-log curves with bands, as SVG.
+//! Curves with bands on logarithmic axes, that along even if it is asked for, as SVG.
 
 use std::fmt::Write;
 
@@ -72,6 +72,7 @@ pub(super) struct Line {
 pub(super) struct Chart<'a> {
     pub(super) x_label: &'a str,
     pub(super) y_label: &'a str,
+    pub(super) x_is_linear: bool,
     pub(super) lines: Vec<Line>,
     pub(super) marks: &'a [Mark],
 }
@@ -85,7 +86,11 @@ impl Chart<'_> {
         );
         let drawn: Vec<Vec<(f64, Spread)>> = self.lines.iter().map(drawable).collect();
         let points = || drawn.iter().flatten();
-        let x = Scale::over(points().map(|p| p.0), LEFT, WIDTH - RIGHT);
+        let along = points().map(|p| p.0);
+        let x = match self.x_is_linear {
+            true => Scale::evenly_over(along, LEFT, WIDTH - RIGHT),
+            false => Scale::over(along, LEFT, WIDTH - RIGHT),
+        };
         let errors = points().flat_map(|p| [p.1.min, p.1.median, p.1.max]);
         let y = Scale::over(errors, HEIGHT - BOTTOM, TOP);
         let _ = write!(
@@ -120,8 +125,10 @@ fn drawable(line: &Line) -> Vec<(f64, Spread)> {
         .collect()
 }
 
-/// A logarithmic axis from data to the drawing.
+/// An axis from data to the drawing.
 struct Scale {
+    /// Not logarithmic.
+    is_linear: bool,
     low: f64,
     high: f64,
     start: f64,
@@ -131,13 +138,11 @@ struct Scale {
 impl Scale {
     /// Over all finite values, widened a little; `None` without any.
     fn over(values: impl Iterator<Item = f64>, start: f64, end: f64) -> Option<Self> {
-        let finite = values.filter(|v| *v > 0.0 && v.is_finite());
-        let (low, high) = finite.fold((f64::INFINITY, 0.0_f64), |(low, high), v| {
-            (low.min(v), high.max(v))
-        });
+        let (low, high) = ends(values);
         // At least a factor of three, so that a flat curve looks flat.
         let widen = (3.0 / (high / low)).sqrt().max(1.08);
         (high > 0.0).then(|| Self {
+            is_linear: false,
             low: (low / widen).max(f64::MIN_POSITIVE),
             high: high * widen,
             start,
@@ -145,14 +150,41 @@ impl Scale {
         })
     }
 
+    /// The same on an even axis.
+    fn evenly_over(values: impl Iterator<Item = f64>, start: f64, end: f64) -> Option<Self> {
+        let (low, high) = ends(values);
+        let widen = (0.04 * (high - low)).max(0.5);
+        (high > 0.0).then_some(Self {
+            is_linear: true,
+            low: low - widen,
+            high: high + widen,
+            start,
+            end,
+        })
+    }
+
     fn at(&self, value: f64) -> f64 {
         let value = value.clamp(self.low, self.high);
-        let share = (value / self.low).ln() / (self.high / self.low).ln();
+        let share = match self.is_linear {
+            true => (value - self.low) / (self.high - self.low),
+            false => (value / self.low).ln() / (self.high / self.low).ln(),
+        };
         self.start + share * (self.end - self.start)
     }
 
-    /// Decades, or 1-2-5 where there are few.
+    /// Decades, or 1-2-5 where there are few; on an even axis four to ten round numbers.
     fn ticks(&self) -> Vec<f64> {
+        if self.is_linear {
+            let span = self.high - self.low;
+            let decade = 10_f64.powf((0.1 * span).log10().floor());
+            let fits = |step: &f64| span / (step * decade) <= 10.0;
+            let step = [1.0, 2.0, 5.0].into_iter().find(fits).unwrap_or(10.0) * decade;
+            let first = (self.low / step).ceil() as i32;
+            let last = (self.high / step).floor() as i32;
+            return (first..=last)
+                .map(|index| f64::from(index) * step)
+                .collect();
+        }
         let decades = (self.high / self.low).log10();
         let steps: &[f64] = match decades {
             d if d < 2.2 => &[1.0, 2.0, 5.0],
@@ -169,6 +201,14 @@ impl Scale {
             .filter(|tick| *tick >= self.low && *tick <= self.high)
             .collect()
     }
+}
+
+/// Least and most of those that have a logarithm.
+fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    let finite = values.filter(|v| *v > 0.0 && v.is_finite());
+    finite.fold((f64::INFINITY, 0.0_f64), |(low, high), v| {
+        (low.min(v), high.max(v))
+    })
 }
 
 fn grid(x: &Scale, y: &Scale) -> String {
@@ -290,6 +330,22 @@ mod tests {
     }
 
     #[test]
+    fn an_even_axis_has_even_ticks() {
+        let scale = Scale::evenly_over([6.0, 40.0, f64::INFINITY].into_iter(), 0.0, 100.0);
+        let scale = scale.unwrap();
+        assert!((scale.at(23.0) - 50.0).abs() < 1e-9);
+        let ticks: Vec<String> = scale.ticks().into_iter().map(number).collect();
+        assert_eq!(ticks, ["5", "10", "15", "20", "25", "30", "35", "40"]);
+        assert!(Scale::evenly_over(std::iter::empty(), 0.0, 1.0).is_none());
+        assert!(
+            !Scale::evenly_over([7.0].into_iter(), 0.0, 1.0)
+                .unwrap()
+                .ticks()
+                .is_empty()
+        );
+    }
+
+    #[test]
     fn numbers_stay_short() {
         let shown = [1e-3, 0.5, 1000.0, 1e5, 2e-4, 5e12].map(number);
         assert_eq!(shown, ["0.001", "0.5", "1000", "10⁵", "2·10⁻⁴", "5·10¹²"]);
@@ -307,6 +363,7 @@ mod tests {
         let chart = |points| Chart {
             x_label: Axis::Dive.label(),
             y_label: Axis::Chamfer.label(),
+            x_is_linear: false,
             lines: vec![Line {
                 name: "a<b".into(),
                 points,
@@ -330,6 +387,7 @@ mod tests {
         let chart = Chart {
             x_label: "a",
             y_label: "b",
+            x_is_linear: false,
             lines: vec![Line {
                 name: "c".into(),
                 points: vec![(1.0, Spread::of([1.0])), (2.0, Spread::of([2.0]))],

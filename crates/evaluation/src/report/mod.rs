@@ -37,13 +37,15 @@ pub const FAILED: &str = "failed";
 /// A cell longer than this is read as words rather than compared as a value.
 const WORDS_BYTES: usize = 48;
 
-/// Numbers over a number, on log-log axes; what has no logarithm is left out.
+/// Numbers over a number, on logarithmic axes; what has no logarithm is left out.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plot {
     /// What is along, with its unit.
     pub x_label: String,
     /// What is up, with its unit.
     pub y_label: String,
+    /// Whether what is along has an even axis, as decibels have.
+    pub x_is_linear: bool,
     /// Name and points of each line.
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
     /// Places with words beside them.
@@ -248,6 +250,7 @@ fn plots_html(plots: &[Plot]) -> String {
         let chart = Chart {
             x_label: &plot.x_label,
             y_label: &plot.y_label,
+            x_is_linear: plot.x_is_linear,
             lines: names.iter().map(|name| plot.line(name)).collect(),
             marks: &plot.marks,
         };
@@ -282,6 +285,7 @@ fn curves_html(bands: &[Band]) -> String {
             let chart = Chart {
                 x_label: x.label(),
                 y_label: y.label(),
+                x_is_linear: false,
                 lines: lines(bands, x, y),
                 marks: &[],
             };

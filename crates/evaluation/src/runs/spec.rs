@@ -57,6 +57,13 @@ pub struct Spec {
     /// What is wrong with pings and poses.
     #[serde(with = "as_text")]
     pub noise: NoiseLevel,
+    /// That of the poses, where it is another than that of the pings.
+    #[serde(default, with = "as_optional_text")]
+    pub pose_noise: Option<NoiseLevel>,
+    /// Strongest echo of a ping over the mean noise, median over the pings, dB; the noise's own
+    /// without.
+    #[serde(default)]
+    pub echoes_over_noise_db: Option<f64>,
     /// Of everything random.
     pub seed: u64,
     /// Length of the dive; the default's without.
@@ -126,6 +133,8 @@ impl Spec {
             scene: scene.to_owned(),
             dive,
             noise,
+            pose_noise: None,
+            echoes_over_noise_db: None,
             seed,
             duration_s: None,
             share: 1.0,
@@ -165,6 +174,12 @@ impl Spec {
     pub fn name(&self) -> String {
         let mut name = format!("{} {} {}", self.scene, self.dive, self.noise);
         let mut add = |said: String| name = format!("{name}, {said}");
+        if let Some(noise) = self.pose_noise {
+            add(format!("{noise} poses"));
+        }
+        if let Some(over_noise_db) = self.echoes_over_noise_db {
+            add(format!("echoes {over_noise_db} dB over the noise"));
+        }
         if let Some(duration_s) = self.duration_s {
             add(format!("{duration_s} s"));
         }
@@ -215,6 +230,32 @@ impl Spec {
     #[must_use]
     pub fn scores_held_back(&self) -> bool {
         self.held_back || self.is_plain()
+    }
+}
+
+/// As [`as_text`], or nothing.
+mod as_optional_text {
+    use std::fmt::Display;
+    use std::str::FromStr;
+
+    use serde::de::Error;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+    pub(super) fn serialize<T: Display, S: Serializer>(
+        value: &Option<T>,
+        to: S,
+    ) -> Result<S::Ok, S::Error> {
+        value.as_ref().map(ToString::to_string).serialize(to)
+    }
+
+    pub(super) fn deserialize<'de, T, D>(from: D) -> Result<Option<T>, D::Error>
+    where
+        T: FromStr<Err: Display>,
+        D: Deserializer<'de>,
+    {
+        let text = Option::<String>::deserialize(from)?;
+        let value = text.map(|text| text.parse().map_err(D::Error::custom));
+        value.transpose()
     }
 }
 
@@ -301,6 +342,14 @@ mod tests {
                 held_back: true,
                 ..plain.clone()
             },
+            Spec {
+                pose_noise: Some(NoiseLevel::Harsh),
+                ..plain.clone()
+            },
+            Spec {
+                echoes_over_noise_db: Some(14.0),
+                ..plain.clone()
+            },
             plain.clone().with("mapper.workout_passes", "48"),
             plain.clone().with("mapper.workout_passes", "8"),
         ];
@@ -321,6 +370,8 @@ mod tests {
                 yaw_deg: 33.0,
                 shift_m: DVec3::splat(1e7),
             },
+            pose_noise: Some(NoiseLevel::Field),
+            echoes_over_noise_db: Some(17.0),
             ..Spec::new("pier", DiveKind::Viewpoints, NoiseLevel::Harsh, 3)
         };
         let json = serde_json::to_string(&spec).unwrap();
@@ -330,6 +381,9 @@ mod tests {
         let before = json.replace(",\"spacing\":\"doubling\"", "");
         assert_ne!(before, json);
         assert_eq!(serde_json::from_str::<Spec>(&before).unwrap(), spec);
+        let wrong = json.replace("field", "meadow");
+        let error = serde_json::from_str::<Spec>(&wrong).unwrap_err();
+        assert!(error.to_string().contains("nominal, field"), "{error}");
     }
 
     #[test]

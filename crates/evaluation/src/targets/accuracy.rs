@@ -67,6 +67,17 @@ pub(super) fn table() -> Vec<Judged> {
     ]
 }
 
+/// Surveys as a real unit hears them.
+pub(super) fn field() -> Vec<Judged> {
+    let judged = |scene| Judged {
+        scene,
+        dive: DiveKind::Survey,
+        noise: NoiseLevel::Field,
+        targets: with(errors([0.05, 1.0], [0.03, 0.4]), &[false_share(0.005, 0.0)]),
+    };
+    ["fence", "wall", "pier", "pipeline"].map(judged).into()
+}
+
 /// Scenes that no setting was chosen on, judged like the most similar row.
 pub(super) fn own() -> Vec<Judged> {
     let judged = |scene, targets| Judged {

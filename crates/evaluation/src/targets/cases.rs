@@ -55,6 +55,7 @@ impl Case {
 pub fn cases() -> Vec<Case> {
     let of_maps = |section, table: Vec<Judged>| table.into_iter().map(move |j| of_map(section, j));
     let mut cases: Vec<Case> = of_maps(Section::Accuracy, accuracy::table()).collect();
+    cases.extend(of_maps(Section::Field, accuracy::field()));
     cases.push(shift());
     cases.extend(["fence", "wall", "pier"].map(more));
     cases.extend(["fence", "wall", "pier"].map(live));

@@ -5,6 +5,8 @@
 pub enum Section {
     /// Single maps against the truth.
     Accuracy,
+    /// Single maps of pings as a real unit hears them.
+    Field,
     /// Wrong poses must spoil the map.
     Shift,
     /// More pings must not.
@@ -27,8 +29,9 @@ pub enum Section {
 
 impl Section {
     /// In the order of the report.
-    pub const ALL: [Self; 10] = [
+    pub const ALL: [Self; 11] = [
         Self::Accuracy,
+        Self::Field,
         Self::Shift,
         Self::More,
         Self::Live,
@@ -45,6 +48,7 @@ impl Section {
     pub fn as_str(self) -> &'static str {
         match self {
             Self::Accuracy => "accuracy",
+            Self::Field => "field",
             Self::Shift => "shift",
             Self::More => "more",
             Self::Live => "live",
@@ -60,6 +64,7 @@ impl Section {
     pub(super) fn title(self) -> &'static str {
         match self {
             Self::Accuracy => "Accuracy",
+            Self::Field => "As a real unit hears it",
             Self::Shift => "Poses shifted in time",
             Self::More => "More pings",
             Self::Live => "Live against finished",
@@ -79,6 +84,10 @@ impl Section {
                 "The finished map of each dive against its truth. CD and HD in metres; where there \
                  is a seabed, those of the structure. What is aimed at for pan and level dives, an \
                  elevation sigma within twice its bound, is not measured here."
+            }
+            Self::Field => {
+                "As above, at the noise level field: echoes 5 to 30 dB over the noise that fall with \
+                 range, one look of speckle, automatic gain, poses that drift away for good."
             }
             Self::Shift => {
                 "The same pings with poses of one second later: if the map comes from the data, it \

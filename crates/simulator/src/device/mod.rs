@@ -303,6 +303,7 @@ impl SimulatedDevice {
         let mut ping = self.sonar.ping_at(self.ping_number, time_s, &in_water);
         ping.settings = echosplat_model::PingSettings {
             gain_index: ping.settings.gain_index,
+            pulse_duration_s: ping.settings.pulse_duration_s,
             ..settings
         };
         self.ping_number += 1;

@@ -1,7 +1,7 @@
 //! The poses a navigation system would report of a dive, with its errors.
 
 use echosplat_model::{Pose, StampedPose, Timestamp};
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec2, DVec3};
 
 use super::{BEAMS_PER_VIEW, Dive, Motion, listening_s};
 use crate::random::{Purpose, Random};
@@ -11,6 +11,8 @@ const POSES_PER_S: f64 = 50.0;
 const LEAD_S: f64 = 0.1;
 const TAIL_S: f64 = 1.0;
 const DRIFT_TIME_CONSTANT_S: f64 = 60.0;
+/// The time after which a random walk has the size by which it is named.
+const WALK_TIME_S: f64 = 100.0;
 /// Where in the dive the outage begins.
 const OUTAGE_AT: f64 = 0.45;
 
@@ -63,6 +65,7 @@ struct Errors {
     drift_rad: DVec3,
     offset_m: DVec3,
     turn: DQuat,
+    walk: Option<Walk>,
 }
 
 impl Errors {
@@ -76,6 +79,7 @@ impl Errors {
             random,
             offset_m: DVec3::ZERO,
             turn: DQuat::IDENTITY,
+            walk: Walk::of(noise, seed),
         }
     }
 
@@ -95,17 +99,60 @@ impl Errors {
         self.offset_m = self.drift_m + self.random.normal3() * white_m;
         let turn_rad = self.drift_rad + self.random.normal3() * white_rad;
         self.turn = DQuat::from_scaled_axis(turn_rad);
+        if let Some(walk) = &mut self.walk {
+            walk.advance(step_s);
+        }
     }
 
     fn reported(&self, time_s: f64, truth: &Pose) -> StampedPose {
+        let read = Pose {
+            rotation: (truth.rotation * self.turn).normalize(),
+            translation_m: truth.translation_m + self.offset_m,
+        };
         StampedPose {
             time: Timestamp::from_secs_f64(time_s),
-            world_from_vehicle: Pose {
-                rotation: (truth.rotation * self.turn).normalize(),
-                translation_m: truth.translation_m + self.offset_m,
+            world_from_vehicle: match &self.walk {
+                Some(walk) => walk.away(&read),
+                None => read,
             },
             uncertainty: None,
             epoch: 0,
+        }
+    }
+}
+
+/// What dead reckoning loses: the sum of all its errors so far, which nothing takes back.
+struct Walk {
+    /// Of one axis and of the heading, after one second.
+    step_m: f64,
+    step_rad: f64,
+    random: Random,
+    offset_m: DVec2,
+    heading_rad: f64,
+}
+
+impl Walk {
+    fn of(noise: PoseNoise, seed: u64) -> Option<Self> {
+        let walks = noise.walk_m > 0.0 || noise.walk_rad > 0.0;
+        walks.then(|| Self {
+            step_m: noise.walk_m / WALK_TIME_S.sqrt(),
+            step_rad: noise.walk_rad / WALK_TIME_S.sqrt(),
+            random: Random::new(seed, Purpose::PoseWalk, 0),
+            offset_m: DVec2::ZERO,
+            heading_rad: 0.0,
+        })
+    }
+
+    fn advance(&mut self, step_s: f64) {
+        let draw = self.random.normal3() * step_s.sqrt();
+        self.offset_m += draw.truncate() * self.step_m;
+        self.heading_rad += draw.z * self.step_rad;
+    }
+
+    fn away(&self, pose: &Pose) -> Pose {
+        Pose {
+            rotation: (DQuat::from_rotation_z(self.heading_rad) * pose.rotation).normalize(),
+            translation_m: pose.translation_m + self.offset_m.extend(0.0),
         }
     }
 }

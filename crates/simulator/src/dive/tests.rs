@@ -221,6 +221,57 @@ fn reported_poses_cover_every_ping_and_have_the_errors_of_their_level() {
 }
 
 #[test]
+fn field_poses_walk_away_over_the_ground_and_in_heading_alone() {
+    // Mean squares over seeds, after so many seconds: of the ground, of depth, of heading, of tilt.
+    let errors = |time_s: f64| {
+        let mut squares = [0.0; 4];
+        let seeds = 60;
+        for seed in 0..seeds {
+            let scene = Scene::named("fence").unwrap();
+            let options = DiveOptions {
+                duration_s: 101.0,
+                pings_per_s: 1.0,
+                ..DiveOptions::default()
+            };
+            let level = NoiseLevel::Field;
+            let dive = Dive::plan_with(DiveKind::Survey, &scene, level, seed, &options).unwrap();
+            let poses = dive.reported_poses().iter();
+            let about_then = poses.filter(|p| (p.time.as_secs_f64() - time_s).abs() < 0.5);
+            for pose in about_then.clone() {
+                let (truth, read) = (dive.truth_at(pose.time), pose.world_from_vehicle);
+                let shift = read.translation_m - truth.translation_m;
+                let turn = (read.rotation * truth.rotation.inverse()).to_scaled_axis();
+                let turn = turn.map(f64::to_degrees);
+                let own = [
+                    0.5 * shift.truncate().length_squared(),
+                    shift.z * shift.z,
+                    turn.z * turn.z,
+                    0.5 * turn.truncate().length_squared(),
+                ];
+                let share = 1.0 / (about_then.clone().count() as f64 * seeds as f64);
+                squares = std::array::from_fn(|i| squares[i] + share * own[i]);
+            }
+        }
+        squares.map(f64::sqrt)
+    };
+    let (begin, end) = (errors(0.5), errors(100.0));
+    let near = |found: f64, expected: f64| (found / expected - 1.0).abs() < 0.25;
+    // White 1 cm and 0.1°; with 2 cm and 0.1° of the walk √5 cm and √2 tenths of a degree.
+    assert!(
+        begin
+            .iter()
+            .zip([0.01, 0.01, 0.1, 0.1])
+            .all(|(f, e)| near(*f, e)),
+        "{begin:?}"
+    );
+    let expected = [0.0224, 0.01, 0.141, 0.1];
+    assert!(
+        end.iter().zip(expected).all(|(f, e)| near(*f, e)),
+        "{end:?}"
+    );
+}
+
+#[test]
 fn seeds_differ_and_repeat() {
     let (_, one) = plan(DiveKind::Survey, "pier", NoiseLevel::Nominal, 1);
     let (_, again) = plan(DiveKind::Survey, "pier", NoiseLevel::Nominal, 1);

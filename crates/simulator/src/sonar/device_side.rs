@@ -1,14 +1,16 @@
-//! What the device adds to the echoes: speckle, background, ring-down, ghosts, gain, dropouts.
+//! What the device adds to the echoes: speckle, background, ring-down, ghosts, gain, dropouts. That
+//! of [`NoiseLevel::Field`] is in [`super::field`].
 
 use echosplat_model::PingSettings;
 
 use super::NoiseLevel;
+use super::gain::GAIN_START;
 use crate::random::{Purpose, Random};
 
 /// Noise floor of a real unit at gain step 0, dB.
 const FLOOR_DB: f64 = -16.0;
 /// The strongest echo of a dive stands this far above the floor.
-const STRONGEST_OVER_FLOOR_DB: f64 = 45.0;
+pub(super) const STRONGEST_OVER_FLOOR_DB: f64 = 45.0;
 /// Ring-down at range 0 above the floor, and the range in which it falls by a factor e.
 const RING_DOWN_OVER_FLOOR_DB: f64 = 61.0;
 const RING_DOWN_E_FOLD_M: f64 = 0.03;
@@ -20,8 +22,7 @@ const GHOST_POWER: f64 = 0.1;
 /// An echo is strong if within 20 dB of the strongest.
 const STRONG_SHARE: f64 = 0.01;
 const DROPOUT_SHARE: f64 = 0.05;
-/// Automatic gain over its first pings, as on a real unit; then it walks every eight seconds.
-const GAIN_START: [i16; 5] = [0, 4, 5, 6, 7];
+/// After its first pings the gain walks every eight seconds.
 const GAIN_HOLD_S: f64 = 8.0;
 
 /// Turns echoes into the power the device reports.

@@ -4,6 +4,7 @@ use echosplat_model::{PingSettings, Pose};
 use glam::DMat3;
 use glam::DVec3;
 
+use super::radiometry::Radiometry;
 use crate::beam::{Cell, Fan, pulse_sigma_m};
 use crate::random::Random;
 use crate::scene::{Hit, Scene};
@@ -36,12 +37,14 @@ impl MovingSensor {
     }
 }
 
-/// Power per bin, shape `[bin_count]`: solid angle in steradian × sensitivity × reflectivity.
+/// Power per bin, shape `[bin_count]`: solid angle in steradian × sensitivity × what `radiometry` lets
+/// come back.
 pub(crate) fn power_per_bin(
     scene: &Scene,
     sensor: &MovingSensor,
     settings: &PingSettings,
     fan: &Fan,
+    radiometry: Radiometry,
     random: &mut Random,
 ) -> Vec<f64> {
     let mut gathered = Gathered::new(settings);
@@ -55,11 +58,7 @@ pub(crate) fn power_per_bin(
         let (rotation, _) = sensor.poses[step];
         let normal = rotation.transpose() * hit.normal;
         let facing = normal.dot(cell.ray).abs();
-        let sent_back = if hit.specular > 0.0 {
-            hit.reflectivity * facing.powf(hit.specular)
-        } else {
-            hit.reflectivity
-        };
+        let sent_back = radiometry.sent_back(&hit, facing);
         let (middle_m, half_m) = footprint(&hit, normal, cell);
         gathered.add(middle_m, half_m, cell.weight * sent_back);
     });

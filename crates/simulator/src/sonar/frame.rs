@@ -56,11 +56,23 @@ pub(crate) fn encoded(message: &Message<'_>, device_id: u8) -> Option<Vec<u8>> {
 #[cfg(test)]
 mod tests {
     use super::analog_gain;
+    use crate::sonar::gain::gain_db;
 
     #[test]
     fn gains_are_those_of_real_units() {
         let gains = [-1, 0, 4, 7, 8].map(analog_gain).map(f32::to_bits);
         let expected = [5.25, 5.25, 74.55, 464.6, 464.6_f32].map(f32::to_bits);
         assert_eq!(gains, expected);
+    }
+
+    #[test]
+    fn what_is_reported_of_the_gain_differs_from_it_by_up_to_1_5_db_a_step() {
+        let error_db = |index: i16| {
+            let reported = analog_gain(index + 1) / analog_gain(index);
+            20.0 * f64::from(reported).log10() - (gain_db(index + 1) - gain_db(index))
+        };
+        let errors_db = [4, 5, 6].map(error_db);
+        assert!(errors_db.iter().all(|error_db| error_db.abs() < 1.55));
+        assert!(errors_db.iter().any(|error_db| error_db.abs() > 1.4));
     }
 }

@@ -2,10 +2,14 @@
 
 mod device_side;
 mod echo;
+mod field;
 mod frame;
+mod gain;
 mod level;
 mod profile;
+mod radiometry;
 mod simulated;
+mod speckle;
 
 pub(crate) use frame::encoded;
 pub use level::NoiseLevel;

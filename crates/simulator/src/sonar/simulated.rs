@@ -5,10 +5,13 @@ use std::sync::Arc;
 use echosplat_model::{LOOKAHEAD_S, PingSettings, Pose, PosedPing, Switch, Trajectory};
 use rayon::prelude::*;
 
-use super::device_side::DeviceSide;
+use super::device_side::{DeviceSide, STRONGEST_OVER_FLOOR_DB};
 use super::echo::{MovingSensor, power_per_bin};
+use super::field::{FieldUnit, Moment};
+use super::gain::GainTrack;
+use super::radiometry::Radiometry;
 use super::{NoiseLevel, Profile, SimulatedPing};
-use crate::beam::Fan;
+use crate::beam::{Fan, SideLobes};
 use crate::dive::Dive;
 use crate::random::{Purpose, Random};
 use crate::scene::Scene;
@@ -22,11 +25,14 @@ pub struct SimulatedSonar {
     scene: Arc<Scene>,
     dive: Arc<Dive>,
     fan: Fan,
+    radiometry: Radiometry,
     device: DeviceSide,
+    /// In place of `device` where the noise is that of the field.
+    field: Option<FieldUnit>,
     seed: u64,
 }
 
-/// Power per bin of one ping from a sensor at rest, without any noise and without side lobes:
+/// Power per bin of one ping from a sensor at rest, without any noise, side lobes or loss over range:
 /// solid angle × sensitivity × reflectivity in steradian, shape `[bin_count]`. Where its rays fall
 /// within their cells depends on `seed`; the mean over several is that of all rays there are.
 #[must_use]
@@ -38,26 +44,45 @@ pub fn echoes_at_rest(
 ) -> Vec<f64> {
     let sensor = MovingSensor::new(settings.range_end_m(), |_| *world_from_sensor);
     let mut random = Random::new(seed, Purpose::Rays, 0);
-    power_per_bin(scene, &sensor, settings, &Fan::new(false), &mut random)
+    let fan = Fan::new(SideLobes::Without);
+    power_per_bin(
+        scene,
+        &sensor,
+        settings,
+        &fan,
+        Radiometry::Even,
+        &mut random,
+    )
 }
 
 impl SimulatedSonar {
     /// Looks at 192 pings of the dive to fix its decibel scale: their strongest bin is 29 dB at
     /// gain step 0, 45 dB above the floor. If none hears anything, the scale is that of a surface
-    /// across the whole beam.
+    /// across the whole beam. With the noise of the field the scale is that of a real unit, the same
+    /// for every dive, and echoes decide on the gain: a ping every 0.25 s is looked at for that.
     #[must_use]
     pub fn new(scene: Arc<Scene>, dive: Arc<Dive>, noise: NoiseLevel, seed: u64) -> Self {
+        let (side_lobes, radiometry) = match noise {
+            NoiseLevel::None | NoiseLevel::Nominal => (SideLobes::Without, Radiometry::Even),
+            NoiseLevel::Field => (SideLobes::Field, Radiometry::Sea),
+            NoiseLevel::Harsh => (SideLobes::Harsh, Radiometry::Even),
+        };
         let mut sonar = Self {
             scene,
             dive,
-            fan: Fan::new(noise.is_harsh()),
+            fan: Fan::new(side_lobes),
+            radiometry,
             device: DeviceSide {
                 level: noise,
                 seed,
                 strongest: 1.0,
             },
+            field: None,
             seed,
         };
+        if noise.is_field() {
+            return sonar.with_field_unit(FieldUnit::new(seed));
+        }
         sonar.device.strongest = sonar.strongest_echo();
         sonar
     }
@@ -66,6 +91,53 @@ impl SimulatedSonar {
     #[must_use]
     pub fn on_scale_of(mut self, other: &Self) -> Self {
         self.device.strongest = other.device.strongest;
+        match (self.field.take(), &other.field) {
+            (Some(own), Some(other)) => {
+                let echo_over_noise = other.echo_over_noise();
+                self.with_field_unit(own.with_echo_over_noise(echo_over_noise))
+            }
+            (own, _) => Self { field: own, ..self },
+        }
+    }
+
+    /// The same with as much noise under the echoes that the strongest echo of a ping, before speckle,
+    /// stands `over_noise_db` above its mean: the median over 192 pings of the dive. `None` if half of
+    /// them hear nothing.
+    #[must_use]
+    pub fn with_echoes_over_noise(mut self, over_noise_db: f64) -> Option<Self> {
+        let mut strongest = self.strongest_echoes();
+        strongest.sort_by(f64::total_cmp);
+        let median = strongest[strongest.len() / 2];
+        if !(median > 0.0) {
+            return None;
+        }
+        let over_noise = 10f64.powf(0.1 * over_noise_db) / median;
+        self.device.strongest = 10f64.powf(0.1 * STRONGEST_OVER_FLOOR_DB) / over_noise;
+        Some(match self.field.take() {
+            Some(unit) => self.with_field_unit(unit.with_echo_over_noise(over_noise)),
+            None => self,
+        })
+    }
+
+    /// The unit with the gain that the echoes of this dive lead it to.
+    fn with_field_unit(mut self, unit: FieldUnit) -> Self {
+        let duration_s = self.dive.duration_s();
+        let loudest_db = |time_s: &f64| {
+            let index = (time_s / self.dive.ping_interval_s()).round() as usize;
+            let index = index.min(self.dive.pings().saturating_sub(1));
+            let settings = as_transmitted(self.dive.settings_at(index));
+            let moment = Moment {
+                sequence: index as u64,
+                time_s: self.dive.transmit_s(index),
+                world_from_sensor: self.dive.pose_during(self.dive.transmit_s(index), 0.0),
+            };
+            let echoes = self.echoes(moment.sequence, moment.time_s, &settings);
+            unit.loudest_db(&moment, &settings, &echoes)
+        };
+        let times_s = GainTrack::times(duration_s);
+        let loudest_db: Vec<f64> = times_s.par_iter().map(loudest_db).collect();
+        let gain = GainTrack::following(&loudest_db, duration_s);
+        self.field = Some(unit.with_gain(gain));
         self
     }
 
@@ -131,13 +203,18 @@ impl SimulatedSonar {
         settings: &PingSettings,
         pose_after: impl Fn(f64) -> Pose,
     ) -> SimulatedPing {
-        let mut settings = *settings;
-        settings.gain_index = self
-            .device
-            .gain_index(sequence, time_s, settings.gain_index);
+        let settings = self.settings_of(sequence, time_s, *settings);
         let heard = if settings.check().is_ok() {
+            let moment = Moment {
+                sequence,
+                time_s,
+                world_from_sensor: pose_after(0.0),
+            };
             let echoes = self.echoes_along(sequence, &settings, pose_after);
-            self.device.heard(sequence, &settings, echoes)
+            match &self.field {
+                Some(unit) => unit.heard(&moment, &settings, &echoes),
+                None => self.device.heard(sequence, &settings, echoes),
+            }
         } else {
             Vec::new()
         };
@@ -153,7 +230,22 @@ impl SimulatedSonar {
         }
     }
 
-    /// Power per bin without any noise, solid angle × sensitivity × reflectivity in steradian.
+    /// What the device makes of the settings that it was asked for.
+    fn settings_of(&self, sequence: u64, time_s: f64, asked: PingSettings) -> PingSettings {
+        match &self.field {
+            Some(unit) => PingSettings {
+                gain_index: unit.gain_index(sequence, time_s),
+                ..as_transmitted(asked)
+            },
+            None => PingSettings {
+                gain_index: self.device.gain_index(sequence, time_s, asked.gain_index),
+                ..asked
+            },
+        }
+    }
+
+    /// Power per bin without any noise, solid angle × sensitivity × reflectivity in steradian; with
+    /// the noise of the field weakened by range and angle, in steradian per square metre.
     #[must_use]
     pub fn echoes(&self, sequence: u64, time_s: f64, settings: &PingSettings) -> Vec<f64> {
         self.echoes_along(sequence, settings, |later_s| {
@@ -171,23 +263,36 @@ impl SimulatedSonar {
         let sensor = MovingSensor::new(settings.range_end_m(), |range_m| {
             pose_after(range_m / settings.speed_of_sound_mps)
         });
-        power_per_bin(&self.scene, &sensor, settings, &self.fan, &mut random)
+        power_per_bin(
+            &self.scene,
+            &sensor,
+            settings,
+            &self.fan,
+            self.radiometry,
+            &mut random,
+        )
     }
 
-    fn strongest_echo(&self) -> f64 {
+    /// Of some pings of the dive, each one's.
+    fn strongest_echoes(&self) -> Vec<f64> {
         let count = self.dive.pings();
         let looked_at = count.min(REFERENCE_PING_COUNT);
         // Spread by the golden ratio: in step with none of the dive's periods.
         let index = |i: usize| ((i as f64 * 0.618_033_988_75).fract() * count as f64) as usize;
-        let strongest = (0..looked_at)
+        (0..looked_at)
             .into_par_iter()
             .map(|i| {
                 let index = index(i).min(count - 1);
-                let settings = self.dive.settings_at(index);
-                let echoes = self.echoes(index as u64, self.dive.transmit_s(index), &settings);
+                let (sequence, time_s) = (index as u64, self.dive.transmit_s(index));
+                let settings = self.settings_of(sequence, time_s, self.dive.settings_at(index));
+                let echoes = self.echoes(sequence, time_s, &settings);
                 echoes.into_iter().fold(0.0, f64::max)
             })
-            .reduce(|| 0.0, f64::max);
+            .collect()
+    }
+
+    fn strongest_echo(&self) -> f64 {
+        let strongest = self.strongest_echoes().into_iter().fold(0.0, f64::max);
         if strongest > 0.0 {
             return strongest;
         }
@@ -196,5 +301,13 @@ impl SimulatedSonar {
         self.fan
             .for_each(&mut random, |cell| whole_beam += cell.weight);
         whole_beam
+    }
+}
+
+/// Settings with the pulse that a real unit transmits.
+fn as_transmitted(settings: PingSettings) -> PingSettings {
+    PingSettings {
+        pulse_duration_s: FieldUnit::pulse_duration_s(&settings),
+        ..settings
     }
 }

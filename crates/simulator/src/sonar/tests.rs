@@ -5,8 +5,9 @@ use glam::DVec3;
 
 use super::device_side::DeviceSide;
 use super::echo::{MovingSensor, power_per_bin};
+use super::radiometry::Radiometry;
 use super::*;
-use crate::beam::Fan;
+use crate::beam::{Fan, SideLobes};
 use crate::random::{Purpose, Random};
 use crate::scene::Scene;
 use crate::{Dive, DiveKind, DiveOptions};
@@ -27,12 +28,22 @@ fn parse(solids: &str) -> Scene {
 
 /// Noiseless power of `count` pings with different rays, averaged.
 fn echoes(scene: &Scene, pose: Pose, settings: &PingSettings, count: u64) -> Vec<f64> {
+    echoes_by(Radiometry::Even, scene, pose, settings, count)
+}
+
+fn echoes_by(
+    radiometry: Radiometry,
+    scene: &Scene,
+    pose: Pose,
+    settings: &PingSettings,
+    count: u64,
+) -> Vec<f64> {
     let sensor = MovingSensor::new(settings.range_end_m(), |_| pose);
-    let fan = Fan::new(false);
+    let fan = Fan::new(SideLobes::Without);
     let mut mean = vec![0.0; settings.bin_count];
     for index in 0..count {
         let mut random = Random::new(1, Purpose::Rays, index);
-        let power = power_per_bin(scene, &sensor, settings, &fan, &mut random);
+        let power = power_per_bin(scene, &sensor, settings, &fan, radiometry, &mut random);
         for (mean, power) in mean.iter_mut().zip(power) {
             *mean += power / count as f64;
         }
@@ -327,7 +338,7 @@ fn the_sensor_moves_while_it_listens() {
             let turned = sign * 120f64.to_radians() * range_m / 1500.0;
             Pose::from_yaw_pitch_roll(turned, 0.0, 0.0, DVec3::ZERO)
         });
-        let fan = Fan::new(false);
+        let fan = Fan::new(SideLobes::Without);
         let power = |index| {
             let mut random = Random::new(2, Purpose::Rays, index);
             total(&power_per_bin(
@@ -335,6 +346,7 @@ fn the_sensor_moves_while_it_listens() {
                 &sensor,
                 &SETTINGS,
                 &fan,
+                Radiometry::Even,
                 &mut random,
             ))
         };
@@ -447,6 +459,25 @@ fn harsh_pings_have_ghosts_dropouts_and_a_walking_gain() {
     assert!(gain[5..].windows(2).any(|pair| pair[0] != pair[1]));
     assert!(sonar.ping(799).settings.range_length_m > 11.9);
     assert!(sonar.ping(100).settings.range_length_m < 10.1);
+}
+
+#[test]
+fn the_first_echoes_of_each_level_stay_what_they_are() {
+    // Bins 250 to 253 of ping 40, on the scale of 65535; another processor's logarithms may round
+    // differently.
+    for (noise, expected) in [
+        (NoiseLevel::None, [45445, 45281, 45248, 45091]),
+        (NoiseLevel::Nominal, [34409, 34542, 33504, 31611]),
+        (NoiseLevel::Harsh, [23688, 34065, 33148, 29913]),
+    ] {
+        let ping = sonar("pier", noise, 3).ping(40);
+        let found = &ping.profile.pwr_results[250..254];
+        let is_near = |(found, expected): (&u16, &u16)| found.abs_diff(*expected) <= 2;
+        assert!(
+            found.iter().zip(&expected).all(is_near),
+            "{noise}: {found:?}"
+        );
+    }
 }
 
 #[test]

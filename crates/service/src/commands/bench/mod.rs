@@ -11,6 +11,7 @@ mod faults;
 mod kernels;
 mod long;
 mod machine;
+mod noise;
 mod paper;
 mod runs;
 mod stability;
@@ -50,6 +51,7 @@ pub(crate) fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Paper(arguments) => publish(paper::run(arguments)?, &arguments.options),
         Bench::Targets(arguments) => publish(targets::run(arguments)?, &arguments.options),
         Bench::ErrorTime(arguments) => publish(error_time::run(arguments)?, &arguments.options),
+        Bench::Noise(arguments) => publish(noise::run(arguments)?, &arguments.options),
         Bench::Ablation(arguments) => publish(ablation::run(arguments)?, &arguments.options),
         Bench::Long(arguments) => publish(long::run(arguments)?, &arguments.options),
         Bench::Faults(arguments) => faults::run(arguments),

@@ -39,7 +39,7 @@ fn outcome(spec: &Spec, keep_map: Option<&Path>) -> anyhow::Result<Outcome> {
 /// The sonar on the dive that a spec names.
 ///
 /// # Errors
-/// If there is no such dive.
+/// If there is no such dive, or nothing is heard on it whose strength could be chosen.
 pub(in crate::commands::bench) fn sonar(spec: &Spec) -> anyhow::Result<SimulatedSonar> {
     let dive = DiveArguments {
         scene: spec.scene.clone(),
@@ -48,5 +48,15 @@ pub(in crate::commands::bench) fn sonar(spec: &Spec) -> anyhow::Result<Simulated
         seed: spec.seed,
         pings_per_s: None,
     };
-    dives::sonar(&dive, spec.duration_s)
+    let poses = spec.pose_noise.unwrap_or(spec.noise);
+    let sonar = dives::sonar_with_poses(&dive, spec.duration_s, poses)?;
+    match spec.echoes_over_noise_db {
+        None => Ok(sonar),
+        Some(over_noise_db) => sonar.with_echoes_over_noise(over_noise_db).ok_or_else(|| {
+            Usage::error(format!(
+                "{}: half of the pings hear no echo, so none can stand {over_noise_db} dB over the noise",
+                spec.scene
+            ))
+        }),
+    }
 }
