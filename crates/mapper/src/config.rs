@@ -20,8 +20,8 @@ pub struct MapperConfig {
     pub position_sigma_m: f64,
     /// One sigma of the sensor's attitude where the pose source says nothing, degrees.
     pub attitude_sigma_deg: f64,
-    /// A bin is an echo above this many times the mean noise power. 12 lets noise through once
-    /// in 160,000 bins.
+    /// A bin is an echo above this many times the mean noise power. 6 lets noise through once
+    /// in 400 bins, at places that do not agree from ping to ping; echoes of rods are 5 to 15 dB.
     pub detection_factor: f32,
     /// Echoes this far below the strongest are the beam's tails rather than surfaces, decibels.
     pub dynamic_range_db: f32,
@@ -56,7 +56,7 @@ impl Default for MapperConfig {
             resolution_m: 0.0,
             position_sigma_m: 0.02,
             attitude_sigma_deg: 0.2,
-            detection_factor: 12.0,
+            detection_factor: 6.0,
             dynamic_range_db: 30.0,
             slice_pings: 4,
             history_pings: 65_536,

@@ -29,6 +29,8 @@ pub(crate) struct Profile {
     /// Bins that echoes are widened by, and that they may hide.
     widen: usize,
     shadow: usize,
+    /// Most bins beyond the blanking that the transducer may still ring in.
+    most_ring_down: usize,
 }
 
 /// What the seabed sends back, power per bin; both empty where none is known.
@@ -56,7 +58,9 @@ impl Profile {
         for &(start, end) in &self.doubted {
             is_doubted[start as usize..end as usize].fill(true);
         }
-        let doubts = |bin: usize| is_doubted.get(bin).is_some_and(|&doubted| doubted);
+        let ring_down = ring_down_end(intensity, self.blank, self.most_ring_down, raised);
+        let doubts =
+            |bin: usize| bin < ring_down || is_doubted.get(bin).is_some_and(|&doubted| doubted);
         let level = |bin: usize| {
             if doubts(bin) {
                 f32::INFINITY
@@ -95,6 +99,12 @@ const LEAST_QUIET_BINS: usize = 48;
 
 /// Darkness this far behind an echo is weak evidence: a structure's own thickness and its shadow.
 const SHADOW_LENGTH_M: f64 = 0.6;
+
+/// Where noise is low the transducer is heard to ring for so long beyond the blanking: it falls by 10 dB in 0.1 m or
+/// faster, and ends 0.35 to 0.5 m away where real units had their noise.
+const RING_DOWN_M: f64 = 0.5;
+/// Bins that speckle may make dark in it, one after the other.
+const RING_DOWN_GAP: usize = 3;
 
 /// What is learnt of the noise and the strongest echo as pings come in.
 #[derive(Debug, Clone, Default)]
@@ -138,6 +148,7 @@ impl Levels {
             blank: blank_bins(ping, config.blanking_m),
             widen: (tolerance_m / bin_length_m).ceil() as usize,
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
+            most_ring_down: (RING_DOWN_M / bin_length_m) as usize,
             ground: Powers::default(),
         };
         self.renew(&mut profile, ping.intensity(), ground, config);
@@ -255,6 +266,26 @@ fn runs_above(intensity: &[f32], from: usize, threshold: impl Fn(usize) -> f32) 
     runs
 }
 
+/// Where what goes on from the blanking without a gap ends, if that is near enough to be ringing.
+fn ring_down_end(
+    intensity: &[f32],
+    blank: usize,
+    most_bins: usize,
+    threshold: impl Fn(usize) -> f32,
+) -> usize {
+    let is_loud = |bin: usize| {
+        intensity
+            .get(bin)
+            .is_some_and(|&power| power > threshold(bin))
+    };
+    let goes_on = |&bin: &usize| (bin..bin + RING_DOWN_GAP).any(is_loud);
+    let bins = (blank..intensity.len()).take_while(goes_on).count();
+    match bins <= most_bins {
+        true => blank + bins,
+        false => blank,
+    }
+}
+
 fn states(
     bin_count: usize,
     blank: usize,
@@ -280,6 +311,14 @@ mod tests {
     use super::*;
     use echosplat_model::{PingSettings, Timestamp};
 
+    /// Noise lets nothing through.
+    fn strict() -> MapperConfig {
+        MapperConfig {
+            detection_factor: 12.0,
+            ..MapperConfig::default()
+        }
+    }
+
     fn ping(intensity: Vec<f32>) -> Ping {
         let settings = PingSettings {
             range_start_m: 0.0,
@@ -303,12 +342,7 @@ mod tests {
     #[test]
     fn the_noise_floor_is_its_mean_and_noise_is_dark() {
         let mut levels = Levels::default();
-        let profile = levels.profile(
-            &ping(noise(600)),
-            0.04,
-            &Backdrop::default(),
-            &MapperConfig::default(),
-        );
+        let profile = levels.profile(&ping(noise(600)), 0.04, &Backdrop::default(), &strict());
         assert!((profile.noise - 1.0).abs() < 0.05, "{}", profile.noise);
         assert!(profile.echoes.is_empty());
         assert_eq!(profile.state.at(24), BinState::Blank);
@@ -320,12 +354,8 @@ mod tests {
         let mut intensity = noise(600);
         intensity[300] = 1000.0;
         intensity[301] = 500.0;
-        let profile = Levels::default().profile(
-            &ping(intensity),
-            0.04,
-            &Backdrop::default(),
-            &MapperConfig::default(),
-        );
+        let profile =
+            Levels::default().profile(&ping(intensity), 0.04, &Backdrop::default(), &strict());
         assert_eq!(*profile.echoes, [(300, 302)]);
         let state = |bin: usize| profile.state.at(bin);
         assert_eq!((state(297), state(298)), (BinState::Dark, BinState::Lit));
@@ -340,23 +370,33 @@ mod tests {
     }
 
     #[test]
+    fn what_rings_on_beyond_the_blanking_is_no_echo_and_says_nothing() {
+        let judged = |ring_down_bins: usize| {
+            let mut intensity = noise(600);
+            intensity[25..25 + ring_down_bins].fill(1000.0);
+            intensity[27] = 1.0;
+            intensity[300] = 1000.0;
+            let (ground, config) = (Backdrop::default(), strict());
+            Levels::default().profile(&ping(intensity), 0.04, &ground, &config)
+        };
+        let rings = judged(10);
+        assert_eq!(*rings.echoes, [(300, 301)]);
+        assert_eq!(
+            [30, 36].map(|bin| rings.state.at(bin)),
+            [BinState::Blank, BinState::Dark]
+        );
+        // What goes on for a metre is a surface.
+        assert_eq!(judged(50).echoes.len(), 3);
+    }
+
+    #[test]
     fn a_ping_full_of_echoes_does_not_raise_the_floor() {
         let mut levels = Levels::default();
         for _ in 0..20 {
-            levels.profile(
-                &ping(noise(600)),
-                0.04,
-                &Backdrop::default(),
-                &MapperConfig::default(),
-            );
+            levels.profile(&ping(noise(600)), 0.04, &Backdrop::default(), &strict());
         }
         let echoes = (0..600).map(|bin| 1000.0 + bin as f32).collect();
-        let full = levels.profile(
-            &ping(echoes),
-            0.04,
-            &Backdrop::default(),
-            &MapperConfig::default(),
-        );
+        let full = levels.profile(&ping(echoes), 0.04, &Backdrop::default(), &strict());
         assert_eq!(*full.echoes, [(25, 600)]);
     }
 
@@ -385,12 +425,8 @@ mod tests {
 
     #[test]
     fn silence_is_dark() {
-        let profile = Levels::default().profile(
-            &ping(vec![0.0; 600]),
-            0.04,
-            &Backdrop::default(),
-            &MapperConfig::default(),
-        );
+        let profile =
+            Levels::default().profile(&ping(vec![0.0; 600]), 0.04, &Backdrop::default(), &strict());
         assert!(profile.echoes.is_empty());
         assert!(profile.noise > 0.0);
     }
