@@ -139,6 +139,7 @@ const ONE_SPHERE: &str = r#"(async () => {
   const { Tile } = await import("./map.js");
   const tile = new Tile("0_0_0");
   tile.put(1, points, 0, 0);
+  e.past.keep = () => {};
   e.state.at = 1e9;
   e.past.moments = [{ diveS: 0, tiles: [tile], originM: [0, 0, 0] }];
   e.past.poses = [];
@@ -169,6 +170,7 @@ const MANY: &str = r#"(async () => {
     if (!tiles.has(name)) tiles.set(name, new Tile(name));
     tiles.get(name).put(i, points, 0, 0);
   }
+  e.past.keep = () => {};
   e.state.at = 1e9;
   e.past.moments = [{ diveS: 0, tiles: [...tiles.values()], originM: [0, 0, 0] }];
   Object.assign(e.state, { hasFitted: true, extent: 1.6, measures: true, summaryAt: 0, summary: null });
@@ -184,7 +186,14 @@ const MANY: &str = r#"(async () => {
     return frames / (performance.now() - began) * 1000;
   };
   await turn(4);
-  return { rate: await turn(4), drawn: e.renderer.drawn, scale: e.renderer.scale, card: e.renderer.name() };
+  const rate = await turn(4);
+  const moving = { drawn: e.renderer.drawn, scale: e.renderer.scale, rate };
+  e.renderer.scale = 1;
+  e.lit();
+  const began = performance.now();
+  e.lit();
+  const stillMs = performance.now() - began;
+  return { moving, drawn: e.renderer.drawn, stillMs, card: e.renderer.name() };
 })()"#;
 
 #[test]

@@ -18,10 +18,16 @@ const CHARTS_EVERY_MS = 90;
 /// Frames slower than this make the picture coarser, faster ones finer.
 const SLOW_MS = 70;
 const FAST_MS = 24;
-const COARSEST = 0.3;
-/// A still picture may take so long to be drawn in full.
-const STILL_MS = 260;
+const COARSEST = 0.4;
+/// Then only every so many-th Gaussian is drawn while the picture moves.
+const MOST_THINNED = 3;
+/// Fewer are not what makes a picture slow.
+const THINNED_FROM = 40000;
+/// A still picture may take so long to be drawn in full; longer while the map does not change.
+const STILL_MS = 200;
+const CALM_MS = 2500;
 const STILL_AFTER_MS = 350;
+const CALM_AFTER_MS = 900;
 
 const canvas = $("view");
 const model = new MapModel();
@@ -51,6 +57,7 @@ const state = {
   movedAt: 0,
   asksAgainAt: 0,
   updates: 0,
+  updatedAt: 0,
   throttledUntil: 0,
 };
 if (!MODES[state.mode]) state.mode = "height";
@@ -75,7 +82,10 @@ canvas.addEventListener("webglcontextrestored", () => {
 const camera = new Camera(canvas, () => {
   state.movedAt = performance.now();
   wake();
-}, () => setFollow(false));
+}, (pans) => {
+  state.hasFitted = true;
+  if (pans) setFollow(false);
+});
 
 // ---- what comes ----
 
@@ -100,6 +110,7 @@ const connection = new Connection({
       scene.setTrack([]);
       past.clear();
       state.hasFitted = false;
+      state.fittedReach = 0;
     }
   },
   binary(buffer) {
@@ -148,7 +159,10 @@ function takeMap({ kind, header, payload, sentMs }) {
   if (became === LOST_THREAD || became === OLD) return;
   if (before !== model.epoch && before !== null) past.clear();
   state.updates += 1;
-  if (state.waiting.length < 1000) state.waiting.push(sentMs);
+  state.updatedAt = performance.now();
+  clearTimeout(state.calmTimer);
+  state.calmTimer = setTimeout(wake, CALM_AFTER_MS + 100);
+  if (kind === "delta" && state.waiting.length < 1000) state.waiting.push(sentMs);
   past.keep(changed, model);
   if (state.at === null) wake();
 }
@@ -195,10 +209,7 @@ function draw(now, isMoving) {
     updateEmpty();
   }
   const found = state.summary;
-  if (!state.hasFitted && !found.isEmpty && found.confident > 50) {
-    state.hasFitted = true;
-    fit(true);
-  }
+  fitWhileGrowing(found);
   if (state.follows && pose) camera.targetM = mix(camera.targetM, sub(pose.position_m, originM), isMoving ? 0.5 : 0.25);
   const width = canvas.clientWidth;
   const height = canvas.clientHeight;
@@ -207,10 +218,11 @@ function draw(now, isMoving) {
   scene.build({ originM, pose, view, targetM: camera.targetM, floorM, colors: palette, until: state.at, width });
   const range = colorRange();
   const began = performance.now();
-  const predicted = state.frameMs * (1 / renderer.scale) ** 2;
-  const coarse = renderer.scale;
-  const isStill = !isMoving && renderer.scale < 1 && predicted < STILL_MS;
-  if (isStill) renderer.scale = 1;
+  const coarse = { scale: renderer.scale, thinning: renderer.thinning };
+  const predicted = state.frameMs * coarse.thinning * (1 / coarse.scale);
+  const isCalm = now - state.updatedAt > CALM_AFTER_MS;
+  const isStill = !isMoving && (coarse.scale < 1 || coarse.thinning > 1) && predicted < (isCalm ? CALM_MS : STILL_MS);
+  if (isStill) Object.assign(renderer, { scale: 1, thinning: 1 });
   renderer.draw(view, {
     tiles,
     tileEdgeM: state.tileEdgeM,
@@ -229,36 +241,48 @@ function draw(now, isMoving) {
   const ended = performance.now();
   for (const ms of sent) state.latencies.push(Date.now() - ms);
   if (state.latencies.length > 2000) state.latencies.splice(0, 1000);
-  measure(now, ended - began, isStill, coarse);
+  measure(now, ended - began, isMoving, isStill, coarse);
   drawGizmo(view);
   showScale(view);
 }
 
 /// Coarser when frames are slow, finer when they are fast.
-function measure(now, drawMs, isStill, coarse) {
+function measure(now, drawMs, isMoving, isStill, coarse) {
   state.frames.push(now);
   while (state.frames[0] < now - 2000) state.frames.shift();
+  state.drawMs = drawMs;
+  say(now, drawMs);
   if (isStill) {
-    renderer.scale = coarse;
+    Object.assign(renderer, coarse);
     return;
   }
   const between = state.frames.length > 1 ? now - state.frames.at(-2) : drawMs;
-  const cost = Math.max(drawMs, between < 400 ? between : drawMs);
+  const cost = isMoving && between < 400 ? Math.max(drawMs, between) : drawMs;
   state.frameMs += (cost - state.frameMs) * 0.3;
-  if (state.frameMs > SLOW_MS) {
+  if (state.frameMs > SLOW_MS && renderer.scale > COARSEST) {
     renderer.scale = Math.max(COARSEST, renderer.scale * 0.85);
     state.frameMs *= 0.8;
+  } else if (state.frameMs > SLOW_MS && renderer.thinning < MOST_THINNED && renderer.drawn > THINNED_FROM) {
+    renderer.thinning += 1;
+    state.frameMs *= 0.7;
+  } else if (state.frameMs < FAST_MS && renderer.thinning > 1) {
+    renderer.thinning -= 1;
+    state.frameMs *= 1.5;
   } else if (state.frameMs < FAST_MS && renderer.scale < 1) {
     renderer.scale = Math.min(1, renderer.scale * 1.08);
   }
-  state.throttledUntil = drawMs > 40 ? now + Math.min(1000, drawMs * 2.5) : 0;
+  state.throttledUntil = drawMs > 40 ? now + Math.min(500, drawMs * 2) : 0;
   const rate = state.frames.length > 2 ? (1000 * (state.frames.length - 1)) / (now - state.frames[0]) : 0;
   state.rate = rate;
-  if (now - (state.saidAt ?? 0) > 500) {
-    state.saidAt = now;
-    const coarser = renderer.scale < 0.99 ? `, at ${Math.round(renderer.scale * 100)} % of the resolution` : "";
-    $("drawing").textContent = `${shown(renderer.drawn)} Gaussians drawn, ${shown(drawMs, 1)} ms a picture${coarser}${renderer.isSoftware() ? ", without a graphics card" : ""}`;
-  }
+}
+
+function say(now, drawMs) {
+  if (now - (state.saidAt ?? 0) < 500) return;
+  state.saidAt = now;
+  const coarser = renderer.scale < 0.99 ? `, at ${Math.round(renderer.scale * 100)} % of the resolution` : "";
+  const thinned = renderer.thinning > 1 ? `, one in ${renderer.thinning}` : "";
+  const card = renderer.isSoftware() ? ", without a graphics card" : "";
+  $("drawing").textContent = `${shown(renderer.drawn)} Gaussians drawn${thinned}, ${shown(drawMs, 1)} ms a picture${coarser}${card}`;
 }
 
 // ---- colours and legend ----
@@ -277,8 +301,9 @@ function showLegend() {
   const [low, high] = colorRange();
   $("ramp").style.background = gradient(state.mode);
   const [first, second] = $("ramp-ends").children;
-  first.textContent = `${shown(low, 2)} ${unit}`;
-  second.textContent = `${shown(high, 2)} ${unit}`;
+  const digits = high - low < 0.5 ? 2 : 1;
+  first.textContent = `${low.toFixed(digits)} ${unit}`.replace("-", "−");
+  second.textContent = `${high.toFixed(digits)} ${unit}`.replace("-", "−");
   $("ramp-says").textContent = says;
   const { ambiguous } = state.summary ?? { ambiguous: 0 };
   $("ambiguous-count").textContent = `${shown(ambiguous)} ambiguous${state.shows.ambiguous ? "" : ", hidden"}`;
@@ -328,27 +353,40 @@ function updateEmpty() {
 
 // ---- views ----
 
-function fit(isAtOnce = false) {
+/// The whole map in the picture, from where it is looked at or from another side.
+function fit(from = {}, isAtOnce = false) {
   const found = state.summary;
-  if (!found || found.isEmpty) return;
+  setFollow(false);
+  if (!found || found.isEmpty) {
+    camera.go(from, isAtOnce);
+    return;
+  }
   const middle = scaled([0, 1, 2].map((i) => found.low[i] + found.high[i]), 0.5);
   const reach = Math.max(1, length(sub(found.high, found.low)) / 2);
-  const narrow = Math.min(1, canvas.clientWidth / canvas.clientHeight);
-  setFollow(false);
-  camera.go({ targetM: middle, distanceM: (reach / Math.tan(0.42)) / Math.sqrt(narrow) * 0.92 }, isAtOnce);
+  camera.go({ ...from, targetM: middle, distanceM: (reach / Math.tan(0.42)) * 0.95 }, isAtOnce);
+  state.fittedReach = reach;
+}
+
+/// Until somebody moves the camera, it keeps the growing map in the picture.
+function fitWhileGrowing(found) {
+  if (state.hasFitted || found.isEmpty || found.confident < 30) return;
+  const reach = Math.max(1, length(sub(found.high, found.low)) / 2);
+  if (reach < (state.fittedReach ?? 0) * 1.15) return;
+  fit({}, !state.fittedReach);
 }
 
 const VIEWS = {
   fit: () => fit(),
-  top: () => camera.go({ yaw: -Math.PI / 2, pitch: Math.PI / 2 - 1e-4 }),
-  south: () => camera.go({ yaw: -Math.PI / 2, pitch: 0.02 }),
-  east: () => camera.go({ yaw: 0, pitch: 0.02 }),
+  top: () => fit({ yaw: -Math.PI / 2, pitch: Math.PI / 2 - 1e-4 }),
+  south: () => fit({ yaw: -Math.PI / 2, pitch: 0.02 }),
+  east: () => fit({ yaw: 0, pitch: 0.02 }),
   follow: () => setFollow(!state.follows),
 };
 
 function setFollow(follows) {
   if (state.follows === follows) return;
   state.follows = follows;
+  if (follows) state.hasFitted = true;
   document.querySelector('[data-view="follow"]').setAttribute("aria-pressed", follows);
   wake();
 }
@@ -372,7 +410,7 @@ function drawGizmo(view) {
     context.lineTo(64 + x, 64 + y);
     context.stroke();
     context.fillStyle = color;
-    context.fillText(name, 64 + x * 1.28, 64 + y * 1.28);
+    if (Math.hypot(x, y) > 14) context.fillText(name, 64 + x * 1.28, 64 + y * 1.28);
   }
 }
 
@@ -504,6 +542,7 @@ window.echosplat = {
   },
   /// Draws now and counts the pixels that are not the ground's.
   lit() {
+    renderer.thinning = 1;
     draw(performance.now(), true);
     const { bytes } = renderer.pixels();
     const ground = palette.ground.map((c) => Math.round(c * 255));

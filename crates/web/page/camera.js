@@ -8,7 +8,7 @@ const NEAREST_M = 0.2;
 const FARTHEST_M = 5000;
 
 export class Camera {
-  /// `changed()` is called when it moves, `held()` when somebody moves it.
+  /// `changed()` is called when it moves, `held(pans)` when somebody moves it.
   constructor(canvas, changed, held) {
     this.canvas = canvas;
     this.changed = changed;
@@ -77,6 +77,7 @@ export class Camera {
     this.goal = null;
     this.yaw -= dx * 0.006;
     this.pitch = clamp(this.pitch + dy * 0.006, -STEEPEST, STEEPEST);
+    this.held(false);
     this.changed();
   }
 
@@ -86,13 +87,14 @@ export class Camera {
     const { right, up, metresPerPixel } = this.view(this.canvas.clientWidth, this.canvas.clientHeight);
     const moved = add(scaled(right, -dx * metresPerPixel), scaled(up, dy * metresPerPixel));
     this.targetM = add(this.targetM, moved);
-    this.held();
+    this.held(true);
     this.changed();
   }
 
   zoom(factor) {
     this.goal = null;
     this.distanceM = clamp(this.distanceM * factor, NEAREST_M, FARTHEST_M);
+    this.held(false);
     this.changed();
   }
 

@@ -4,11 +4,13 @@ import { ramp } from "./colors.js";
 import { clamp, roundStep, shown } from "./math.js";
 import { lastBefore } from "./history.js";
 
-const LEFT = 34;
+const LEFT = 42;
 const RIGHT = 6;
 const MOST_PINGS = 4000;
 /// What the colours of the waterfall and the axis of the ping span, decibels.
 const SPAN_DB = 60;
+/// Share of the bins that do not set the scale.
+const RINGING = 0.06;
 
 export class Pings {
   constructor(plot, waterfall) {
@@ -33,8 +35,10 @@ export class Pings {
     this.list.push(ping);
     if (this.list.length > MOST_PINGS * 1.2) this.list.splice(0, this.list.length - MOST_PINGS);
     // The scale follows the strongest echo, at once upwards and slowly down.
-    const top = ping.floor_db + 127;
-    this.topDb = this.topDb === null ? top : Math.max(top, this.topDb + (top - this.topDb) * 0.01);
+    // The transducer itself rings in the first bins.
+    const strongest = bins.subarray(Math.ceil(bins.length * RINGING)).reduce((most, byte) => Math.max(most, byte), 0);
+    const top = ping.floor_db + ping.step_db * strongest + 3;
+    this.topDb = this.topDb === null ? top : Math.max(top, this.topDb + (top - this.topDb) * 0.005);
     this.isDirty = true;
   }
 
@@ -61,14 +65,13 @@ export class Pings {
     const y = (db) => bottom - ((bottom - top) * (db - (topDb - SPAN_DB))) / SPAN_DB;
     for (let db = topDb; db >= topDb - SPAN_DB; db -= 20) {
       rule(context, LEFT, y(db), width - RIGHT, y(db), style.line);
-      label(context, `${db}`, LEFT - 5, y(db), "right", style.soft);
+      label(context, db === topDb ? `${db} dB` : `${db}`, LEFT - 5, y(db), "right", style.soft);
     }
     const stepM = roundStep(ping.range_length_m / 6);
     for (let m = Math.ceil(ping.range_start_m / stepM) * stepM; m <= ping.range_start_m + ping.range_length_m * 1.001; m += stepM) {
       rule(context, x(m), top, x(m), bottom, style.line);
       label(context, `${+m.toFixed(2)} m`, clamp(x(m), 14, width - 16), height - 8, "center", style.soft);
     }
-    label(context, "dB", 2, 10, "left", style.soft);
     context.beginPath();
     ping.bins.forEach((byte, i) => {
       const db = ping.floor_db + ping.step_db * byte;
@@ -110,7 +113,7 @@ export class Pings {
     for (const part of [0, 0.5, 1]) {
       const row = Math.round(part * (rowCount - 1));
       const y = clamp(row / ratio, 6, height - 6);
-      label(context, part ? `−${shown(seconds(row), 1)} s` : "now", LEFT - 4, y, "right", style.soft);
+      label(context, part ? `−${seconds(row).toFixed(1)} s` : "now", LEFT - 4, y, "right", style.soft);
     }
   }
 }

@@ -20,6 +20,8 @@ export class Renderer {
     if (!gl) throw new Error("this browser has no WebGL2");
     this.gl = gl;
     this.scale = 1;
+    /// Only every so many-th Gaussian is drawn, larger; a stride of 255 bytes is the most there can be.
+    this.thinning = 1;
     this.buffers = new Map();
     this.target = null;
     this.#prepare();
@@ -62,8 +64,8 @@ export class Renderer {
   #fit() {
     const { gl, canvas } = this;
     const ratio = Math.min(devicePixelRatio || 1, 2);
-    // Lines stay sharp; only Gaussians are drawn coarser.
-    const sharp = Math.min(ratio, Math.max(1, ratio * this.scale));
+    // Lines stay sharper than Gaussians.
+    const sharp = ratio * clamp(this.scale * 1.5, 0.7, 1);
     const full = [canvas.clientWidth * sharp, canvas.clientHeight * sharp].map((n) => Math.max(1, Math.round(n)));
     if (canvas.width !== full[0] || canvas.height !== full[1]) [canvas.width, canvas.height] = full;
     const inner = [canvas.clientWidth, canvas.clientHeight]
@@ -78,7 +80,8 @@ export class Renderer {
   /// meshes.
   draw(view, scene) {
     const { gl } = this;
-    const { full, inner } = this.#fit();
+    const size = this.#fit();
+    const { full, inner } = size;
     this.#drawGaussians(view, scene, inner);
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, ...full);
@@ -93,7 +96,7 @@ export class Renderer {
     gl.uniform2fv(uniform.uDepth, view.depth);
     gl.uniform2fv(uniform.uTarget, full);
     gl.uniform1f(uniform.uStrength, scene.lighting ? 5 : 0);
-    gl.uniform1f(uniform.uSpread, Math.max(1, Math.min(devicePixelRatio || 1, 2) * this.scale));
+    gl.uniform1f(uniform.uSpread, Math.max(1, (1.2 * size.inner[0]) / this.canvas.clientWidth));
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.depthFunc(gl.LEQUAL);
@@ -116,7 +119,7 @@ export class Renderer {
     gl.uniformMatrix4fv(uniform.uClip, false, view.clip);
     gl.uniform3fv(uniform.uEye, view.eye);
     gl.uniform2fv(uniform.uViewport, size);
-    gl.uniform1f(uniform.uExtent, scene.extent);
+    gl.uniform1f(uniform.uExtent, scene.extent * this.thinning ** 0.35);
     gl.uniform1f(uniform.uMaxPoint, this.maxPoint);
     gl.uniform1f(uniform.uMinRadius, (0.6 * view.tanY) / size[1] * 2);
     gl.uniform1i(uniform.uMode, MODE_NAMES.indexOf(scene.mode));
@@ -134,8 +137,10 @@ export class Renderer {
       const buffer = this.#buffer(tile);
       if (!tile.count || !isSeen(tile, view, scene.tileEdgeM)) continue;
       gl.bindVertexArray(buffer.array);
-      gl.drawArrays(gl.POINTS, 0, tile.count);
-      drawn += tile.count;
+      if (buffer.thinning !== this.thinning) this.#lay(buffer);
+      const count = Math.ceil(tile.count / this.thinning);
+      gl.drawArrays(gl.POINTS, 0, count);
+      drawn += count;
     }
     this.drawn = drawn;
     this.#forget(scene.tiles);
@@ -147,12 +152,6 @@ export class Renderer {
     let buffer = this.buffers.get(tile);
     if (!buffer) {
       buffer = { array: gl.createVertexArray(), data: gl.createBuffer(), bytes: 0 };
-      gl.bindVertexArray(buffer.array);
-      gl.bindBuffer(gl.ARRAY_BUFFER, buffer.data);
-      for (const [place, size, word] of ATTRIBUTES) {
-        gl.enableVertexAttribArray(place);
-        gl.vertexAttribPointer(place, size, gl.FLOAT, false, POINT_BYTES, word * 4);
-      }
       this.buffers.set(tile, buffer);
     }
     const bytes = tile.floats.byteLength;
@@ -171,6 +170,17 @@ export class Renderer {
       tile.dirty = null;
     }
     return buffer;
+  }
+
+  /// Where in the buffer each number of a Gaussian is.
+  #lay(buffer) {
+    const { gl } = this;
+    gl.bindBuffer(gl.ARRAY_BUFFER, buffer.data);
+    for (const [place, size, word] of ATTRIBUTES) {
+      gl.enableVertexAttribArray(place);
+      gl.vertexAttribPointer(place, size, gl.FLOAT, false, POINT_BYTES * this.thinning, word * 4);
+    }
+    buffer.thinning = this.thinning;
   }
 
   #forget(tiles) {

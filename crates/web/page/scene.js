@@ -116,11 +116,11 @@ export class Scene {
       rim.push(add(place, scaled(turned([Math.cos(angle), 0, Math.sin(angle)]), reach)));
     }
     for (let i = 0; i < FAN_STEPS; i += 1) {
-      this.fan.triangle(place, rim[i], rim[i + 1], [...colors.fan, 0.13]);
-      this.fanEdge.line(rim[i], rim[i + 1], [...colors.fan, 0.7]);
+      this.fan.triangle(place, rim[i], rim[i + 1], [...colors.fan, 0.07]);
+      this.fanEdge.line(rim[i], rim[i + 1], [...colors.fan, 0.55]);
     }
-    this.fanEdge.line(place, rim[0], [...colors.fan, 0.7]);
-    this.fanEdge.line(place, rim[FAN_STEPS], [...colors.fan, 0.7]);
+    this.fanEdge.line(place, rim[0], [...colors.fan, 0.55]);
+    this.fanEdge.line(place, rim[FAN_STEPS], [...colors.fan, 0.55]);
   }
 
   #buildBody(place, turned, size, colors) {

@@ -105,7 +105,7 @@ const float DITHER[16] = float[16](
 void main() {
   if (vColor.a < 0.5) {
     ivec2 pixel = ivec2(gl_FragCoord.xy) & 3;
-    if (DITHER[pixel.y * 4 + pixel.x] > 5.5) discard;
+    if (DITHER[pixel.y * 4 + pixel.x] > 3.5) discard;
   }
   vec2 at = gl_FragCoord.xy / uViewport * 2.0 - 1.0;
   vec3 ray = vSphere * (uForward + at.x * uRight + at.y * uUp);
@@ -120,7 +120,8 @@ void main() {
   vec3 normal = normalize(transpose(vSphere) * hit);
   float facing = abs(dot(normal, normalize(uForward + at.x * uRight + at.y * uUp)));
   float light = 0.62 + 0.3 * facing + 0.1 * normal.z;
-  color = vec4(vColor.rgb * light, 1.0);
+  // What is ambiguous shades nothing and is not shaded.
+  color = vec4(vColor.rgb * light, vColor.a);
   gl_FragDepth = clamp(0.5 * (uDepth.x + uDepth.y / depth) + 0.5, 0.0, 1.0);
 }
 `;
@@ -152,17 +153,18 @@ void main() {
   vec2 texel = uSpread / vec2(textureSize(uDepthMap, 0));
   float stored = texture(uDepthMap, at).r;
   vec4 found = texture(uColor, at);
-  if (uStrength > 0.0) {
+  if (uStrength > 0.0 && found.a > 0.5) {
     float here = stored < 1.0 ? logDepth(stored) : 100.0;
     float shade = 0.0;
     vec2 steps[4] = vec2[4](vec2(texel.x, 0.0), vec2(-texel.x, 0.0), vec2(0.0, texel.y), vec2(0.0, -texel.y));
     for (int i = 0; i < 4; i++) {
       float other = texture(uDepthMap, at + steps[i]).r;
-      if (other < 1.0 && stored < 1.0) shade += max(0.0, here - logDepth(other));
+      bool casts = texture(uColor, at + steps[i]).a > 0.5;
+      if (casts && other < 1.0 && stored < 1.0) shade += max(0.0, here - logDepth(other));
     }
-    found.rgb *= exp(-uStrength * shade);
+    found.rgb *= max(0.3, exp(-uStrength * shade));
   }
-  color = found;
+  color = vec4(found.rgb, 1.0);
   gl_FragDepth = stored;
 }
 `;

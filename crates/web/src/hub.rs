@@ -153,7 +153,11 @@ impl Hub {
     /// Asks the map's thread for the published state; comes once it has caught up.
     pub(crate) fn ask_for_map(&self) -> oneshot::Receiver<Arc<PublishedMap>> {
         let (sender, receiver) = oneshot::channel();
-        lock(&self.orders).asked.push(sender);
+        let mut orders = lock(&self.orders);
+        // Of browsers that have gone while there was no map.
+        orders.asked.retain(|asked| !asked.is_closed());
+        orders.asked.push(sender);
+        drop(orders);
         self.ordered.notify_all();
         receiver
     }

@@ -70,13 +70,20 @@ impl MapWorker {
             if orders.stop {
                 return None;
             }
-            if !self.hub.has_watchers() {
-                self.state = None;
+            if !self.hub.has_watchers()
+                && let Some(state) = self.state.take()
+            {
+                // Letting go of a map takes longer than anybody may hold the lock.
+                drop(orders);
+                drop(state);
+                orders = lock(&self.hub.orders);
+                continue;
             }
             let offered = self.state.as_ref().map_or(0, |state| state.offered);
             let is_behind = orders.offered > offered;
             let has_more = self.state.as_ref().is_some_and(|s| !s.encoder.is_drained());
-            if !orders.asked.is_empty() || self.hub.has_watchers() && (is_behind || has_more) {
+            let is_asked = !orders.asked.is_empty() && orders.newest.is_some();
+            if is_asked || self.hub.has_watchers() && (is_behind || has_more) {
                 let newest = orders.newest.clone();
                 let map = newest.filter(|_| is_behind);
                 return Some(Work {

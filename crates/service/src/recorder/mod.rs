@@ -124,10 +124,10 @@ impl Recorder {
     /// # Errors
     /// If one goes on already, or the directory or the file cannot be made.
     pub(crate) fn begin(&self) -> anyhow::Result<()> {
-        let mut running = self.running.write().unwrap_or_else(PoisonError::into_inner);
-        if running.is_some() {
+        if self.is_running() {
             return Err(anyhow!("a recording goes on already"));
         }
+        // Nobody who records waits for the disk meanwhile.
         let begun = self.plan.begin()?;
         if let Some(event) = &self.plan.begin {
             begun.record(clock::now(), Record::Event(event.clone()));
@@ -135,7 +135,10 @@ impl Recorder {
         if self.is_link_up.load(Ordering::Relaxed) {
             begun.record(clock::now(), Record::LinkUp);
         }
-        *running = Some(begun);
+        let mut running = self.running.write().unwrap_or_else(PoisonError::into_inner);
+        let before = running.replace(begun);
+        drop(running);
+        before.iter().for_each(Running::finish);
         Ok(())
     }
 
@@ -206,9 +209,8 @@ impl Recorder {
 
     /// Writes what waits and the end of the file, within 3 s; nothing is recorded after it.
     pub(crate) fn finish(&self) {
-        if let Some(running) = &*self.read() {
-            running.finish();
-        }
+        let running = self.read().clone();
+        running.iter().for_each(Running::finish);
     }
 
     /// The same, and another recording may be begun; says whether one went on.
