@@ -202,8 +202,8 @@ fn the_page_draws_and_follows_in_a_browser() {
         return say("passed over: the page in a browser, since no Chromium was found");
     };
     let port = free_port();
-    let mut service = serve(port, "2");
     let mut browser = Browser::start(&program);
+    let mut service = serve(port, "1");
     browser.size(1280, 800);
     let url = json!({ "url": format!("http://127.0.0.1:{port}/") });
     browser.call("Page.navigate", &url);

@@ -92,7 +92,7 @@ const camera = new Camera(canvas, () => {
 const connection = new Connection({
   open() {
     panels.connected(true);
-    model.reset();
+    model.waitsForSnapshot = true;
   },
   lost(why, waitS) {
     panels.connected(false, why, waitS);
@@ -540,6 +540,7 @@ window.echosplat = {
       confident: state.summary?.confident, ambiguous: state.summary?.ambiguous,
     };
   },
+  draw,
   /// Draws now and counts the pixels that are not the ground's.
   lit() {
     renderer.thinning = 1;

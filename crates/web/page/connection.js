@@ -2,7 +2,7 @@
 
 const FIRST_WAIT_MS = 500;
 const LONGEST_WAIT_MS = 5000;
-/// The service says something every second; without a word for so long the link is dead.
+/// The service says something every two seconds; without a word for so long the link is dead.
 const SILENCE_MS = 6000;
 
 export class Connection {

@@ -78,6 +78,8 @@ export const LOST_THREAD = "lost thread";
 export class MapModel {
   constructor() {
     this.tiles = new Map();
+    /// A new connection begins with the whole map; until then the one before is shown.
+    this.waitsForSnapshot = true;
     this.reset();
   }
 
@@ -115,11 +117,13 @@ export class MapModel {
     }
     this.#stand(header);
     this.chunk = 0;
+    this.waitsForSnapshot = false;
     return APPLIED;
   }
 
   /// A message of a delta.
   delta(header, payload, changed) {
+    if (this.waitsForSnapshot) return OLD;
     if (header.epoch !== this.epoch && this.epoch !== null) return LOST_THREAD;
     if (this.epoch === null && header.sequence > 1) return LOST_THREAD;
     if (header.sequence <= this.sequence && !(header.sequence === this.sequence && this.chunk)) return OLD;

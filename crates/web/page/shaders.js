@@ -153,14 +153,14 @@ void main() {
   vec2 texel = uSpread / vec2(textureSize(uDepthMap, 0));
   float stored = texture(uDepthMap, at).r;
   vec4 found = texture(uColor, at);
-  if (uStrength > 0.0 && found.a > 0.5) {
-    float here = stored < 1.0 ? logDepth(stored) : 100.0;
+  if (uStrength > 0.0 && found.a > 0.5 && stored < 1.0) {
+    float here = logDepth(stored);
     float shade = 0.0;
     vec2 steps[4] = vec2[4](vec2(texel.x, 0.0), vec2(-texel.x, 0.0), vec2(0.0, texel.y), vec2(0.0, -texel.y));
     for (int i = 0; i < 4; i++) {
       float other = texture(uDepthMap, at + steps[i]).r;
       bool casts = texture(uColor, at + steps[i]).a > 0.5;
-      if (casts && other < 1.0 && stored < 1.0) shade += max(0.0, here - logDepth(other));
+      if (casts && other < 1.0) shade += max(0.0, here - logDepth(other));
     }
     found.rgb *= max(0.3, exp(-uStrength * shade));
   }

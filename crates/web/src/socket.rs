@@ -23,10 +23,12 @@ use crate::workers::pose_of;
 pub(crate) const MAX_RECEIVED_BYTES: usize = 4096;
 /// A browser that does not take a message for so long is given up.
 const SEND_LIMIT: Duration = Duration::from_secs(20);
-/// Whether it is still there is asked so often.
-const PING_EVERY: Duration = Duration::from_secs(5);
+/// Whether it is still there is asked so often, and that we are is said.
+const PING_EVERY: Duration = Duration::from_secs(2);
 /// Without a word for so long it is not.
 const SILENCE_LIMIT: Duration = Duration::from_secs(30);
+/// Says nothing else than that the service is there.
+const ALIVE: &str = r#"{"kind":"alive"}"#;
 /// Between two snapshots that a browser asked for.
 const SNAPSHOT_PAUSE: Duration = Duration::from_millis(500);
 
@@ -104,6 +106,8 @@ impl Browser {
                         return Err(Gone);
                     }
                     self.send(Message::Ping(Bytes::new())).await?;
+                    // Pages do not see pings.
+                    self.send(text_message(ALIVE)).await?;
                 }
             }
         }

@@ -1,6 +1,7 @@
 //! What goes over the WebSocket.
 //!
-//! Text messages are JSON objects with a `kind`: `hello` first, then `status`, `pose`, `error`.
+//! Text messages are JSON objects with a `kind`: `hello` first, then `status`, `pose`, `error`, `epoch` and, every
+//! two seconds, `alive`.
 //! Binary messages are, little-endian:
 //!
 //! | offset | what |
