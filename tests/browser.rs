@@ -1,4 +1,4 @@
-//! The page in a headless Chromium, driven over its DevTools protocol. Without Chromium (`chromium`,
+//! The page in a headless Chromium, driven over its `DevTools` protocol. Without Chromium (`chromium`,
 //! `chromium-browser`, `google-chrome` or what `ECHOSPLAT_CHROMIUM` names) it is passed over, and says so.
 
 use std::io::Write;
@@ -40,7 +40,7 @@ struct Browser {
 
 impl Browser {
     fn start(program: &Path) -> Self {
-        let profile = tempfile::tempdir().unwrap();
+        let profile = tempfile::tempdir().expect("there is room");
         let mut command = Command::new(program);
         command.args([
             "--headless",
@@ -86,7 +86,7 @@ impl Browser {
         loop {
             match self.socket.next(LONG) {
                 Some(Message::Text(text)) => {
-                    let answer: Value = serde_json::from_str(&text).unwrap();
+                    let answer: Value = serde_json::from_str(&text).expect("DevTools speaks JSON");
                     if answer["id"] == self.number {
                         return answer["result"].clone();
                     }

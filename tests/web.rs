@@ -50,14 +50,19 @@ impl Follower {
     }
 
     fn text(&mut self, text: &str) {
-        let message: Value = serde_json::from_str(text).unwrap();
-        self.kinds
-            .push(message["kind"].as_str().unwrap().to_owned());
+        let message: Value = serde_json::from_str(text).expect("texts are JSON");
+        self.kinds.push(
+            message["kind"]
+                .as_str()
+                .expect("texts have a kind")
+                .to_owned(),
+        );
     }
 
     fn binary(&mut self, bytes: &[u8]) {
-        let length = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
-        let header: Value = serde_json::from_slice(&bytes[16..16 + length]).unwrap();
+        let length = u32::from_le_bytes(bytes[4..8].try_into().expect("four bytes")) as usize;
+        let header: Value =
+            serde_json::from_slice(&bytes[16..16 + length]).expect("headers are JSON");
         let payload = &bytes[16 + length..];
         match bytes[0] {
             1 => self.delta(&header, payload),
@@ -72,7 +77,7 @@ impl Follower {
     }
 
     fn delta(&mut self, header: &Value, payload: &[u8]) {
-        let sequence = header["sequence"].as_u64().unwrap();
+        let sequence = number(header, "sequence");
         let before = self.sequence.expect("a snapshot comes first");
         let continues = self.is_in_delta && sequence == before;
         if sequence <= before && !continues {
@@ -82,13 +87,12 @@ impl Follower {
             continues || sequence == before + 1,
             "{before} to {sequence}"
         );
-        self.is_in_delta =
-            header["chunk"].as_u64().unwrap() + 1 < header["chunks"].as_u64().unwrap();
+        self.is_in_delta = number(header, "chunk") + 1 < number(header, "chunks");
         self.deltas += 1;
-        let removed = header["removed"].as_array().unwrap();
+        let removed = header["removed"].as_array().expect("ids");
         let tile = self.tile(header);
         for id in removed {
-            tile.remove(&(id.as_u64().unwrap() as u32));
+            tile.remove(&(id.as_u64().expect("an id") as u32));
         }
         self.put(header, payload);
     }
@@ -100,17 +104,17 @@ impl Follower {
         self.is_in_delta = false;
         self.put(header, payload);
         // Each part bears the mark; the last makes the map whole.
-        let part = header["part"].as_u64().unwrap();
-        self.is_final &= part + 1 == header["parts"].as_u64().unwrap();
+        let part = number(header, "part");
+        self.is_final &= part + 1 == number(header, "parts");
     }
 
     fn tile(&mut self, header: &Value) -> &mut BTreeMap<u32, Gaussian> {
-        let name = header["tile"].as_str().unwrap().to_owned();
+        let name = header["tile"].as_str().expect("a tile").to_owned();
         self.tiles.entry(name).or_default()
     }
 
     fn put(&mut self, header: &Value, payload: &[u8]) {
-        let cloud = point_cloud::decode(payload).unwrap();
+        let cloud = point_cloud::decode(payload).expect("a cloud");
         assert_eq!(cloud.unsound_count, 0);
         let tile = self.tile(header);
         tile.extend(cloud.gaussians.into_iter().map(|g| (g.id, g)));
@@ -123,6 +127,10 @@ impl Follower {
         let all = self.tiles.values().flat_map(BTreeMap::values);
         bits(all.filter(|g| g.standing == standing))
     }
+}
+
+fn number(header: &Value, name: &str) -> u64 {
+    header[name].as_u64().expect("a whole number")
 }
 
 fn bits<'a>(gaussians: impl Iterator<Item = &'a Gaussian>) -> Vec<[u32; 5]> {
@@ -138,7 +146,7 @@ fn bits<'a>(gaussians: impl Iterator<Item = &'a Gaussian>) -> Vec<[u32; 5]> {
 fn downloaded(port: u16, path: &str) -> Vec<[u32; 5]> {
     let answer = ask(port, "GET", path, &[]);
     assert_eq!(answer.status, 200, "{}", answer.text());
-    let map = ply::read(&answer.body[..]).unwrap();
+    let map = ply::read(&answer.body[..]).expect("a map");
     bits(map.gaussians.iter())
 }
 
@@ -256,16 +264,12 @@ fn what_changes_anything_is_refused_to_strangers() {
 }
 
 #[test]
-fn by_default_nothing_is_served_and_loopback_is_meant() {
+fn a_port_alone_means_loopback() {
     let port = free_port();
     let text = port.to_string();
     let mut service = Program::echosplat(&replay(&["--web", &text, "--rate", "0"]));
     wait_until_listening(&mut service, port);
-    assert!(
-        service
-            .stderr()
-            .contains(&format!("http://127.0.0.1:{port}/"))
-    );
+    service.wait_for_text(&format!("http://127.0.0.1:{port}/"), LONG);
     let addresses = local_addresses();
     for address in &addresses {
         let reached = std::net::TcpStream::connect((address.as_str(), port));

@@ -363,7 +363,7 @@ function fit(from = {}, isAtOnce = false) {
   }
   const middle = scaled([0, 1, 2].map((i) => found.low[i] + found.high[i]), 0.5);
   const reach = Math.max(1, length(sub(found.high, found.low)) / 2);
-  camera.go({ ...from, targetM: middle, distanceM: (reach / Math.tan(0.42)) * 0.95 }, isAtOnce);
+  camera.go({ ...from, targetM: middle, distanceM: (reach / Math.tan(0.42)) * 1.12 }, isAtOnce);
   state.fittedReach = reach;
 }
 
