@@ -33,7 +33,7 @@ impl Page {
     ///
     /// # Errors
     /// If the address is taken or none of this machine.
-    pub(crate) fn start(config: &Config, is_replay: bool) -> anyhow::Result<Option<Self>> {
+    pub(crate) fn start(config: &Config) -> anyhow::Result<Option<Self>> {
         let address = config.web.parsed_address().map_err(Usage::error)?;
         let Some(address) = address else {
             return Ok(None);
@@ -41,7 +41,6 @@ impl Page {
         let about = About {
             node: config.bus.node.clone(),
             version: arguments::VERSION.to_owned(),
-            is_replay,
             azimuth_width_deg: config.mapper.beam.azimuth_width_deg.into(),
             elevation_width_deg: config.mapper.beam.elevation_width_deg.into(),
         };

@@ -44,8 +44,6 @@ pub struct About {
     pub node: String,
     /// Of the program.
     pub version: String,
-    /// Pings come from a log.
-    pub is_replay: bool,
     /// Full width of the fan across.
     pub azimuth_width_deg: f64,
     /// Full width of the fan along.

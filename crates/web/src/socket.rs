@@ -118,27 +118,30 @@ impl Browser {
         let hub = &self.source.hub;
         let about = &self.source.about;
         let status = hub.status().map(|(status, _)| (*status).clone());
-        let hello = {
+        // Copied first: who holds the lock holds the mapper up.
+        let (track, first_time, pose, errors) = {
             let scene = lock(&hub.scene);
-            let track = scene.track.points().iter().map(|point| {
-                let [x, y, z] = point.place_m.to_array();
-                [point.dive_s, x, y, z]
-            });
-            json!({
-                "kind": "hello",
-                "node": about.node,
-                "version": about.version,
-                "is_replay": about.is_replay,
-                "fan_deg": [about.azimuth_width_deg, about.elevation_width_deg],
-                "tile_edge_m": self.source.bus.tile_edge_m,
-                "needs_token": self.source.needs_token,
-                "first_time_ns": scene.first_time.map(Timestamp::nanos),
-                "track": Vec::from_iter(track),
-                "pose": pose_of(&scene),
-                "errors": scene.errors,
-                "status": status,
-            })
+            let track = scene.track.points().to_vec();
+            let errors = scene.errors.clone();
+            (track, scene.first_time, pose_of(&scene), errors)
         };
+        let track = track.iter().map(|point| {
+            let [x, y, z] = point.place_m.to_array();
+            [point.dive_s, x, y, z]
+        });
+        let hello = json!({
+            "kind": "hello",
+            "node": about.node,
+            "version": about.version,
+            "fan_deg": [about.azimuth_width_deg, about.elevation_width_deg],
+            "tile_edge_m": self.source.bus.tile_edge_m,
+            "needs_token": self.source.needs_token,
+            "first_time_ns": first_time.map(Timestamp::nanos),
+            "track": Vec::from_iter(track),
+            "pose": pose,
+            "errors": errors,
+            "status": status,
+        });
         self.send(Message::Text(hello.to_string().into())).await
     }
 

@@ -37,7 +37,7 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
         maps::prepare(report)?;
     }
     let stop = Stop::on_signals()?;
-    let page = Page::start(&config, true)?;
+    let page = Page::start(&config)?;
     let mut epoch = clock::now().nanos().unsigned_abs();
     loop {
         let judge = judge(arguments, &config, page.as_ref())?;

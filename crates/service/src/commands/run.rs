@@ -38,7 +38,7 @@ pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
         maps::prepare(map)?;
     }
     let stop = Stop::on_signals()?;
-    let page = Page::start(&config, matches!(url, SonarUrl::File(_)))?;
+    let page = Page::start(&config)?;
     let bus = inputs::open_bus(config.bus.clone())?;
     inputs::refuse_a_second_service(&bus)?;
     let finish = serve(&config, (album, page.as_ref()), url, &bus, &stop);

@@ -46,7 +46,7 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
     let stop = Stop::on_signals()?;
     let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
     let (scene, dive) = (Arc::clone(sonar.scene()), Arc::clone(sonar.dive()));
-    let page = Page::start(&config, false)?;
+    let page = Page::start(&config)?;
     let feed = page.as_ref().map(Page::feed);
     let judge = Judge::start(
         move || truth::of_simulated(&scene, &dive),
