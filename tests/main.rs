@@ -3,8 +3,10 @@
 
 mod harness;
 mod python;
+mod web_client;
 
 mod bench;
+mod browser;
 mod calibrate;
 mod device;
 mod dive;
@@ -22,4 +24,5 @@ mod render;
 mod replay;
 mod serial_line;
 mod watch;
+mod web;
 mod wrong_input;

@@ -23,6 +23,8 @@ const POSE_HELP: &str = "The poses: zenoh://[KEY], mavlink+udp://HOST:PORT[?out]
      dvl://HOST, log://, tum://POSES.tum or none";
 const PLACE_HELP: &str = "Try only there: tcp://HOST:PORT, udp://HOST:PORT or \
      serial:///DEVICE?baudrate=N; repeatable";
+const WEB_HELP: &str = "Serves the live page there: HOST:PORT, or a PORT of this machine alone, \
+     like 8080; 0.0.0.0:8080 for other machines too";
 const LISTEN_HELP: &str =
     "tcp://HOST:PORT, udp://HOST:PORT, serial:///PATH/OF/LINK or serial://pty";
 
@@ -139,6 +141,8 @@ pub(crate) struct ServiceArguments {
     /// Leave every Nth ping out of the map, for `evaluate --held-out`; 0 leaves out none
     #[arg(long = "hold-out", alias = "hold-back", value_name = "N")]
     pub(crate) hold_back: Option<u64>,
+    #[arg(long, value_name = "ADDRESS", help = WEB_HELP)]
+    pub(crate) web: Option<String>,
     #[command(flatten)]
     pub(crate) bus: BusArguments,
 }
@@ -228,6 +232,8 @@ pub(crate) struct DemoArguments {
     /// Leave every Nth ping out of the map; 0 leaves out none
     #[arg(long = "hold-out", alias = "hold-back", value_name = "N")]
     pub(crate) hold_back: Option<u64>,
+    #[arg(long, value_name = "ADDRESS", help = WEB_HELP)]
+    pub(crate) web: Option<String>,
     #[command(flatten)]
     pub(crate) dive: DiveArguments,
 }

@@ -11,7 +11,6 @@ use echosplat_bus::{Bus, BusConfig, BusError};
 use echosplat_driver::{DriverConfig, SonarUrl};
 use echosplat_join::StampClock;
 use echosplat_pose::{PoseSource, PoseSourceError, PoseUrl};
-use echosplat_recording::mcap::Record;
 use echosplat_recording::svlog::LogClock;
 use echosplat_recording::svlog::SvlogReader;
 use echosplat_session::{ClockSource, SessionConfig};
@@ -19,7 +18,7 @@ use echosplat_session::{ClockSource, SessionConfig};
 use crate::config::Config;
 use crate::exit::Usage;
 use crate::recorder::{Recorder, RecorderConfig};
-use crate::{clock, files, replayed};
+use crate::{files, replayed};
 
 /// A sonar's URL.
 ///
@@ -123,8 +122,12 @@ pub(crate) fn close_bus(bus: Option<Arc<Bus>>) {
     }
 }
 
+/// Where recordings go that the page begins, if nothing else is configured.
+const RECORDINGS: &str = "recordings";
+
 /// Starts the recording, if one is asked for, with the configuration in force and how the bytes are
-/// to be read: as `session` has it, of a log or of a link.
+/// to be read: as `session` has it, of a log or of a link. With a page there is a recorder too, which
+/// waits to be begun.
 ///
 /// # Errors
 /// If it cannot be written.
@@ -133,9 +136,11 @@ pub(crate) fn recorder(
     session: &SessionConfig,
     is_log: bool,
 ) -> anyhow::Result<Option<Recorder>> {
-    let Some(directory) = &config.output.record else {
+    let asked = config.output.record.as_deref();
+    if asked.is_none() && config.web.address.is_none() {
         return Ok(None);
-    };
+    }
+    let directory = asked.unwrap_or(Path::new(RECORDINGS));
     let settings = toml::to_string(config).context("the configuration as TOML")?;
     let recorder_config = RecorderConfig {
         rotate_bytes: config.output.record_rotate_bytes,
@@ -146,8 +151,10 @@ pub(crate) fn recorder(
             (false, ClockSource::Device) => LogClock::Device,
         },
     };
-    let recorder = Recorder::create(directory, recorder_config, settings)?;
     let begin = replayed::begin_event(session, is_log);
-    recorder.record(clock::now(), Record::Event(begin));
+    let recorder = Recorder::idle(directory, recorder_config, settings, Some(begin));
+    if asked.is_some() {
+        recorder.begin()?;
+    }
     Ok(Some(recorder))
 }

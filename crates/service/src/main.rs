@@ -23,6 +23,7 @@ mod rig;
 mod scene_files;
 mod signals;
 mod truth;
+mod web;
 
 use std::process::ExitCode;
 

@@ -10,6 +10,7 @@ use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use echosplat_evaluation::curve::{Curve, Sample};
 use echosplat_evaluation::report::{Picture, Section, Table};
 use echosplat_evaluation::{MapPoints, Metrics, Truth, evaluate, evaluate_raw, table};
+use echosplat_web::Feed;
 use serde_json::Value;
 
 use crate::logging;
@@ -43,17 +44,19 @@ pub(super) struct Verdict {
 }
 
 impl Judge {
-    /// Finds out the truth, and then waits for maps; `lines` says each on standard output.
+    /// Finds out the truth, and then waits for maps; `lines` says each on standard output, and a page
+    /// draws them.
     pub(super) fn start(
         truth: impl FnOnce() -> Truth + Send + 'static,
         lines: bool,
+        page: Option<Feed>,
     ) -> anyhow::Result<Self> {
         let (sender, receiver) = bounded(QUEUE);
         let newest = Arc::new(Mutex::new(None));
         let shown = Arc::clone(&newest);
         let thread = std::thread::Builder::new()
             .name("judge".to_owned())
-            .spawn(move || judge_all(truth(), &receiver, &shown, lines))
+            .spawn(move || judge_all(truth(), &receiver, &shown, lines, page.as_ref()))
             .context("cannot start the judge's thread")?;
         Ok(Self {
             observed: sender,
@@ -149,6 +152,7 @@ fn judge_all(
     observed: &Receiver<Observed>,
     newest: &Mutex<Option<Sample>>,
     lines: bool,
+    page: Option<&Feed>,
 ) -> Judged {
     let mut samples = Vec::new();
     for observed in observed {
@@ -162,6 +166,10 @@ fn judge_all(
         };
         if lines {
             say(&sample, samples.is_empty());
+        }
+        if let Some(page) = page {
+            let (cd_m, hd_m) = (sample.metrics.cd_m, sample.metrics.hd_m);
+            page.error(sample.dive_s, cd_m, hd_m);
         }
         *newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(sample);
         samples.push(sample);

@@ -16,6 +16,7 @@ use crate::exit::{Finish, Usage};
 use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Outcome, Setup, Span};
 use crate::replayed::Replayed;
 use crate::signals::Stop;
+use crate::web::Page;
 use crate::{clock, inputs, logging, maps, processor, truth};
 
 /// # Errors
@@ -36,19 +37,24 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
         maps::prepare(report)?;
     }
     let stop = Stop::on_signals()?;
+    let page = Page::start(&config)?;
     let mut epoch = clock::now().nanos().unsigned_abs();
     loop {
-        let judge = judge(arguments, &config)?;
+        let judge = judge(arguments, &config, page.as_ref())?;
         let outcome = once(
             arguments,
             &replayed,
             (&config, epoch),
-            judge.as_ref(),
+            (judge.as_ref(), page.as_ref()),
             &stop,
         )?;
         let is_last = !arguments.repeat || stop.is_set();
         if is_last {
-            return conclude(arguments, &config, &outcome, judge, report.as_deref());
+            let finish = conclude(arguments, &config, &outcome, judge, report.as_deref())?;
+            if let Some(page) = page {
+                page.stay(&stop);
+            }
+            return Ok(finish);
         }
         epoch += 1;
     }
@@ -98,19 +104,24 @@ fn report_path(arguments: &ReplayArguments, config: &Config) -> Option<PathBuf> 
 }
 
 /// With `--json`, standard output is one object and nothing else.
-fn judge(arguments: &ReplayArguments, config: &Config) -> anyhow::Result<Option<Judge>> {
+fn judge(
+    arguments: &ReplayArguments,
+    config: &Config,
+    page: Option<&Page>,
+) -> anyhow::Result<Option<Judge>> {
     let Some(path) = &config.output.truth else {
         return Ok(None);
     };
     let truth = truth::load(path)?;
-    Judge::start(move || truth, !arguments.json).map(Some)
+    let feed = page.map(Page::feed);
+    Judge::start(move || truth, !arguments.json, feed).map(Some)
 }
 
 fn once(
     arguments: &ReplayArguments,
     replayed: &Replayed,
     (config, epoch): (&Config, u64),
-    judge: Option<&Judge>,
+    (judge, page): (Option<&Judge>, Option<&Page>),
     stop: &Stop,
 ) -> anyhow::Result<Outcome> {
     let poses_url = poses_url(arguments, config);
@@ -125,6 +136,9 @@ fn once(
     let inputs = replayed.inputs(config, arguments.rate);
     let session = &inputs[0].config.session;
     let recorder = inputs::recorder(config, session, true)?;
+    if let Some(page) = page {
+        page.control(recorder.as_ref());
+    }
     let poses = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
     let setup = Setup {
         inputs,
@@ -143,6 +157,7 @@ fn once(
             observer: judge.map(Judge::observer),
             album: Album::parse(arguments.service.maps_every.as_deref())?,
             on_status: Some(show_figures()),
+            page: page.map(Page::feed),
             ..Hooks::default()
         },
     };

@@ -16,6 +16,7 @@ use crate::exit::Finish;
 use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Input, Patience, Poses, Setup};
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
+use crate::web::Page;
 use crate::{clock, dives, inputs, logging, maps};
 
 /// # Errors
@@ -37,16 +38,17 @@ pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
         maps::prepare(map)?;
     }
     let stop = Stop::on_signals()?;
+    let page = Page::start(&config)?;
     let bus = inputs::open_bus(config.bus.clone())?;
     inputs::refuse_a_second_service(&bus)?;
-    let finish = serve(&config, album, url, &bus, &stop);
+    let finish = serve(&config, (album, page.as_ref()), url, &bus, &stop);
     inputs::close_bus(Some(bus));
     finish
 }
 
 fn serve(
     config: &Config,
-    album: Option<Album>,
+    (album, page): (Option<Album>, Option<&Page>),
     url: SonarUrl,
     bus: &Arc<Bus>,
     stop: &Stop,
@@ -66,6 +68,9 @@ fn serve(
     let source = inputs::poses(&config.pose.url, Some(bus), clock)?;
     let is_log = matches!(driver.url, SonarUrl::File(_));
     let recorder = inputs::recorder(config, &driver.session, is_log)?;
+    if let Some(page) = page {
+        page.control(recorder.as_ref());
+    }
     let setup = Setup {
         expectations: Expectations {
             sonar: config.sonar.url.clone(),
@@ -83,6 +88,7 @@ fn serve(
             album,
             on_status: Some(show_figures()),
             is_over: rig.map(Rig::end_of_dive),
+            page: page.map(Page::feed),
             ..Hooks::default()
         },
     };

@@ -16,6 +16,7 @@ use echosplat_model::glam::DVec3;
 use echosplat_model::{Pose, Switch};
 use echosplat_pose::PoseUrl;
 use echosplat_session::SessionConfig;
+use echosplat_web::WebConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Usage;
@@ -43,6 +44,7 @@ pub(crate) struct Config {
     pub(crate) pipeline: PipelineConfig,
     pub(crate) output: OutputConfig,
     pub(crate) bus: BusConfig,
+    pub(crate) web: WebConfig,
 }
 
 /// Where pings come from.
@@ -226,6 +228,8 @@ impl Config {
         self.pipeline.check()?;
         self.output.check()?;
         self.bus.check().map_err(bad_bus_setting)?;
+        let bad_web = |(key, message)| BadSetting::new(format!("web.{key}"), message);
+        self.web.check().map_err(bad_web)?;
         memory::check(self)
     }
 }

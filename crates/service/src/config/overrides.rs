@@ -55,6 +55,7 @@ impl Config {
         output.record = arguments.record.clone().or(output.record.take());
         output.record_format = arguments.record_format.unwrap_or(output.record_format);
         output.duration_s = arguments.duration.or(output.duration_s);
+        config.web.address = arguments.web.clone().or(config.web.address.take());
         config.override_bus(&arguments.bus);
         config.checked()
     }
@@ -72,6 +73,7 @@ impl Config {
         config.output.record = None;
         config.mapper.threads = default.mapper.threads;
         config.bus = default.bus;
+        config.web = default.web;
         Ok(config)
     }
 

@@ -32,6 +32,7 @@ use echosplat_driver::{DriverEvent, DriverStatus};
 use echosplat_mapper::Mapper;
 use echosplat_model::Snapshot;
 use echosplat_recording::mcap::Record;
+use echosplat_web::Feed as PageFeed;
 
 use crate::clock;
 use crate::config::Config;
@@ -106,6 +107,8 @@ pub(crate) struct Hooks {
     pub(crate) is_over: Option<IsOver>,
     /// Called with the final map once it is published, while others can still ask for it.
     pub(crate) on_final: Option<OnFinal>,
+    /// Shows what there is to show.
+    pub(crate) page: Option<PageFeed>,
 }
 
 pub(crate) type OnStatus = Box<dyn FnMut(&Status)>;
@@ -235,7 +238,7 @@ impl Run {
             observers.push(observer);
         }
         let outlet = Outlet::new(setup.bus.clone(), publisher.clone(), observers);
-        let outlet = outlet.predicting(prediction);
+        let outlet = outlet.predicting(prediction).shown_on(hooks.page.clone());
         let (sender, events) = bounded(config.pipeline.queue_pings);
         let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
         let mount = config.pose.vehicle_from_sensor.pose();
@@ -393,6 +396,9 @@ impl Run {
             on_status(&status);
         }
         let status = serde_json::to_value(&status)?;
+        if let Some(page) = &self.hooks.page {
+            page.status(status.clone());
+        }
         // A bus that fails is no reason to stop mapping.
         if let Some(bus) = &self.bus
             && let Err(error) = bus.publish_status(&status)
@@ -420,7 +426,7 @@ impl Run {
                 .as_ref()
                 .map(|publisher| publisher.counters()),
             pings_not_published: self.bus.as_ref().map_or(0, |bus| bus.pings_dropped()),
-            recording: self.recorder.as_ref().map(Recorder::counters),
+            recording: self.recorder.as_ref().and_then(Recorder::counters),
             recording_fault: self.recorder.as_ref().and_then(Recorder::fault),
             map_fault: self
                 .keeper
@@ -464,6 +470,9 @@ impl Run {
             Some(album) => album.finish(),
             None => Ok(()),
         };
+        if let Some(page) = &self.hooks.page {
+            page.map_is_final();
+        }
         let is_published = self.publish_final(ending.limited(FLUSH_LIMIT));
         self.tell(true)?;
         let status = self.status(true);

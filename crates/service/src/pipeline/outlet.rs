@@ -4,7 +4,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use echosplat_bus::{Bus, MapPublisher, Sent};
-use echosplat_model::{PosedPing, Snapshot};
+use echosplat_model::{Ping, PosedPing, Snapshot};
+use echosplat_web::Feed;
 
 use super::prediction::{Predicted, Prediction};
 use crate::clock;
@@ -80,6 +81,7 @@ pub(crate) struct Outlet {
     epoch: u64,
     made: Option<Sent>,
     prediction: Option<Prediction>,
+    page: Option<Feed>,
 }
 
 impl Outlet {
@@ -99,6 +101,7 @@ impl Outlet {
             epoch: 0,
             made: None,
             prediction: None,
+            page: None,
         }
     }
 
@@ -110,6 +113,9 @@ impl Outlet {
     /// Maps from now on are of another world than those before.
     pub(crate) fn begin_epoch(&mut self) {
         self.epoch += 1;
+        if let Some(page) = &self.page {
+            page.begin_epoch();
+        }
     }
 
     /// The same, asking the map for pings that are kept from it.
@@ -117,8 +123,16 @@ impl Outlet {
         Self { prediction, ..self }
     }
 
+    /// The same, showing all of it on a page too.
+    pub(crate) fn shown_on(self, page: Option<Feed>) -> Self {
+        Self { page, ..self }
+    }
+
     /// A ping with its pose, whether or not it goes into the map.
     pub(crate) fn posed(&self, posed: &PosedPing) {
+        if let Some(page) = &self.page {
+            page.posed(posed);
+        }
         if let Some(prediction) = &self.prediction {
             prediction.ping(posed);
         }
@@ -134,8 +148,11 @@ impl Outlet {
         self.prediction.take()?.finish(last, dive_s)
     }
 
-    /// Publishes a ping as it came.
-    pub(crate) fn ping(&self, frame: &[u8]) {
+    /// Publishes a ping as it came, and shows it.
+    pub(crate) fn ping(&self, ping: &Arc<Ping>, frame: &[u8]) {
+        if let Some(page) = &self.page {
+            page.ping(ping);
+        }
         if let Some(bus) = &self.bus {
             bus.publish_ping(frame, clock::now());
         }
@@ -160,6 +177,9 @@ impl Outlet {
         let snapshot = Arc::new(snapshot);
         if let Some(publisher) = &self.publisher {
             publisher.offer(Arc::clone(&snapshot));
+        }
+        if let Some(page) = &self.page {
+            page.map(&snapshot);
         }
         self.made = Some(Sent {
             sequence: snapshot.sequence,

@@ -157,7 +157,7 @@ impl Worker {
                 return self.shared.set_phase(Phase::InputEnded);
             }
         }
-        self.outlet.ping(frame);
+        self.outlet.ping(&ping, frame);
         while self.poses.holds_back() && self.poses.wait_for_pose(PATIENCE) {
             self.map_what_is_posed();
         }

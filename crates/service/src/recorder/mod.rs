@@ -10,17 +10,21 @@ mod storage;
 mod syncer;
 mod worker;
 
-use std::path::Path;
-use std::sync::Arc;
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 use std::time::Duration;
 
+use anyhow::anyhow;
 use clap::ValueEnum;
 use echosplat_driver::{RawTap, Tapped};
 use echosplat_model::Timestamp;
 use echosplat_recording::mcap::Record;
 use echosplat_recording::svlog::LogClock;
 use serde::{Deserialize, Serialize};
+use serde_json::Value;
 
+use crate::clock;
 use crate::exit::Usage;
 use crate::replayed::PING_SHED;
 use queue::Queue;
@@ -56,11 +60,24 @@ pub(crate) struct RecorderConfig {
     pub(crate) log_clock: LogClock,
 }
 
-/// Shared by all threads that have something to record.
+/// Shared by all threads that have something to record: a recording that goes on, or none until one
+/// is begun.
 #[derive(Clone)]
 pub(crate) struct Recorder {
-    queue: Arc<Queue>,
-    progress: Arc<Progress>,
+    running: Arc<RwLock<Option<Running>>>,
+    plan: Arc<Plan>,
+    /// As the driver told last; a recording begun in mid-dive begins with it.
+    is_link_up: Arc<AtomicBool>,
+}
+
+/// How recordings are begun.
+struct Plan {
+    directory: PathBuf,
+    config: RecorderConfig,
+    /// The configuration in force, first record of every file.
+    settings: String,
+    /// Said at the beginning of every recording.
+    begin: Option<Value>,
 }
 
 /// What was recorded.
@@ -81,23 +98,152 @@ pub(crate) struct RecorderCounters {
 }
 
 impl Recorder {
-    /// Starts a file in `directory`, with the configuration in force as its first record.
-    ///
-    /// # Errors
-    /// If the directory or the file cannot be made.
-    pub(crate) fn create(
+    /// Records nothing until [`Recorder::begin`]. `begin` is the event that every recording begins
+    /// with, after the configuration in force.
+    pub(crate) fn idle(
         directory: &Path,
         config: RecorderConfig,
         settings: String,
-    ) -> anyhow::Result<Self> {
+        begin: Option<Value>,
+    ) -> Self {
+        let plan = Plan {
+            directory: directory.to_owned(),
+            config,
+            settings,
+            begin,
+        };
+        Self {
+            running: Arc::default(),
+            plan: Arc::new(plan),
+            is_link_up: Arc::default(),
+        }
+    }
+
+    /// Begins a file in the directory.
+    ///
+    /// # Errors
+    /// If one goes on already, or the directory or the file cannot be made.
+    pub(crate) fn begin(&self) -> anyhow::Result<()> {
+        if self.is_running() {
+            return Err(anyhow!("a recording goes on already"));
+        }
+        // Nobody who records waits for the disk meanwhile.
+        let begun = self.plan.begin()?;
+        if let Some(event) = &self.plan.begin {
+            begun.record(clock::now(), Record::Event(event.clone()));
+        }
+        if self.is_link_up.load(Ordering::Relaxed) {
+            begun.record(clock::now(), Record::LinkUp);
+        }
+        let mut running = self.running.write().unwrap_or_else(PoisonError::into_inner);
+        let before = running.replace(begun);
+        drop(running);
+        before.iter().for_each(Running::finish);
+        Ok(())
+    }
+
+    fn read(&self) -> RwLockReadGuard<'_, Option<Running>> {
+        self.running.read().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Whether a recording goes on.
+    pub(crate) fn is_running(&self) -> bool {
+        self.read().is_some()
+    }
+
+    /// Where recordings are.
+    pub(crate) fn directory(&self) -> &Path {
+        &self.plan.directory
+    }
+
+    /// For the driver: records bytes as they come.
+    pub(crate) fn raw_tap(&self) -> RawTap {
+        let recorder = self.clone();
+        Box::new(
+            move |host_time: Timestamp, tapped: Tapped<'_>| match tapped {
+                Tapped::Bytes(bytes) => recorder.raw(host_time, bytes),
+                Tapped::LinkUp => recorder.link(host_time, true),
+                Tapped::LinkDown => recorder.link(host_time, false),
+                Tapped::HalfFrameExpired => recorder.record(host_time, Record::HalfFrameExpired),
+                Tapped::PingShed(sequence) => {
+                    let event = serde_json::json!({ "event": PING_SHED, "ping": sequence });
+                    recorder.record(host_time, Record::Event(event));
+                }
+            },
+        )
+    }
+
+    fn raw(&self, host_time: Timestamp, bytes: &[u8]) {
+        let running = self.read();
+        let Some(running) = &*running else { return };
+        for piece in bytes.chunks(MAX_RAW_BYTES) {
+            running.record(host_time, Record::Raw(piece.into()));
+        }
+    }
+
+    fn link(&self, host_time: Timestamp, is_up: bool) {
+        let record = match is_up {
+            true => Record::LinkUp,
+            false => Record::LinkDown,
+        };
+        self.record(host_time, record);
+        self.is_link_up.store(is_up, Ordering::Relaxed);
+    }
+
+    /// Records what came or happened at `host_time`. Never waits for the disk.
+    pub(crate) fn record(&self, host_time: Timestamp, record: Record) {
+        if let Some(running) = &*self.read() {
+            running.record(host_time, record);
+        }
+    }
+
+    /// What was recorded so far, if a recording goes on.
+    pub(crate) fn counters(&self) -> Option<RecorderCounters> {
+        self.read().as_ref().map(Running::counters)
+    }
+
+    /// While it fails: what fails and what to do.
+    pub(crate) fn fault(&self) -> Option<String> {
+        self.read().as_ref().and_then(Running::fault)
+    }
+
+    /// Writes what waits and the end of the file, within 3 s; nothing is recorded after it.
+    pub(crate) fn finish(&self) {
+        let running = self.read().clone();
+        running.iter().for_each(Running::finish);
+    }
+
+    /// The same, and another recording may be begun; says whether one went on.
+    pub(crate) fn end(&self) -> bool {
+        let mut running = self.running.write().unwrap_or_else(PoisonError::into_inner);
+        let ended = running.take();
+        // Nobody waits for the disk meanwhile.
+        drop(running);
+        ended.inspect(Running::finish).is_some()
+    }
+}
+
+impl Plan {
+    fn begin(&self) -> anyhow::Result<Running> {
+        let (directory, config) = (&self.directory, self.config);
+        let settings = self.settings.clone();
         let folder = Folder::new(directory, config.format, config.log_clock, &settings);
         if config.format == RecordFormat::Svlog {
             tracing::warn!("an .svlog keeps no poses: --record-format both keeps them beside it");
         }
-        Self::start(Box::new(folder), config.rotate_bytes, settings)
+        Running::start(Box::new(folder), config.rotate_bytes, settings)
             .map_err(|error| Usage::error(format!("--record {}: {error}", directory.display())))
     }
+}
 
+/// One recording.
+#[derive(Clone)]
+struct Running {
+    queue: Arc<Queue>,
+    progress: Arc<Progress>,
+}
+
+impl Running {
     fn start(
         storage: Box<dyn storage::Storage>,
         rotate_bytes: u64,
@@ -114,36 +260,11 @@ impl Recorder {
         Ok(Self { queue, progress })
     }
 
-    /// For the driver: records bytes as they come.
-    pub(crate) fn raw_tap(&self) -> RawTap {
-        let recorder = self.clone();
-        Box::new(
-            move |host_time: Timestamp, tapped: Tapped<'_>| match tapped {
-                Tapped::Bytes(bytes) => recorder.raw(host_time, bytes),
-                Tapped::LinkUp => recorder.record(host_time, Record::LinkUp),
-                Tapped::LinkDown => recorder.record(host_time, Record::LinkDown),
-                Tapped::HalfFrameExpired => recorder.record(host_time, Record::HalfFrameExpired),
-                Tapped::PingShed(sequence) => {
-                    let event = serde_json::json!({ "event": PING_SHED, "ping": sequence });
-                    recorder.record(host_time, Record::Event(event));
-                }
-            },
-        )
-    }
-
-    fn raw(&self, host_time: Timestamp, bytes: &[u8]) {
-        for piece in bytes.chunks(MAX_RAW_BYTES) {
-            self.record(host_time, Record::Raw(piece.into()));
-        }
-    }
-
-    /// Records what came or happened at `host_time`. Never waits for the disk.
-    pub(crate) fn record(&self, host_time: Timestamp, record: Record) {
+    fn record(&self, host_time: Timestamp, record: Record) {
         self.queue.push(host_time, record);
     }
 
-    /// What was recorded so far.
-    pub(crate) fn counters(&self) -> RecorderCounters {
+    fn counters(&self) -> RecorderCounters {
         let (queued_bytes, dropped) = self.queue.state();
         let mut counters = self.progress.counters();
         counters.queued_bytes = queued_bytes;
@@ -152,13 +273,11 @@ impl Recorder {
         counters
     }
 
-    /// While it fails: what fails and what to do.
-    pub(crate) fn fault(&self) -> Option<String> {
+    fn fault(&self) -> Option<String> {
         self.progress.fault()
     }
 
-    /// Writes what waits and the end of the file, within 3 s; nothing is recorded after it.
-    pub(crate) fn finish(&self) {
+    fn finish(&self) {
         self.queue.close();
         let ended = self.progress.wait_ended(FINISH_LIMIT);
         let counters = self.counters();

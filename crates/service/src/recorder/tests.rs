@@ -27,6 +27,11 @@ fn raw(index: i64) -> Record {
     Record::Raw(index.to_le_bytes().into())
 }
 
+fn begun(directory: &Path, config: RecorderConfig, settings: String) -> anyhow::Result<Recorder> {
+    let recorder = Recorder::idle(directory, config, settings, None);
+    recorder.begin().map(|()| recorder)
+}
+
 fn recorder_in(directory: &Path, rotate_bytes: u64) -> Recorder {
     let config = RecorderConfig {
         rotate_bytes,
@@ -34,7 +39,7 @@ fn recorder_in(directory: &Path, rotate_bytes: u64) -> Recorder {
         log_clock: LogClock::Host,
     };
     let settings = "[bus]\nframe_id = \"sea\"\n".to_owned();
-    Recorder::create(directory, config, settings).unwrap()
+    begun(directory, config, settings).unwrap()
 }
 
 fn files_in(directory: &Path) -> Vec<PathBuf> {
@@ -74,11 +79,15 @@ fn records_come_back_in_order_behind_the_settings() {
     let all = read(&files_in(folder.path()));
     assert!(matches!(&all[0].record, Record::Settings(toml) if toml.contains("sea")));
     assert_eq!(numbers(&all), (0..1000).collect::<Vec<_>>());
-    let counters = recorder.counters();
+    let counters = recorder.counters().unwrap();
     assert_eq!((counters.messages, counters.lost_messages), (1000, 0));
     assert_eq!((counters.queued_bytes, counters.failing), (0, false));
     recorder.record(time(0), raw(0));
-    assert_eq!(recorder.counters().lost_messages, 1, "after its end");
+    assert_eq!(
+        recorder.counters().unwrap().lost_messages,
+        1,
+        "after its end"
+    );
 }
 
 #[test]
@@ -90,7 +99,7 @@ fn large_files_are_followed_by_others_that_read_as_one() {
     recorder.finish();
     let files = files_in(folder.path());
     assert!(files.len() > 3, "{files:?}");
-    assert_eq!(recorder.counters().files, files.len() as u64);
+    assert_eq!(recorder.counters().unwrap().files, files.len() as u64);
     assert_eq!(numbers(&read(&files)), (0..4000).collect::<Vec<_>>());
     for file in &files {
         let all = read(std::slice::from_ref(file));
@@ -124,14 +133,14 @@ fn a_vanished_folder_is_made_again() {
     let directory = folder.path().join("recordings");
     let recorder = recorder_in(&directory, u64::MAX);
     recorder.record(time(0), raw(0));
-    wait_until("written", || recorder.counters().messages == 1);
+    wait_until("written", || recorder.counters().unwrap().messages == 1);
     fs::remove_dir_all(&directory).unwrap();
     wait_until("a new file", || !files_in(&directory).is_empty());
     wait_until("no fault", || recorder.fault().is_none());
     recorder.record(time(1), raw(1));
     recorder.finish();
     assert_eq!(numbers(&read(&files_in(&directory))), [1]);
-    assert_eq!(recorder.counters().files, 2);
+    assert_eq!(recorder.counters().unwrap().files, 2);
 }
 
 #[test]
@@ -144,9 +153,7 @@ fn a_folder_that_cannot_be_is_refused_at_once() {
         format: RecordFormat::Both,
         log_clock: LogClock::Host,
     };
-    let error = Recorder::create(&file, config, String::new())
-        .err()
-        .unwrap();
+    let error = begun(&file, config, String::new()).err().unwrap();
     assert!(error.to_string().starts_with("--record"), "{error}");
 }
 
@@ -173,7 +180,16 @@ impl Disk {
     }
 
     fn recorder(&self) -> Recorder {
-        Recorder::start(Box::new(self.clone()), u64::MAX, String::new()).unwrap()
+        let config = RecorderConfig {
+            rotate_bytes: u64::MAX,
+            format: RecordFormat::Mcap,
+            log_clock: LogClock::Host,
+        };
+        let recorder = Recorder::idle(Path::new(""), config, String::new(), None);
+        let storage = Box::new(self.clone());
+        let running = Running::start(storage, u64::MAX, String::new()).unwrap();
+        *recorder.running.write().unwrap() = Some(running);
+        recorder
     }
 
     fn numbers(&self) -> Vec<i64> {
@@ -243,7 +259,7 @@ fn a_disk_full_for_a_while_loses_nothing_and_is_told() {
     let disk = Disk::default();
     let recorder = disk.recorder();
     recorder.record(time(0), raw(0));
-    wait_until("written", || recorder.counters().messages == 1);
+    wait_until("written", || recorder.counters().unwrap().messages == 1);
     disk.set(Some(ErrorKind::StorageFull));
     (1..100).for_each(|index| recorder.record(time(index), raw(index)));
     wait_until("a fault", || recorder.fault().is_some());
@@ -252,13 +268,15 @@ fn a_disk_full_for_a_while_loses_nothing_and_is_told() {
         fault.starts_with("disk full") && fault.contains("disk/a.mcap"),
         "{fault}"
     );
-    assert!(recorder.counters().failing && recorder.counters().queued_bytes > 0);
+    assert!(recorder.counters().unwrap().failing && recorder.counters().unwrap().queued_bytes > 0);
     disk.set(None);
-    wait_until("all written", || recorder.counters().messages == 100);
+    wait_until("all written", || {
+        recorder.counters().unwrap().messages == 100
+    });
     wait_until("no fault", || recorder.fault().is_none());
     recorder.finish();
     assert_eq!(disk.numbers(), (0..100).collect::<Vec<_>>());
-    assert_eq!(recorder.counters().lost_messages, 0);
+    assert_eq!(recorder.counters().unwrap().lost_messages, 0);
 }
 
 #[test]
@@ -267,10 +285,12 @@ fn a_file_that_cannot_be_written_any_more_is_followed_by_another() {
     let recorder = disk.recorder();
     disk.set(Some(ErrorKind::FileTooLarge));
     (0..10).for_each(|index| recorder.record(time(index), raw(index)));
-    wait_until("all written", || recorder.counters().messages == 10);
+    wait_until("all written", || {
+        recorder.counters().unwrap().messages == 10
+    });
     recorder.finish();
     assert_eq!(disk.numbers(), (0..10).collect::<Vec<_>>());
-    assert_eq!(recorder.counters().files, 2);
+    assert_eq!(recorder.counters().unwrap().files, 2);
 }
 
 #[test]
@@ -283,13 +303,13 @@ fn what_finds_no_room_is_counted_and_the_end_is_bounded() {
     for index in 0..200 {
         recorder.record(time(index), Record::Raw(Arc::clone(&bytes)));
     }
-    let counters = recorder.counters();
+    let counters = recorder.counters().unwrap();
     assert!(counters.queued_bytes <= queue::MAX_QUEUED_BYTES as u64);
     assert!((70..=74).contains(&counters.lost_messages), "{counters:?}");
     recorder.finish();
     assert!(began.elapsed() < SOON);
-    assert_eq!(recorder.counters().lost_messages, 200);
-    assert_eq!(recorder.counters().queued_bytes, 0);
+    assert_eq!(recorder.counters().unwrap().lost_messages, 200);
+    assert_eq!(recorder.counters().unwrap().queued_bytes, 0);
 }
 
 /// Records until it is killed, if the test below says where; else there is nothing to do.
@@ -335,4 +355,33 @@ fn a_killed_process_leaves_all_it_had_written() {
         );
     }
     assert!(most > 100, "{most} records before a kill");
+}
+
+#[test]
+fn a_recording_begun_in_mid_dive_says_that_the_link_is_up() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = RecorderConfig {
+        rotate_bytes: u64::MAX,
+        format: RecordFormat::Mcap,
+        log_clock: LogClock::Host,
+    };
+    let recorder = Recorder::idle(folder.path(), config, String::new(), None);
+    let mut tap = recorder.raw_tap();
+    tap(time(0), Tapped::LinkUp);
+    tap(time(1), Tapped::Bytes(&7_i64.to_le_bytes()));
+    assert!(!recorder.end() && files_in(folder.path()).is_empty());
+    recorder.begin().unwrap();
+    assert!(recorder.begin().is_err(), "one goes on");
+    tap(time(2), Tapped::Bytes(&8_i64.to_le_bytes()));
+    assert!(recorder.end() && !recorder.is_running());
+    tap(time(3), Tapped::Bytes(&9_i64.to_le_bytes()));
+    recorder.begin().unwrap();
+    recorder.finish();
+
+    let files = files_in(folder.path());
+    assert_eq!(files.len(), 2, "{files:?}");
+    let first = read(&files[..1]);
+    assert_eq!(numbers(&first), [8]);
+    let is_up = |found: &Recorded| matches!(found.record, Record::LinkUp);
+    assert!(first.iter().any(is_up));
 }

@@ -29,11 +29,15 @@ use crate::pipeline::{
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
+use crate::web::Page;
 use crate::{clock, dives, inputs, logging, maps, truth};
 use report::Results;
 
 /// How long the subscriber may take to have the final map.
 const SUBSCRIBER_LIMIT: Duration = Duration::from_secs(20);
+
+/// Times real time where somebody looks on: a dive of four minutes in one.
+const WATCHED_RATE: f64 = 4.0;
 
 /// # Errors
 /// If something cannot be started or written, or the subscriber's map is not the service's.
@@ -42,10 +46,20 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
     let stop = Stop::on_signals()?;
     let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
     let (scene, dive) = (Arc::clone(sonar.scene()), Arc::clone(sonar.dive()));
-    let judge = Judge::start(move || truth::of_simulated(&scene, &dive), true)?;
+    let page = Page::start(&config)?;
+    let feed = page.as_ref().map(Page::feed);
+    let judge = Judge::start(
+        move || truth::of_simulated(&scene, &dive),
+        true,
+        feed.clone(),
+    )?;
     let buses = Buses::open(&config.bus)?;
     let received = Arc::new(Mutex::new(None));
-    let setup = set_up(&config, sonar, &buses, &judge, &received)?;
+    let mut setup = set_up(&config, sonar, &buses, &judge, &received)?;
+    setup.hooks.page = feed;
+    if let Some(page) = &page {
+        page.control(setup.recorder.as_ref());
+    }
     let outcome = pipeline::run(&config, setup, &stop);
     buses.close();
     let outcome = outcome?;
@@ -57,7 +71,11 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
         verdict: judge.finish(&outcome, dive.seed)?,
         summary: outcome.status.summary(),
     };
-    conclude(arguments, &outcome, &results, &received)
+    let finish = conclude(arguments, &outcome, &results, &received)?;
+    if let Some(page) = page {
+        page.stay(&stop);
+    }
+    Ok(finish)
 }
 
 fn configuration(arguments: &DemoArguments) -> anyhow::Result<Config> {
@@ -66,6 +84,7 @@ fn configuration(arguments: &DemoArguments) -> anyhow::Result<Config> {
     let mut config = Config::default();
     config.mapper.threads = arguments.threads.unwrap_or(config.mapper.threads);
     config.output.map = Some(map);
+    config.web.address.clone_from(&arguments.web);
     // Nothing that runs on the vehicle has this name.
     config.bus.node = "demo".to_owned();
     let pipeline = &mut config.pipeline;
@@ -89,7 +108,11 @@ fn set_up(
         bus: Arc::clone(&buses.sonar),
         clock: PoseClock::Device,
     };
-    let rig = Rig::start(sonar, &loopback(), 0.0, Some(poses_to))?;
+    let rate = match config.web.address {
+        Some(_) => WATCHED_RATE,
+        None => 0.0,
+    };
+    let rig = Rig::start(sonar, &loopback(), rate, Some(poses_to))?;
     logging::print(&format!(
         "A simulated OmniScan 450 at {}, {length_s:.0} s of a dive at the {scene}; the map is \
          published on {}.",
@@ -97,6 +120,7 @@ fn set_up(
         buses.service.keys().deltas()
     ));
     let driver = rig.driver(config)?;
+    let recorder = inputs::recorder(config, &driver.session, false)?;
     Ok(Setup {
         expectations: Expectations {
             sonar: rig.url().to_owned(),
@@ -104,10 +128,10 @@ fn set_up(
             ping_interval_s: 0.0,
         },
         inputs: vec![Input::link(driver)],
-        poses: Poses::new(&config.pose, poses, Patience::HoldBack, None)?,
+        poses: Poses::new(&config.pose, poses, Patience::HoldBack, recorder.clone())?,
         gate: Gate::default(),
         bus: Some(Arc::clone(&buses.service)),
-        recorder: None,
+        recorder,
         shed: HashSet::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
@@ -116,6 +140,7 @@ fn set_up(
             on_status: Some(progress(length_s, judge.newest())),
             is_over: Some(rig.end_of_dive()),
             on_final: Some(receiving(subscriber, received)),
+            page: None,
         },
     })
 }

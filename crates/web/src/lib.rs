@@ -1,0 +1,44 @@
+//! The live page: map, pings, poses and status of a running service in a browser, and the few things
+//! that can be done from there.
+//!
+//! | address | what |
+//! |---|---|
+//! | `GET /` and its files | the page: plain ES modules and WebGL2, embedded in the binary |
+//! | `GET /live` | WebSocket: see [`wire`] |
+//! | `GET /map.ply`, `/map.ambiguous.ply` | the map as it stands |
+//! | `GET /logs`, `/logs/NAME` | recordings as a JSON list, and one of them |
+//! | `POST /recording/start`, `/recording/stop` | the only requests that change anything |
+//! | `GET /metrics` | every number of the status, for Prometheus |
+//! | `GET /healthz` | 200 while the service reports, else 503 |
+//! | `GET /register_service` | what `BlueOS` asks an extension |
+//!
+//! The service hands maps, pings and status to a [`Feed`]; nothing there waits for a browser or
+//! encodes anything. Without a browser a ping costs one atomic load. Deltas are made by
+//! [`echosplat_bus::MapEncoder`], once for all browsers; one that does not keep up misses messages
+//! and is then sent what changed since.
+//!
+//! Deliberately absent: TLS, users, compression, any file of another host, settings that could be
+//! changed from the page, and any control of the sonar.
+
+mod access;
+mod address;
+mod assets;
+mod config;
+mod control;
+mod download;
+mod feed;
+mod hub;
+mod metrics;
+mod pings;
+mod routes;
+mod server;
+mod socket;
+mod track;
+pub mod wire;
+mod workers;
+
+pub use address::{AddressError, WebAddress};
+pub use config::WebConfig;
+pub use control::{Control, LogFile, MapPart};
+pub use feed::Feed;
+pub use server::{About, WebError, WebServer};
