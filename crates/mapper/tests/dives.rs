@@ -51,20 +51,26 @@ fn map_looking_every(look: usize, pings: &[PosedPing], config: MapperConfig) -> 
     mapper.finish()
 }
 
+/// How many places are asserted, and how far they are from the scene on average, metres; infinitely if there are none.
+fn asserted(scene: &Scene, snapshot: &Snapshot) -> (usize, f64) {
+    let confident = snapshot.gaussians.iter();
+    let confident = confident.filter(|gaussian| gaussian.standing == Standing::Confident);
+    let off = confident.map(|g| scene.distance(g.mean_m.as_dvec3() + snapshot.origin_m));
+    let off: Vec<f64> = off.collect();
+    match off.is_empty() {
+        true => (0, f64::INFINITY),
+        false => (off.len(), off.iter().sum::<f64>() / off.len() as f64),
+    }
+}
+
 #[test]
 fn a_fence_is_found_with_the_same_bits_at_any_number_of_threads_and_looks() {
     let (scene, pings) = dive("fence", DiveKind::Survey, 50.0);
     let one = map(&pings, config(1));
     let two = map_looking_every(300, &pings, config(2));
     assert!(one.gaussians == two.gaussians, "not the same bits");
-    let asserted: Vec<f64> = one
-        .gaussians
-        .iter()
-        .filter(|gaussian| gaussian.standing == Standing::Confident)
-        .map(|gaussian| scene.distance(gaussian.mean_m.as_dvec3() + one.origin_m))
-        .collect();
-    let mean_m = asserted.iter().sum::<f64>() / asserted.len() as f64;
-    assert!(asserted.len() > 100, "{} asserted", asserted.len());
+    let (count, mean_m) = asserted(&scene, &one);
+    assert!(count > 100, "{count} asserted");
     assert!(mean_m < 0.08, "{mean_m} m off on average");
 }
 
@@ -96,21 +102,44 @@ fn poses_of_another_moment_do_not_make_this_map() {
             ..pose.clone()
         })
         .collect();
-    let accuracy_m = |snapshot: &Snapshot| {
-        let off = snapshot
-            .gaussians
-            .iter()
-            .filter(|gaussian| gaussian.standing == Standing::Confident)
-            .map(|gaussian| scene.distance(gaussian.mean_m.as_dvec3() + snapshot.origin_m));
-        let off: Vec<f64> = off.collect();
-        match off.is_empty() {
-            true => f64::INFINITY,
-            false => off.iter().sum::<f64>() / off.len() as f64,
-        }
-    };
-    let right_m = accuracy_m(&map(&pings, config(0)));
-    let wrong_m = accuracy_m(&map(&late, config(0)));
+    let (_, right_m) = asserted(&scene, &map(&pings, config(0)));
+    let (_, wrong_m) = asserted(&scene, &map(&late, config(0)));
     assert!(wrong_m > 3.0 * right_m, "{right_m} m against {wrong_m} m");
+}
+
+/// The ping as a receiver gives it that amplifies by a power of range and walks through three gains.
+fn amplified(ping: &Ping, exponent: f32) -> Ping {
+    let index = ping.sequence() / 100 % 3;
+    let mut settings = *ping.settings();
+    settings.gain_index = index as i16;
+    let (gain, of) = ([1.0, 4.0, 12.0][index as usize], settings);
+    let range_m = |bin: usize| of.bin_center_m(bin) as f32;
+    let scaled = ping.scaled(|bin| gain * range_m(bin).powf(exponent));
+    let intensity = scaled.intensity().to_vec();
+    Ping::new(ping.sequence(), ping.transmit_time(), settings, intensity).unwrap()
+}
+
+#[test]
+fn amplification_over_range_and_a_walking_gain_do_not_change_what_is_found() {
+    let (scene, pings) = dive("fence", DiveKind::Survey, 50.0);
+    let (count, error_m) = asserted(&scene, &map(&pings, config(0)));
+    for exponent in [0.0, 2.0, 4.0] {
+        let told = pings.iter().map(|posed| PosedPing {
+            ping: Arc::new(amplified(&posed.ping, exponent)),
+            ..posed.clone()
+        });
+        let told: Vec<PosedPing> = told.collect();
+        let (told_count, told_m) = asserted(&scene, &map(&told, config(0)));
+        let ratio = told_count as f64 / count as f64;
+        assert!(
+            (0.9..1.1).contains(&ratio),
+            "{told_count} for {count}, r^{exponent}"
+        );
+        assert!(
+            told_m < 1.1 * error_m,
+            "{told_m} m for {error_m} m, r^{exponent}"
+        );
+    }
 }
 
 #[test]
