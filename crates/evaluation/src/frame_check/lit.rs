@@ -13,6 +13,9 @@ const REACH_SHARE: f64 = 0.95;
 const REACH_MARGIN: f64 = 1.1;
 /// The lower quartile of exponential noise over its mean: −ln(3/4).
 const QUARTILE_OVER_MEAN: f32 = 0.287_682;
+/// A bin this many times above the mean noise is an echo: noise is so loud once in 160,000 bins. Stricter than the
+/// mapper, since a whole cell is lit by one bin.
+const ECHO_OVER_NOISE: f32 = 12.0;
 /// Of the pings' strongest echoes the one that the dynamic range counts from: a glitch is no echo.
 const STRONG_SHARE: f64 = 0.9;
 
@@ -81,7 +84,7 @@ fn threshold(ping: &Ping, floor: f32, config: &MapperConfig) -> f32 {
     match quantile(&mut powers, 0.25) {
         Some(quartile) => {
             let noise = quartile as f32 / QUARTILE_OVER_MEAN;
-            (config.detection_factor * noise).max(floor)
+            (ECHO_OVER_NOISE * noise).max(floor)
         }
         None => f32::INFINITY,
     }
