@@ -32,7 +32,7 @@ const FAN_SHARE: f32 = 1.0;
 /// glints shows but once must not be lost to one bad pose.
 const POSE_DOUBT: f32 = 6.0;
 /// What a side that saw a place dark counts at most against what others saw.
-const AGAINST_EIGHTH: f32 = -0.5;
+const AGAINST_EIGHTH: f32 = -0.25;
 const AGAINST_QUARTER: f32 = -2.0;
 /// Each side of [`side_of`] by itself: what lies flat is seen from above or below alone.
 const EIGHTHS: [[usize; 1]; SIDES] = {
