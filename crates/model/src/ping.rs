@@ -174,17 +174,19 @@ impl Ping {
         self
     }
 
-    /// The same ping with the power of each bin times a factor of it; what is no power then is none.
+    /// The power nearest to `value` that a bin can hold; 0 of what is no number.
+    #[must_use]
+    pub fn nearest_power(value: f32) -> f32 {
+        value.max(0.0).min(f32::MAX.next_down())
+    }
+
+    /// The same ping with the power of each bin times a factor of it, or the [nearest](Self::nearest_power).
     #[must_use]
     pub fn scaled(&self, factor: impl Fn(usize) -> f32) -> Self {
         let bins = self.intensity.iter().enumerate();
-        let scaled = bins.map(|(bin, power)| power * factor(bin));
-        let kept = scaled.map(|power| match (0.0..f32::MAX).contains(&power) {
-            true => power,
-            false => 0.0,
-        });
+        let scaled = bins.map(|(bin, power)| Self::nearest_power(power * factor(bin)));
         Self {
-            intensity: kept.collect(),
+            intensity: scaled.collect(),
             ..*self
         }
     }
@@ -318,6 +320,22 @@ mod tests {
     fn one_per_cent_of_sound_speed_is_ten_centimetres_at_ten_metres() {
         let s = settings().with_speed_of_sound(1515.0);
         assert!((s.range_end_m() - 11.11).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_factor_leaves_powers_whatever_it_is() {
+        let ping = Ping::new(0, Timestamp::ZERO, settings(), vec![2.0; 500]).unwrap();
+        for (factor, power) in [
+            (3.0, 6.0),
+            (f32::INFINITY, f32::MAX.next_down()),
+            (f32::NAN, 0.0),
+            (-1.0, 0.0),
+        ] {
+            let scaled = ping.scaled(|bin| if bin == 7 { factor } else { 1.0 });
+            assert_eq!([scaled.intensity()[7], scaled.intensity()[8]], [power, 2.0]);
+            let again = Ping::new(0, Timestamp::ZERO, settings(), scaled.intensity().to_vec());
+            assert!(again.is_ok(), "factor {factor}");
+        }
     }
 
     #[test]

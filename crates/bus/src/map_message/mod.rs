@@ -10,7 +10,7 @@
 //! | `through_ping` | sequence of the newest ping whose evidence is in it |
 //! | `time_ns` | transmit time of that ping |
 //! | `origin_m` | three numbers; add to x, y, z for world coordinates |
-//! | `intensity_unit` | intensity per steradian, in the pings' own unit, that αρ = 1 sends back |
+//! | `intensity_unit` | intensity per steradian, at the gain of the map's first ping, that αρ = 1 sends back |
 //! | `final` | `true` on the publisher's last state: with this sequence the map is whole |
 //! | `part`, `parts` | snapshot only: this message is number `part` of `parts` of the whole answer |
 //! | `since` | snapshot only: only tiles changed after this sequence are in the answer; if left out, tiles not in it are empty |

@@ -1,8 +1,8 @@
 //! A ping on its way in: whether it can be used, what it measured, and what that is evidence of.
 
 use echosplat_acoustics::{Look, SymmetricMat3};
-use echosplat_model::PosedPing;
 use echosplat_model::glam::{DVec3, Vec3};
+use echosplat_model::{Ping, PosedPing};
 
 use super::status::InsertReport;
 use super::{Mapper, NEWBORN_STRENGTH};
@@ -170,13 +170,15 @@ impl Mapper {
     /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less.
     fn refer_anew(&mut self, change: f32) {
         (self.levels, self.unit_strength) = (Levels::default(), 0.0);
+        self.workout = None;
         self.seabed = Seabed::new(&self.config.beam);
         let (ground, config) = (Backdrop::default(), &self.config);
         for past in self.history.pings_mut() {
             let range_m =
                 |bin: usize| past.look.range_start_m + (bin as f32 + 0.5) * past.look.bin_length_m;
             let bins = past.profile.intensity.iter().enumerate();
-            let referred = bins.map(|(bin, power)| power * range_m(bin).powf(-change));
+            let factor = |bin: usize| range_m(bin).powf(-change);
+            let referred = bins.map(|(bin, power)| Ping::nearest_power(power * factor(bin)));
             let intensity: Vec<f32> = referred.collect();
             self.levels
                 .renew(&mut past.profile, &intensity, &ground, config);
@@ -192,7 +194,10 @@ impl Mapper {
             let blank = blank_bins(ping, self.config.blanking_m);
             self.receiver.learn(ping, blank);
         }
-        if let Some(change) = self.receiver.settle() {
+        // Strengths kept of pings that were let go stay as those pings said.
+        if self.history.forgotten() == 0
+            && let Some(change) = self.receiver.settle()
+        {
             self.refer_anew(change);
         }
         for PosedPing { ping, .. } in &mut slice {
