@@ -196,10 +196,8 @@ impl Levels {
         !is_wild
     }
 
-    /// Mean noise power of exponentially distributed noise from the lower quartile of the bins:
-    /// `q₁/₄ = −ln(3/4)·mean`. A ping full of echoes is held to what pings before it showed.
+    /// Mean power of the noise. A ping full of echoes is held to what pings before it showed.
     fn learn_noise(&mut self, open: &[f32], ground: &[f32]) -> f32 {
-        const QUARTILE_OVER_MEAN: f32 = 0.287_682;
         let mut sorted = open.to_vec();
         if let Some(before) = self.noise.filter(|_| !ground.is_empty()) {
             let bins = open.iter().zip(ground);
@@ -212,9 +210,7 @@ impl Levels {
         if sorted.is_empty() {
             return self.noise.unwrap_or(0.0);
         }
-        let quarter = sorted.len() / 4;
-        let (_, &mut quartile, _) = sorted.select_nth_unstable_by(quarter, f32::total_cmp);
-        let here = quartile / QUARTILE_OVER_MEAN;
+        let here = mean_of_noise(&mut sorted);
         let before = self.noise.unwrap_or(here);
         // The floor sinks fast and rises slowly: gain steps are a few decibels, echoes many.
         let now = if here < before {
@@ -225,6 +221,17 @@ impl Levels {
         self.noise = Some(now.max(f32::MIN_POSITIVE));
         here.min(4.0 * now).max(f32::MIN_POSITIVE)
     }
+}
+
+/// Mean power of exponentially distributed noise from the lower quartile of bins that are mostly noise:
+/// `q₁/₄ = −ln(3/4)·mean`. Sorts them; 0 of none.
+pub(crate) fn mean_of_noise(powers: &mut [f32]) -> f32 {
+    const QUARTILE_OVER_MEAN: f32 = 0.287_682;
+    let quarter = powers.len() / 4;
+    if powers.is_empty() {
+        return 0.0;
+    }
+    *powers.select_nth_unstable_by(quarter, f32::total_cmp).1 / QUARTILE_OVER_MEAN
 }
 
 /// Rises at once and falls slowly, so that one glint does not hide what follows.

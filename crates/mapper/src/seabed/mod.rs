@@ -7,7 +7,7 @@
 //!
 //! Used only where pings show ground. Deliberately absent: overhangs, and ground that is not below.
 //!
-//! Cost: for every fourth ping an onset (1 ms), where none shows for every 32nd; for every ping 96 rays over the field, 20 µs.
+//! Cost: for every fourth ping an onset (1 ms), where none shows for every 128th; for every ping 96 rays over the field, 20 µs.
 
 mod fan_plane;
 mod field;
@@ -20,7 +20,7 @@ use echosplat_model::{Gaussian, GaussianId, Standing};
 use crate::detect::profile::{Backdrop, Profile};
 use fan_plane::{FanEnergy, FanPlane};
 use field::{Field, NODE_M};
-use onset::Runs;
+use onset::{FALLS, Onset, Runs, falling};
 
 /// Every so many-th ping is asked for the ground; those between show the same of it.
 const STRIDE: u32 = 4;
@@ -29,7 +29,8 @@ const IDLE_STRIDE: u32 = 128;
 const IDLE_AFTER: u32 = 64;
 /// After so many in vain, brightness may be anything again.
 const DOUBTED_AFTER: u32 = 8;
-/// The ground is there once so many pings showed it, and this share of those that could.
+/// The ground is there once so many pings showed it, and this share of those that could. They also tell by what
+/// power of range its brightness falls.
 const LEAST_SHOWN: u32 = 24;
 const LEAST_SHARE: f32 = 0.3;
 /// Measurements further than this from what is known are of something else.
@@ -68,7 +69,18 @@ pub(crate) struct Seabed {
     /// Pings that could show ground, and those that did.
     able: u32,
     shown: u32,
-    /// Power per radian of elevation, of late.
+    /// By each power of range of [`FALLS`].
+    falls: [Fall; FALLS.len()],
+    /// Log of the range of onsets, summed up.
+    log_range_sum: f32,
+}
+
+/// What onsets say if brightness falls by one power of range.
+#[derive(Debug, Clone, Copy, Default)]
+struct Fall {
+    /// Gain in log likelihood over no ground, summed up over the onsets that tell it.
+    gain: f32,
+    /// Power per radian of elevation at 1 m, of late.
     brightness: Option<f32>,
 }
 
@@ -83,7 +95,8 @@ impl Seabed {
             in_vain: 0,
             able: 0,
             shown: 0,
-            brightness: None,
+            falls: Default::default(),
+            log_range_sum: 0.0,
         }
     }
 
@@ -92,9 +105,19 @@ impl Seabed {
         self.shown >= LEAST_SHOWN && self.shown as f32 > LEAST_SHARE * self.able as f32
     }
 
-    /// Power per radian of elevation, of late; 0 as long as none is known.
+    /// Power per radian of elevation at 1 m, of late; 0 as long as none is known.
     pub(crate) fn brightness(&self) -> f32 {
-        self.brightness.unwrap_or(0.0)
+        match self.shown < LEAST_SHOWN {
+            true => 0.0,
+            false => self.falls[self.likeliest()].brightness.unwrap_or(0.0),
+        }
+    }
+
+    /// Index of the power of range that brightness falls by.
+    fn likeliest(&self) -> usize {
+        let gains = self.falls.iter().map(|fall| fall.gain).enumerate();
+        let best = gains.reduce(|best, other| if other.1 > best.1 { other } else { best });
+        best.map_or(0, |(index, _)| index)
     }
 
     /// Learns from a ping.
@@ -117,24 +140,49 @@ impl Seabed {
         }
         self.able = self.able.saturating_add(1);
         self.in_vain = self.in_vain.saturating_add(1);
-        // One wrong guess must not be held against everything that does not fit it.
-        let known = self.brightness.filter(|_| self.in_vain <= DOUBTED_AFTER);
-        let Some(onset) = self.runs.onset(&plane, &self.fan, known) else {
+        let Some(onset) = self.onset(&plane) else {
             return;
         };
         self.in_vain = 0;
-        let off_m = onset.point_m.z - self.field.height_m(onset.point_m.truncate());
-        if !self.is_there() || off_m.abs() < OUTLIER_M {
-            // The gain may walk in mid-dive.
-            let before = known.unwrap_or(onset.brightness);
-            let now = before * (onset.brightness / before).powf(BRIGHTNESS_RATE);
-            self.brightness = Some(now);
-        }
         self.shown = self.shown.saturating_add(1);
+        self.log_range_sum += (onset.point_m - plane.position_m).length().ln();
         self.field.add(onset.point_m);
         if self.shown.is_multiple_of(ONSETS_PER_SMOOTHING) {
             self.field.smooth();
         }
+    }
+
+    /// The ground in the ping at hand, by the likeliest power of range; learns its brightness, and the power as long as
+    /// it is open.
+    fn onset(&mut self, plane: &FanPlane) -> Option<Onset> {
+        let is_open = self.shown < LEAST_SHOWN;
+        let settled = self.likeliest();
+        let mut onsets = [None; FALLS.len()];
+        for (index, &power) in FALLS.iter().enumerate() {
+            if !is_open && index != settled {
+                continue;
+            }
+            // One wrong guess must not be held against everything that does not fit it.
+            let is_trusted = self.in_vain <= DOUBTED_AFTER;
+            let known = self.falls[index].brightness.filter(|_| is_trusted);
+            let Some(onset) = self.runs.onset(plane, &self.fan, power, known) else {
+                continue;
+            };
+            let off_m = onset.point_m.z - self.field.height_m(onset.point_m.truncate());
+            let is_there = self.is_there();
+            let fall = &mut self.falls[index];
+            if !is_there || off_m.abs() < OUTLIER_M {
+                // The gain may walk in mid-dive.
+                let before = known.unwrap_or(onset.brightness);
+                let now = before * (onset.brightness / before).powf(BRIGHTNESS_RATE);
+                fall.brightness = Some(now);
+            }
+            if is_open {
+                fall.gain += onset.gain;
+            }
+            onsets[index] = Some(onset);
+        }
+        onsets[self.likeliest()]
     }
 
     /// Power of the ground per bin of a look, by the brightness of its time, 0 for that of now.
@@ -147,12 +195,15 @@ impl Seabed {
         } else {
             self.brightness()
         };
+        let fall = FALLS[self.likeliest()];
         let count = look.bin_count as usize;
         let mut expected = vec![0.0; count];
         let met = self.rays(look);
         for pair in met.windows(2) {
             let [near, far] = [pair[0], pair[1]];
-            let power = brightness * (far.energy_below_rad - near.energy_below_rad);
+            let middle_m = 0.5 * (near.range_m + far.range_m);
+            let energy_rad = far.energy_below_rad - near.energy_below_rad;
+            let power = brightness * falling(middle_m, fall) * energy_rad;
             let bin = |range_m: f32| {
                 let bin = (range_m - look.range_start_m) / look.bin_length_m;
                 bin.clamp(0.0, count as f32)
@@ -211,7 +262,9 @@ impl Seabed {
         }
         // Of what a radian of elevation holds, the beam across takes in this much solid angle.
         let solid_angle = std::f32::consts::TAU.sqrt() * self.beam_sigma_rad;
-        let product = (self.brightness() / solid_angle / unit).clamp(1e-12, 1.0);
+        let range_m = (self.log_range_sum / self.shown as f32).exp();
+        let here = self.brightness() * falling(range_m, FALLS[self.likeliest()]);
+        let product = (here / solid_angle / unit).clamp(1e-12, 1.0);
         let scale_m = 0.2 * NODE_M;
         let asserted = self.field.measured().filter(|g| g.spread_m < MOST_SPREAD_M);
         let mut published: Vec<Gaussian> = asserted

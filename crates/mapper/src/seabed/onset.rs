@@ -2,19 +2,25 @@
 //! of the fan meets it.
 //!
 //! Flat ground `h` below the sensor lights every bin from `r₀ = h / sin(edge)` on, ever more faintly,
-//! until something shades it. For each `r₀` the gain in log likelihood over no ground at all is
+//! until something shades it: by the fan's sensitivity over the elevations in a bin, times a power of
+//! range for spreading and grazing. For each `r₀` the gain in log likelihood over no ground at all is
 //! summed up to the best end; bins that hold something else count as little for one depth as for
 //! another.
 //!
-//! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 1 ms.
+//! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 1 ms; four times that for a
+//! dive's first onsets, which tell the power of range.
 
 use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
+
+use crate::detect::profile::mean_of_noise;
 
 use super::fan_plane::{FanEnergy, FanPlane};
 
 /// A profile is looked at in about so many runs of bins.
 const RUNS: usize = 150;
+/// The nearest so many-th part of a ping tells its noise, if it is quieter than all.
+const NOISE_PART: usize = 3;
 /// Looks that a run averages, as the likelihood has it: few, since neighbouring bins share them.
 const LOOKS: f32 = 4.0;
 /// `L ln L − ln Γ(L)`: the density of log power is `exp` of this plus `L (x − eˣ)`.
@@ -31,20 +37,29 @@ const LEAST_GAIN: f32 = 40.0;
 /// Metres down per metre of range at the fan's lower edge, below which depth cannot be told.
 const LEAST_DESCENT: f32 = 0.15;
 const LEAST_RUNS: usize = 8;
+/// Nearer than this is no far field.
+const LEAST_RANGE_M: f32 = 0.1;
 /// Depths that one thread takes at least.
 const LEAST_ONSETS: usize = 16;
-/// Brightnesses tried, as ratios to the one of late.
-const RATIOS: [f32; 5] = [0.5, 0.71, 1.0, 1.41, 2.0];
-/// As long as none is known: steps of 1.6 from the noise on.
-const STEPS: [f32; 15] = powers(1.6);
+/// Brightnesses tried: so many in steps of this about the one of late.
+const KNOWN_STEP: f32 = std::f32::consts::SQRT_2;
+const KNOWN_STEPS: usize = 5;
+/// As long as none is known: steps of this from the noise on to the loudest run.
+const STEP: f32 = 1.6;
+const MOST_STEPS: usize = 48;
+/// Powers of range that the ground's brightness may fall by: 0 is a receiver that made up for all of it, 2 is
+/// spreading of what spreads by solid angle, 3 that at grazing incidence, 4 a rough seabed's by Lambert's law.
+pub(crate) const FALLS: [f32; 4] = [0.0, 2.0, 3.0, 4.0];
 
 /// What a ping says of the ground.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Onset {
     /// Where the lower edge of the fan meets it.
     pub(crate) point_m: Vec3,
-    /// Power per radian of elevation.
+    /// Power per radian of elevation at 1 m.
     pub(crate) brightness: f32,
+    /// Gain in log likelihood over no ground.
+    pub(crate) gain: f32,
 }
 
 /// Runs of bins of one ping. Reused from ping to ping.
@@ -95,12 +110,19 @@ impl Runs {
         self.log_power.clear();
         self.empty.clear();
         let open = intensity.get(from..).unwrap_or_default();
+        // Ground that fills most of a ping leaves its nearest part to the noise.
+        let nearest = &open[..open.len() / NOISE_PART];
+        if !nearest.is_empty() {
+            self.noise = mean_of_noise(&mut nearest.to_vec())
+                .min(noise)
+                .max(f32::MIN_POSITIVE);
+        }
         self.edges_m.push(near_m);
         for (run, bins) in open.chunks_exact(per_run).enumerate() {
             let mean = bins.iter().sum::<f32>() / per_run as f32;
             let log_power = mean.max(f32::MIN_POSITIVE).ln();
             self.log_power.push(log_power);
-            self.empty.push(log_likelihood(log_power, noise.ln()));
+            self.empty.push(log_likelihood(log_power, self.noise.ln()));
             let end = (run + 1) * per_run;
             self.edges_m.push(near_m + end as f32 * bin_length_m);
         }
@@ -112,11 +134,13 @@ impl Runs {
         descent > LEAST_DESCENT && self.log_power.len() >= LEAST_RUNS
     }
 
-    /// The ground in this ping, if it shows. `brightness` is what it was of late, if it is known.
+    /// The ground in this ping, if it shows, its brightness falling by the power `fall` of range. `brightness` is what
+    /// it was of late, if it is known.
     pub(crate) fn onset(
         &self,
         plane: &FanPlane,
         fan: &FanEnergy,
+        fall: f32,
         brightness: Option<f32>,
     ) -> Option<Onset> {
         let edge_rad = -fan.half_width_rad();
@@ -125,18 +149,27 @@ impl Runs {
         let onsets = self
             .edges_m
             .partition_point(|&edge_m| edge_m * LEAST_EXTENT < *end_m);
+        let middles = self
+            .edges_m
+            .windows(2)
+            .map(|edges| 0.5 * (edges[0] + edges[1]));
+        let factors: Vec<f32> = middles.map(|range_m| falling(range_m, fall)).collect();
         let at = |energy: &mut Vec<f32>, onset: usize| {
             self.spread_ground(plane, fan, self.edges_m[onset] * descent, energy);
+            for (energy, factor) in energy.iter_mut().zip(&factors) {
+                *energy *= factor;
+            }
             self.explain(onset, energy, brightness)
         };
-        let tried: Vec<Explanation> = (1..onsets)
+        let tried: Vec<Explanation> = (1..self.log_power.len())
             .into_par_iter()
             .with_min_len(LEAST_ONSETS)
             .map_init(Vec::new, at)
             .collect();
         let best = tried.into_iter().reduce(Explanation::or);
         let best = best?;
-        // An onset at the last depth tried may lie beyond it.
+        // What begins so near the end cannot be told from a wall; with depths beyond it left out, shallower ones would
+        // take its place.
         if !(best.gain > LEAST_GAIN) || best.onset + 1 >= onsets {
             return None;
         }
@@ -144,32 +177,51 @@ impl Runs {
         Some(Onset {
             point_m: plane.position_m + plane.direction(edge_rad) * range_m,
             brightness: best.brightness,
+            gain: best.gain,
         })
     }
 
     /// The best brightness of ground of some energy per run.
     fn explain(&self, onset: usize, energy: &[f32], brightness: Option<f32>) -> Explanation {
         let enough_m = LEAST_EXTENT * self.edges_m[onset];
-        let enough = self.edges_m.partition_point(|&edge_m| edge_m < enough_m);
-        let attempt = |brightness: f32| Explanation {
-            gain: self.gain(energy, brightness, enough),
-            onset,
-            brightness,
-        };
-        let none = Explanation {
-            gain: f32::MIN,
-            onset,
-            brightness: 0.0,
-        };
-        let (ratios, unit, peak): (&[f32], _, _) = match brightness {
-            Some(known) => (&RATIOS, known, 1.0),
+        let lit = self.edges_m.partition_point(|&edge_m| edge_m < enough_m);
+        let enough = lit.min(self.log_power.len() - 1);
+        let (first, step, count) = match brightness {
+            Some(known) => (
+                known * KNOWN_STEP.powf(-0.5 * (KNOWN_STEPS - 1) as f32),
+                KNOWN_STEP,
+                KNOWN_STEPS,
+            ),
             None => {
-                let peak = energy.iter().copied().fold(0.0, f32::max);
-                (&STEPS, self.noise, peak)
+                let peak = energy.iter().copied().fold(f32::MIN_POSITIVE, f32::max);
+                let loudest = self.log_power.iter().copied().fold(f32::MIN, f32::max);
+                let steps = ((loudest - self.noise.ln()) / STEP.ln()).ceil() as usize;
+                (STEP * self.noise / peak, STEP, steps.min(MOST_STEPS))
             }
         };
-        let tried = ratios.iter().map(|ratio| attempt(unit * ratio / peak));
-        tried.fold(none, Explanation::or)
+        let brightness = |index: usize| first * step.powf(index as f32);
+        let gains: Vec<f32> = (0..count)
+            .map(|index| self.gain(energy, brightness(index), enough))
+            .collect();
+        let best = (0..count).reduce(|best, other| {
+            if gains[other] > gains[best] {
+                other
+            } else {
+                best
+            }
+        });
+        match best {
+            Some(best) => Explanation {
+                gain: gains[best],
+                onset,
+                brightness: brightness(best) * step.powf(vertex(&gains, best)),
+            },
+            None => Explanation {
+                gain: f32::MIN,
+                onset,
+                brightness: 0.0,
+            },
+        }
     }
 
     /// Energy per bin of each run of flat ground `depth_m` below the sensor, for a brightness of 1.
@@ -206,15 +258,27 @@ impl Runs {
     }
 }
 
-/// `ratio` to the power of 1 to 15. The last digit of `powi` would be the compiler's choice.
-const fn powers(ratio: f32) -> [f32; 15] {
-    let mut powers = [ratio; 15];
-    let mut step = 1;
-    while step < powers.len() {
-        powers[step] = powers[step - 1] * ratio;
-        step += 1;
+/// What is left at a range of a brightness told at 1 m.
+pub(crate) fn falling(range_m: f32, fall: f32) -> f32 {
+    match fall > 0.0 {
+        true => range_m.max(LEAST_RANGE_M).powf(-fall),
+        false => 1.0,
     }
-    powers
+}
+
+/// Where the parabola through the best of evenly spaced values and those beside it is highest, in steps from the best.
+fn vertex(values: &[f32], best: usize) -> f32 {
+    let beside = best
+        .checked_sub(1)
+        .and_then(|before| Some((*values.get(before)?, *values.get(best + 1)?)));
+    let Some((before, after)) = beside else {
+        return 0.0;
+    };
+    let bend = before - 2.0 * values[best] + after;
+    match bend < 0.0 {
+        true => (0.5 * (before - after) / bend).clamp(-0.5, 0.5),
+        false => 0.0,
+    }
 }
 
 fn log_likelihood(log_power: f32, log_mean: f32) -> f32 {

@@ -102,9 +102,25 @@ fn flat_ground_is_found_at_its_height_and_explains_its_echoes() {
 }
 
 #[test]
+fn ground_that_falls_with_range_is_found_at_its_height_at_any_level_over_the_noise() {
+    for level in [1.0, 1e4] {
+        let falling = |height_m: f32, bin: usize| {
+            let range_m = (bin as f32 + 0.5) * BIN_M;
+            level * (range_m / 5.0).powi(-3) * ground(height_m, bin)
+        };
+        let seabed = dive(falling);
+        let published = seabed.published(BRIGHTNESS * 1e8);
+        assert!(!published.is_empty());
+        let off_m = published.iter().map(|gaussian| gaussian.mean_m.z.abs());
+        let most_m = off_m.fold(0.0, f32::max);
+        assert!(most_m < 0.12, "{most_m} m off at {level}");
+    }
+}
+
+#[test]
 fn a_wrong_first_guess_of_brightness_does_not_hide_the_ground() {
     let mut guessed = Seabed::new(&Beam::default());
-    guessed.brightness = Some(BRIGHTNESS / 300.0);
+    guessed.falls[0].brightness = Some(BRIGHTNESS / 300.0);
     let seabed = dive_with(guessed, ground);
     assert!(seabed.is_there());
     let ratio = seabed.brightness() / BRIGHTNESS;
