@@ -33,11 +33,14 @@ pub struct Parts {
     pub redundant: Switch,
     /// Pings without an echo are looked at for strengths too; off leaves out every dark bin.
     pub empty: Switch,
+    /// Ground is a layer of its own that explains its echoes; with auto the map asserts it once its onset was seen
+    /// to follow the vehicle's height and tilt. Without it, ground is a structure like any other.
+    pub seabed: Switch,
 }
 
 impl Parts {
     /// Names of all.
-    pub const NAMES: [&'static str; 10] = [
+    pub const NAMES: [&'static str; 11] = [
         "occlusion",
         "elevation",
         "anisotropy",
@@ -48,6 +51,7 @@ impl Parts {
         "converged",
         "redundant",
         "empty",
+        "seabed",
     ];
 }
 
@@ -180,6 +184,8 @@ pub(crate) struct MapCues {
     pub(crate) voxel_m: f32,
     /// Pings left out as redundant.
     pub(crate) redundant: u64,
+    /// Whether pings show what may be ground or reverberation.
+    pub(crate) is_ground_open: bool,
 }
 
 /// Settings and statistics to what is at work, and what is left out.
@@ -257,6 +263,17 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
     );
     let silent = 1.0 - cues.echoing / cues.pings.max(1.0);
     tell_share("empty", parts.empty, silent, "have no echo");
+    let ground = match parts.seabed {
+        Switch::Off => Some("switched off"),
+        _ if map.is_ground_open => Some(
+            "its onset was not yet seen to follow the vehicle's height and tilt from places 1 m apart: it may be reverberation",
+        ),
+        _ => None,
+    };
+    left_out.extend(ground.map(|why| LeftOut {
+        part: "seabed",
+        why: why.to_owned(),
+    }));
     (at_work, left_out)
 }
 
@@ -282,6 +299,7 @@ mod tests {
     const KNOWN: MapCues = MapCues {
         voxel_m: 0.05,
         redundant: 0,
+        is_ground_open: false,
     };
 
     fn names(left_out: &[LeftOut]) -> Vec<&'static str> {

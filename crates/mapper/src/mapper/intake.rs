@@ -171,7 +171,7 @@ impl Mapper {
     fn refer_anew(&mut self, change: f32) {
         (self.levels, self.unit_strength) = (Levels::default(), 0.0);
         self.workout = None;
-        self.seabed = Seabed::new(&self.config.beam);
+        self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
         for past in self.history.pings_mut() {
             let range_m =

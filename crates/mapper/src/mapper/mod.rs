@@ -73,7 +73,7 @@ impl Mapper {
         let (at_work, left_out) = decide(&config.parts, &Cues::default(), MapCues::default());
         Ok(Self {
             history: History::new(config.history_pings.max(2 * config.slice_pings)),
-            seabed: Seabed::new(&config.beam),
+            seabed: Seabed::new(&config.beam, config.parts.seabed),
             config,
             pool: Arc::new(pool),
             world: None,
@@ -164,6 +164,7 @@ impl Mapper {
                 .as_ref()
                 .map_or(0, |w| w.evidence.block_count() as u64),
             voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
+            ground_log_ratio: self.seabed.log_ratio(),
             ..self.status
         }
     }

@@ -55,4 +55,7 @@ pub struct MapperStatus {
     pub iterations: u64,
     /// Mean power of the noise in the newest ping over the strongest echo, decibels.
     pub noise_db: f32,
+    /// Natural logarithm of how much likelier pings show ground than reverberation at a fixed range; `None` where
+    /// they show neither. The map asserts ground above 4.6.
+    pub ground_log_ratio: Option<f32>,
 }

@@ -5,22 +5,24 @@
 //! through those places tell what each bin of any ping would hold of ground alone: only what stands
 //! out from that is an echo, and the layer explains the rest.
 //!
-//! Used only where pings show ground. Deliberately absent: overhangs, and ground that is not below.
+//! Used only where pings show ground; asserted only where its onset follows the vehicle's height and tilt. Deliberately absent: overhangs, and ground that is not below.
 //!
 //! Cost: for every fourth ping an onset (1 ms), where none shows for every 128th; for every ping 96 rays over the field, 20 µs.
 
 mod fan_plane;
 mod field;
 mod onset;
+mod proof;
 
 use echosplat_acoustics::{Beam, Look};
 use echosplat_model::glam::{Quat, Vec2, Vec3};
-use echosplat_model::{Gaussian, GaussianId, Standing};
+use echosplat_model::{Gaussian, GaussianId, Standing, Switch};
 
 use crate::detect::profile::{Backdrop, Profile};
 use fan_plane::{FanEnergy, FanPlane};
 use field::{Field, NODE_M};
 use onset::{FALLS, Onset, Runs, falling};
+use proof::Proof;
 
 /// Every so many-th ping is asked for the ground; those between show the same of it.
 const STRIDE: u32 = 4;
@@ -59,9 +61,11 @@ const FIRST_ID: GaussianId = 1 << 31;
 /// What is known of the seabed.
 #[derive(Debug)]
 pub(crate) struct Seabed {
+    switch: Switch,
     fan: FanEnergy,
     beam_sigma_rad: f32,
     field: Field,
+    proof: Proof,
     runs: Runs,
     heard: u32,
     /// Pings asked since the last that showed ground.
@@ -85,11 +89,13 @@ struct Fall {
 }
 
 impl Seabed {
-    pub(crate) fn new(beam: &Beam) -> Self {
+    pub(crate) fn new(beam: &Beam, switch: Switch) -> Self {
         Self {
+            switch,
             fan: FanEnergy::new(beam),
             beam_sigma_rad: beam.azimuth_sigma_rad(),
             field: Field::default(),
+            proof: Proof::default(),
             runs: Runs::default(),
             heard: 0,
             in_vain: 0,
@@ -100,9 +106,19 @@ impl Seabed {
         }
     }
 
-    /// Whether there is ground in view at all.
+    /// Whether there is what looks like ground in view at all: it explains echoes.
     pub(crate) fn is_there(&self) -> bool {
         self.shown >= LEAST_SHOWN && self.shown as f32 > LEAST_SHARE * self.able as f32
+    }
+
+    /// Natural logarithm of how much likelier it is ground than reverberation, if it is there.
+    pub(crate) fn log_ratio(&self) -> Option<f32> {
+        self.is_there().then(|| self.proof.log_ratio())
+    }
+
+    /// Whether it is ground, and no reverberation: the map asserts it.
+    pub(crate) fn is_proven(&self) -> bool {
+        self.is_there() && (self.switch == Switch::On || self.proof.is_enough())
     }
 
     /// Power per radian of elevation at 1 m, of late; 0 as long as none is known.
@@ -122,6 +138,9 @@ impl Seabed {
 
     /// Learns from a ping.
     pub(crate) fn listen(&mut self, look: &Look, intensity: &[f32], profile: &Profile) {
+        if self.switch == Switch::Off {
+            return;
+        }
         self.heard = self.heard.wrapping_add(1);
         let stride = match self.in_vain < IDLE_AFTER {
             true => STRIDE,
@@ -145,7 +164,10 @@ impl Seabed {
         };
         self.in_vain = 0;
         self.shown = self.shown.saturating_add(1);
-        self.log_range_sum += (onset.point_m - plane.position_m).length().ln();
+        let range_m = (onset.point_m - plane.position_m).length();
+        self.log_range_sum += range_m.ln();
+        let descent = plane.descent(-self.fan.half_width_rad());
+        self.proof.add(onset.point_m, plane.position_m, descent);
         self.field.add(onset.point_m);
         if self.shown.is_multiple_of(ONSETS_PER_SMOOTHING) {
             self.field.smooth();
@@ -257,7 +279,7 @@ impl Seabed {
     /// The ground that pings measured, as flat Gaussians in order of id, four to a node. `unit` is
     /// the intensity per steradian that αρ = 1 stands for.
     pub(crate) fn published(&self, unit: f32) -> Vec<Gaussian> {
-        if !self.is_there() {
+        if !self.is_proven() {
             return Vec::new();
         }
         // Of what a radian of elevation holds, the beam across takes in this much solid angle.

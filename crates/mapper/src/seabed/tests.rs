@@ -63,7 +63,7 @@ fn heard(levels: &mut Levels, index: usize, power: impl Fn(usize) -> f32) -> (Ve
 
 /// A vehicle that goes ahead while it heaves between 1.5 and 2.5 m.
 fn dive(power: impl Fn(f32, usize) -> f32) -> Seabed {
-    dive_with(Seabed::new(&Beam::default()), power)
+    dive_with(Seabed::new(&Beam::default(), Switch::Auto), power)
 }
 
 fn dive_with(mut seabed: Seabed, power: impl Fn(f32, usize) -> f32) -> Seabed {
@@ -119,7 +119,7 @@ fn ground_that_falls_with_range_is_found_at_its_height_at_any_level_over_the_noi
 
 #[test]
 fn a_wrong_first_guess_of_brightness_does_not_hide_the_ground() {
-    let mut guessed = Seabed::new(&Beam::default());
+    let mut guessed = Seabed::new(&Beam::default(), Switch::Auto);
     guessed.falls[0].brightness = Some(BRIGHTNESS / 300.0);
     let seabed = dive_with(guessed, ground);
     assert!(seabed.is_there());
