@@ -14,11 +14,13 @@ const KEPT: usize = 15;
 /// One sigma of one measurement.
 const MEASURED_SIGMA_M: f32 = 0.08;
 /// One sigma of the step in height from node to node that is expected where nothing is known.
-const STEP_SIGMA_M: f32 = 0.06;
+pub(crate) const STEP_SIGMA_M: f32 = 0.06;
 /// Sweeps over the nodes around what changed.
 const SWEEPS: usize = 6;
 /// Measurements that the height of unknown ground remembers.
 const FAR_MEMORY: u32 = 256;
+/// What is measured tells of so many nodes around it.
+const KNOWN_NODES: i32 = 2;
 /// Fewest measurements of a node, its neighbours included, that the map asserts.
 const LEAST_MEASUREMENTS: usize = 6;
 
@@ -168,6 +170,16 @@ impl Field {
         let near = at(0, 0) + part.x * (at(1, 0) - at(0, 0));
         let far = at(0, 1) + part.x * (at(1, 1) - at(0, 1));
         near + part.y * (far - near)
+    }
+
+    /// Whether anything was measured within [`KNOWN_NODES`] of a place.
+    pub(crate) fn is_known(&self, place_m: Vec2) -> bool {
+        let at = (place_m / NODE_M).round().as_ivec2();
+        let reach = -KNOWN_NODES..=KNOWN_NODES;
+        reach.clone().any(|dy| {
+            let mut row = reach.clone().map(|dx| at + IVec2::new(dx, dy));
+            row.any(|node| self.node(node).is_some_and(|node| node.count > 0))
+        })
     }
 
     /// Every node that was measured often enough, in a fixed order.

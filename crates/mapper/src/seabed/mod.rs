@@ -20,7 +20,7 @@ use echosplat_model::{Gaussian, GaussianId, Standing, Switch};
 
 use crate::detect::profile::{Backdrop, Profile};
 use fan_plane::{FanEnergy, FanPlane};
-use field::{Field, NODE_M};
+use field::{Field, NODE_M, STEP_SIGMA_M};
 use onset::{FALLS, Onset, Runs, falling};
 use proof::Proof;
 
@@ -39,6 +39,8 @@ const LEAST_SHARE: f32 = 0.3;
 const OUTLIER_M: f32 = 0.6;
 /// How far the ground may be from where it is thought to be.
 const TOLERANCE_M: f32 = 0.12;
+/// Slope of ground that nothing is known of, two sigma of what the field expects.
+const STEEPEST: f32 = 2.0 * STEP_SIGMA_M / NODE_M;
 /// Rays over the height of the fan.
 const RAYS: usize = 96;
 /// Rays that descend less than this never meet it, metres per metre.
@@ -239,8 +241,36 @@ impl Seabed {
                 *expected += power / bins * overlap;
             }
         }
-        let most = widened(&expected, look, &met);
+        let mut most = widened(&expected, look, &met);
+        if let Some(&last) = met.last() {
+            let from_m = met[0].range_m;
+            let at = |range_m: f32| brightness * falling(range_m, fall);
+            self.add_slopes(&mut most, look, from_m, last.direction, at);
+        }
         Backdrop { expected, most }
+    }
+
+    /// Adds the most that ground may send back beyond its onset at `from_m` where nothing is known of its height: a
+    /// slope turned towards the sonar. `brightness` is power per radian at a range.
+    fn add_slopes(
+        &self,
+        most: &mut [f32],
+        look: &Look,
+        from_m: f32,
+        direction: Vec3,
+        brightness: impl Fn(f32) -> f32,
+    ) {
+        let per_step = (NODE_M / look.bin_length_m).ceil() as usize;
+        for (step, bins) in most.chunks_mut(per_step).enumerate() {
+            let middle = (step as f32 + 0.5) * per_step as f32;
+            let range_m = look.range_start_m + middle * look.bin_length_m;
+            let place_m = look.pose.position_m + direction * range_m;
+            if range_m > from_m && !self.field.is_known(place_m.truncate()) {
+                let turned_rad = STEEPEST * look.bin_length_m / range_m;
+                let slope = brightness(range_m) * turned_rad;
+                bins.iter_mut().for_each(|most| *most += slope);
+            }
+        }
     }
 
     /// Where rays from the lower edge of the fan upwards meet the ground, nearest first.
@@ -265,6 +295,7 @@ impl Seabed {
             met.push(Met {
                 range_m,
                 descent: -direction.z,
+                direction,
                 energy_below_rad: self.fan.below(elevation_rad),
             });
         }
@@ -318,6 +349,7 @@ struct Met {
     range_m: f32,
     /// Metres down per metre of range.
     descent: f32,
+    direction: Vec3,
     /// Sensitivity summed up from the fan's lower edge to it, radians.
     energy_below_rad: f32,
 }
