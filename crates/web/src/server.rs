@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use axum::Router;
 use echosplat_bus::BusConfig;
+use echosplat_liveness::Heartbeat;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -74,6 +75,7 @@ pub struct WebServer {
     hub: Arc<Hub>,
     runtime: Option<Runtime>,
     threads: Vec<JoinHandle<()>>,
+    heartbeats: [Heartbeat; 2],
 }
 
 impl WebServer {
@@ -108,11 +110,16 @@ impl WebServer {
             true => LOOPBACK_BANDWIDTH_BPS,
             false => bus.bandwidth_bps,
         };
-        let maps = MapWorker::new(Arc::clone(&hub), bus.clone(), bandwidth_bps);
+        let heartbeats = [Heartbeat::new("web-map"), Heartbeat::new("web-scene")];
+        let [of_maps, of_scene] = heartbeats.clone();
+        let beats = of_maps.clone();
+        let mut maps = MapWorker::new(Arc::clone(&hub), bus.clone(), bandwidth_bps, beats);
         let seen = Arc::clone(&hub);
         let threads = vec![
-            spawn("web-map", move || maps.run())?,
-            spawn("web-scene", move || show_scene(&seen))?,
+            spawn("web-map", move || of_maps.run_again(|| maps.run()))?,
+            spawn("web-scene", move || {
+                of_scene.run_again(|| show_scene(&seen, &of_scene));
+            })?,
         ];
         let source = Arc::new(Source {
             hub: Arc::clone(&hub),
@@ -135,6 +142,7 @@ impl WebServer {
             hub,
             runtime: Some(runtime),
             threads,
+            heartbeats,
         })
     }
 
@@ -142,6 +150,13 @@ impl WebServer {
     #[must_use]
     pub fn feed(&self) -> Feed {
         Feed(Arc::clone(&self.hub))
+    }
+
+    /// Whether its own threads are alive; both go on after a panic. Of what is done for a browser
+    /// only that browser's connection ends with a panic.
+    #[must_use]
+    pub fn heartbeats(&self) -> &[Heartbeat] {
+        &self.heartbeats
     }
 
     /// Where it listens.
