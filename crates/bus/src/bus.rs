@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use bytes::Bytes;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{StampedPose, Timestamp};
@@ -78,7 +79,7 @@ pub(crate) struct Link {
 
 #[derive(Debug)]
 struct OutgoingPing {
-    frame: Vec<u8>,
+    frame: Bytes,
     host_time: Timestamp,
 }
 
@@ -163,8 +164,7 @@ impl Bus {
 
     /// Hands a raw Ping frame over to be sent; never blocks. With the queue full the
     /// frame, being the newest, is dropped and counted.
-    pub fn publish_ping(&self, frame: &[u8], host_time: Timestamp) {
-        let frame = frame.to_vec();
+    pub fn publish_ping(&self, frame: Bytes, host_time: Timestamp) {
         let sent = self.pings.try_send(OutgoingPing { frame, host_time });
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = sent {
             count(&self.tally.pings_dropped);

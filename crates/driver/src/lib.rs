@@ -11,6 +11,7 @@
 mod config;
 mod driver;
 mod event;
+mod intake;
 mod link;
 mod log_reader;
 mod outlet;

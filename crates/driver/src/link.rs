@@ -9,9 +9,10 @@ use echosplat_session::Session;
 use crate::config::DriverConfig;
 use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
+use crate::intake::Intake;
 use crate::outlet::{Flow, Outlet};
 use crate::tap::{RawTap, Tapped};
-use crate::transport::{self, READ_BYTES, Received, Transport};
+use crate::transport::{self, Received, Transport};
 use crate::url::SonarUrl;
 
 /// After the request to stop, so long at most is waited for the device to fall silent: what is
@@ -35,7 +36,7 @@ pub(crate) struct Link {
     state: LinkState,
     /// Whether the last open link brought nothing.
     was_silent: bool,
-    buffer: Vec<u8>,
+    intake: Intake,
     /// A link that flaps must not fill the log.
     ups_said: RateLimit,
     downs_said: RateLimit,
@@ -58,7 +59,7 @@ impl Link {
             session,
             state: LinkState::Connecting,
             was_silent: false,
-            buffer: vec![0; READ_BYTES],
+            intake: Intake::default(),
             ups_said: RateLimit::new(),
             downs_said: RateLimit::new(),
             restarts_said: RateLimit::new(),
@@ -141,7 +142,7 @@ impl Link {
             }
             self.outlet.heartbeat.beat();
             // First what has come: a half frame must not expire while its rest waits to be read.
-            let read = link.read(&mut self.buffer);
+            let read = link.read(self.intake.room());
             if self.outlet.stop.is_abandoned() {
                 return End::Stopped;
             }
@@ -174,11 +175,9 @@ impl Link {
 
     fn take(&mut self, byte_count: usize) {
         let now = host_time();
-        let bytes = &self.buffer[..byte_count];
-        if let Some(raw) = &mut self.raw {
-            raw(now, Tapped::Bytes(bytes));
-        }
-        self.session.receive(bytes, now);
+        let bytes = self.intake.take(byte_count);
+        self.tap(now, Tapped::Bytes(&bytes));
+        self.session.receive(&bytes, now);
     }
 
     fn tap(&mut self, now: Timestamp, tapped: Tapped<'_>) {
@@ -293,7 +292,7 @@ impl Link {
         let mut repeated = false;
         let mut quiet_reads = 0;
         while sent.is_ok() && quiet_reads < QUIET_READS && began.elapsed() < STOP_DRAIN {
-            match link.read(&mut self.buffer) {
+            match link.read(self.intake.room()) {
                 Ok(Received::Bytes(byte_count)) => {
                     quiet_reads = 0;
                     self.outlet

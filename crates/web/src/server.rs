@@ -3,7 +3,7 @@
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use echosplat_bus::BusConfig;
@@ -33,8 +33,9 @@ const HEAD_LIMIT: Duration = Duration::from_secs(10);
 const MAX_HEAD_BYTES: usize = 16 << 10;
 /// Headers of a request.
 const MAX_HEADERS: usize = 64;
-/// How long the end may take.
+/// How long the end may take, for connections and for the threads, and how often these are looked at.
 const END_LIMIT: Duration = Duration::from_millis(500);
+const END_TICK: Duration = Duration::from_millis(5);
 /// What live deltas take of loopback, bits per second; elsewhere the bus's bandwidth.
 const LOOPBACK_BANDWIDTH_BPS: u64 = 100_000_000;
 
@@ -188,9 +189,11 @@ impl Drop for WebServer {
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_timeout(END_LIMIT);
         }
-        for thread in self.threads.drain(..) {
-            // A panic in it has been reported by the panic hook.
-            let _ = thread.join();
+        let deadline = Instant::now() + END_LIMIT;
+        let hangs = |thread: &JoinHandle<()>| !thread.is_finished();
+        // One that hangs is left alone.
+        while self.threads.iter().any(hangs) && Instant::now() < deadline {
+            std::thread::sleep(END_TICK);
         }
     }
 }

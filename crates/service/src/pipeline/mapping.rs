@@ -6,6 +6,7 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use anyhow::anyhow;
+use bytes::Bytes;
 use crossbeam_channel::{Sender, bounded};
 use echosplat_driver::DriverEvent;
 use echosplat_liveness::Heartbeat;
@@ -57,7 +58,7 @@ impl Mapping {
     /// # Errors
     /// If the mapper's thread has ended.
     pub(crate) fn take(&self, ping: Arc<Ping>) -> anyhow::Result<()> {
-        let frame = Arc::new([]);
+        let frame = Bytes::new();
         let event = DriverEvent::Ping { ping, frame };
         self.events.send(event).map_err(|_| ended())
     }

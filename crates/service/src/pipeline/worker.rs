@@ -5,6 +5,7 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use echosplat_driver::DriverEvent;
 use echosplat_evaluation::held_back::is_held_back;
@@ -130,7 +131,7 @@ impl Worker {
 
     fn take(&mut self, event: DriverEvent) {
         match event {
-            DriverEvent::Ping { ping, frame } => self.take_ping(ping, &frame),
+            DriverEvent::Ping { ping, frame } => self.take_ping(ping, frame),
             DriverEvent::Ended => self.input_ended(),
             DriverEvent::Mark(poses) => {
                 self.poses.take_through(poses);
@@ -151,7 +152,7 @@ impl Worker {
         }
     }
 
-    fn take_ping(&mut self, ping: Arc<Ping>, frame: &[u8]) {
+    fn take_ping(&mut self, ping: Arc<Ping>, frame: Bytes) {
         let time = ping.transmit_time();
         self.state.report.pings_taken += 1;
         if self.shed.contains(&ping.sequence()) {

@@ -16,6 +16,7 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 use std::time::Duration;
 
 use anyhow::anyhow;
+use bytes::Bytes;
 use clap::ValueEnum;
 use echosplat_driver::{RawTap, Tapped};
 use echosplat_liveness::Heartbeat;
@@ -174,11 +175,12 @@ impl Recorder {
         )
     }
 
-    fn raw(&self, host_time: Timestamp, bytes: &[u8]) {
+    fn raw(&self, host_time: Timestamp, bytes: &Bytes) {
         let running = self.read();
         let Some(running) = &*running else { return };
-        for piece in bytes.chunks(MAX_RAW_BYTES) {
-            running.record(host_time, Record::Raw(piece.into()));
+        for begin in (0..bytes.len()).step_by(MAX_RAW_BYTES) {
+            let end = bytes.len().min(begin + MAX_RAW_BYTES);
+            running.record(host_time, Record::Raw(bytes.slice(begin..end)));
         }
     }
 
