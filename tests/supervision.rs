@@ -217,12 +217,20 @@ fn a_link_to_a_vehicle_that_panics_or_hangs_is_made_again() {
 }
 
 #[test]
-fn a_publisher_that_panics_costs_the_map_nothing() {
-    let mut drilled = Drilled::start("bus-map:panic", &[]);
-    drilled.begin();
-    drilled.wait_told("the part `bus-map` failed (a drill");
-    drilled.wait_mapped(40);
-    drilled.ends_when_asked(0, Ending::Complete);
+fn what_only_publishes_costs_the_map_nothing() {
+    let drills = ["bus-map:panic", "bus-map:hang", "bus-pings:panic", "bus-pings:hang"];
+    for drill in drills.into_iter().chain(["recorder-sync:panic"]) {
+        let mut drilled = Drilled::start(drill, &[]);
+        drilled.begin();
+        let (part, fault) = drill.split_once(':').expect("two words");
+        drilled.wait_told(&match fault {
+            "panic" => format!("the part `{part}` failed (a drill"),
+            _ => format!("the part `{part}` has not come back from its work"),
+        });
+        drilled.wait_mapped(40);
+        assert!(drilled.systemd.told().contains("WATCHDOG=1"), "{drill}");
+        drilled.ends_when_asked(0, Ending::Complete);
+    }
 }
 
 #[test]

@@ -85,8 +85,9 @@ impl Outlet {
     }
 
     fn wait_for_room(&self, event: DriverEvent, ping: Option<u64>) -> Flow {
+        // Until the link's next read; logs and tapes rest all along.
         self.heartbeat.rest();
-        let flow = select! {
+        select! {
             send(self.events, event) -> sent => match sent {
                 Ok(()) => self.was_sent(ping.is_some()),
                 Err(_) => Flow::Ends,
@@ -95,9 +96,7 @@ impl Outlet {
                 self.was_dropped(ping);
                 Flow::Ends
             }
-        };
-        self.heartbeat.beat();
-        flow
+        }
     }
 
     fn was_sent(&self, is_ping: bool) -> Flow {
