@@ -218,7 +218,12 @@ fn a_link_to_a_vehicle_that_panics_or_hangs_is_made_again() {
 
 #[test]
 fn what_only_publishes_costs_the_map_nothing() {
-    let drills = ["bus-map:panic", "bus-map:hang", "bus-pings:panic", "bus-pings:hang"];
+    let drills = [
+        "bus-map:panic",
+        "bus-map:hang",
+        "bus-pings:panic",
+        "bus-pings:hang",
+    ];
     for drill in drills.into_iter().chain(["recorder-sync:panic"]) {
         let mut drilled = Drilled::start(drill, &[]);
         drilled.begin();
@@ -287,6 +292,23 @@ fn a_mapper_that_hangs_ends_the_run_and_is_no_longer_vouched_for() {
     let words = "the part `mapper` has not come back from its work for 2 s";
     assert!(stderr.contains(words), "{stderr}");
     println!("a hung mapper: {took_s:.1} s from its last beat to the end of the program");
+}
+
+#[test]
+fn who_watches_over_the_others_is_watched_too() {
+    let mut drilled = Drilled::start("run:hang", &[]);
+    drilled.begin();
+    drilled.wait_told("the thread that watches over the run has hung for 2 s");
+    drilled.ends(1, Ending::Complete);
+}
+
+#[test]
+fn a_panic_of_who_watches_over_the_others_ends_the_run() {
+    let mut drilled = Drilled::start("run:panic", &[]);
+    drilled.begin();
+    drilled.ends(1, Ending::Complete);
+    let stderr = drilled.service.stderr();
+    assert!(stderr.contains("the part `run` failed"), "{stderr}");
 }
 
 #[test]

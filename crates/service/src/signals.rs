@@ -1,12 +1,13 @@
 //! Ctrl-C, SIGTERM and a terminal that is closed: the first asks for an orderly end, as a run does that
 //! cannot go on. A later one ends the program at once, and so does the time that an orderly end may
-//! take: after what can be saved was saved.
+//! take, and a run whose own thread hangs: after what can be saved was saved.
 
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use echosplat_liveness::{Condition, Heartbeat};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
 use signal_hook::{flag, low_level};
 
@@ -33,8 +34,13 @@ struct Shared {
     asked: AtomicBool,
     /// The newest signal that nobody has looked at; 0 for none.
     raised: Arc<AtomicUsize>,
-    /// Of the run under way.
-    last_will: Mutex<Option<LastWill>>,
+    run: Mutex<Option<RunUnderWay>>,
+}
+
+struct RunUnderWay {
+    last_will: LastWill,
+    /// Of the thread that watches over all other parts.
+    heartbeat: Heartbeat,
 }
 
 impl std::fmt::Debug for Stop {
@@ -74,27 +80,43 @@ impl Stop {
     }
 
     /// From now on a run is under way: once asked to end it has ten seconds, and `last_will` is done
-    /// before it is ended at once.
-    pub(crate) fn run_begins(&self, last_will: LastWill) {
-        *self.0.last_will() = Some(last_will);
+    /// before it is ended at once. It is ended at once, too, where the thread that watches over it
+    /// hangs.
+    pub(crate) fn run_begins(&self, last_will: LastWill, heartbeat: Heartbeat) {
+        *self.0.run() = Some(RunUnderWay {
+            last_will,
+            heartbeat,
+        });
     }
 
     /// What the run leaves is saved.
     pub(crate) fn run_ends(&self) {
-        *self.0.last_will() = None;
+        *self.0.run() = None;
     }
 }
 
 impl Shared {
-    fn last_will(&self) -> MutexGuard<'_, Option<LastWill>> {
-        let will = self.last_will.lock();
-        will.unwrap_or_else(PoisonError::into_inner)
+    fn run(&self) -> MutexGuard<'_, Option<RunUnderWay>> {
+        self.run.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Ends a run whose own thread hangs.
+    fn look_after_run(&self) {
+        let condition = self.run().as_ref().map(|run| run.heartbeat.condition());
+        if let Some(Condition::Hung(silent)) = condition {
+            tracing::error!(
+                "the thread that watches over the run has hung for {} s: ending at once",
+                silent.as_secs()
+            );
+            self.end_at_once(NOT_IN_ORDER);
+        }
     }
 
     /// Waits for signals as long as the program lives.
     fn attend(&self) {
         while !self.asked.load(Ordering::Relaxed) {
             std::thread::sleep(LOOK);
+            self.look_after_run();
             if self.raised.swap(0, Ordering::Relaxed) != 0 {
                 self.asked.store(true, Ordering::Relaxed);
             }
@@ -102,12 +124,13 @@ impl Shared {
         let first = Instant::now();
         loop {
             std::thread::sleep(LOOK);
+            self.look_after_run();
             let signal = self.raised.swap(0, Ordering::Relaxed);
             if signal != 0 && first.elapsed() > ONE_REQUEST {
                 tracing::warn!("asked to end again: ending at once");
                 self.end_at_once(i32::try_from(signal).map_or(NOT_IN_ORDER, |s| 128 + s));
             }
-            if first.elapsed() > ORDERLY_END && self.last_will().is_some() {
+            if first.elapsed() > ORDERLY_END && self.run().is_some() {
                 tracing::error!(
                     "the run did not end within {} s of being asked to: ending at once",
                     ORDERLY_END.as_secs()
@@ -119,7 +142,7 @@ impl Shared {
 
     /// Saves what can be within its time, and ends without asking any other thread.
     fn end_at_once(&self, code: i32) -> ! {
-        if let Some(last_will) = self.last_will().take() {
+        if let Some(RunUnderWay { last_will, .. }) = self.run().take() {
             let (done, waits) = crossbeam_channel::bounded::<()>(0);
             let saving = std::thread::Builder::new().name("last-will".to_owned());
             let saving = saving.spawn(move || {

@@ -17,6 +17,13 @@ pub(crate) struct Ending {
 }
 
 impl Ending {
+    /// Of a run that cannot go on.
+    pub(crate) fn of_failure(why: String) -> Self {
+        let mut ending = Self::default();
+        ending.fail(why);
+        ending
+    }
+
     /// To be called now and then.
     pub(crate) fn note(&mut self, stop: &Stop) {
         if self.asked.is_none() && stop.is_set() {

@@ -48,6 +48,7 @@ pub(crate) use album::Album;
 pub(crate) use diagnosis::Expectations;
 pub(crate) use drivers::{Drivers, Input};
 use earlier::EarlierMaps;
+use ending::Ending;
 use frame_check::FrameCheck;
 pub(crate) use gate::Gate;
 pub(crate) use mapping::Mapping;
@@ -134,12 +135,19 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
         tracing::warn!("a drill is asked for: {drill}");
     }
     let mut run = Run::start(config, setup)?;
-    stop.run_begins(run.last_will());
-    let outcome = match run.watch(stop) {
-        Ok(ending) => run.conclude(&ending),
-        Err(error) => {
+    stop.run_begins(run.last_will(), run.heartbeat());
+    let outcome = match run.heartbeat().survive(|| run.watch(stop)) {
+        Ok(Ok(ending)) => run.conclude(&ending),
+        Ok(Err(error)) => {
             run.give_up();
             Err(error)
+        }
+        Err(panicked) => {
+            stop.ask();
+            run.stop_input();
+            run.conclude(&Ending::of_failure(format!(
+                "the part `run` failed, {panicked}"
+            )))
         }
     };
     stop.run_ends();

@@ -63,6 +63,8 @@ pub(super) struct Run {
     pub(super) diagnosis: Diagnosis,
     pub(super) notices: Notices,
     pub(super) supervisor: Supervisor,
+    /// Of the thread that watches over all others.
+    heartbeat: Heartbeat,
     pub(super) systemd: Systemd,
     pub(super) hooks: Hooks,
     pub(super) begin: Instant,
@@ -122,6 +124,7 @@ impl Run {
             diagnosis: Diagnosis::new(setup.expectations, begin),
             notices: Notices::new(begin),
             supervisor,
+            heartbeat: own_heartbeat(config),
             systemd: Systemd::of_environment(),
             hooks: setup.hooks,
             begin,
@@ -136,6 +139,11 @@ impl Run {
         self.saving.last_will()
     }
 
+    /// Of the thread that watches over all others, while it does.
+    pub(super) fn heartbeat(&self) -> Heartbeat {
+        self.heartbeat.clone()
+    }
+
     /// Until the mapper's thread has ended, or may be waited for no longer: tells of all parts, and
     /// stops the sonar when it is time.
     pub(super) fn watch(&mut self, stop: &Stop) -> anyhow::Result<Ending> {
@@ -143,6 +151,7 @@ impl Run {
         let mut ending = Ending::default();
         while self.worker.as_ref().is_some_and(|w| !w.is_finished()) {
             std::thread::sleep(TICK);
+            self.heartbeat.beat();
             ending.note(stop);
             self.supervise(&mut ending, stop);
             self.go_with_phase(&ending)?;
@@ -167,9 +176,15 @@ impl Run {
             }
         }
         self.supervise(&mut ending, stop);
+        self.stop_input();
+        Ok(ending)
+    }
+
+    /// What follows is bounded once an end was asked for, and takes what it takes otherwise.
+    pub(super) fn stop_input(&mut self) {
+        self.heartbeat.rest();
         self.systemd.stopping();
         self.drivers.stop();
-        Ok(ending)
     }
 
     /// Begins the next input or ends the one at hand, as the run is.
@@ -238,8 +253,7 @@ impl Run {
 
     /// Ends the run without its map.
     pub(super) fn give_up(mut self) {
-        self.systemd.stopping();
-        self.drivers.stop();
+        self.stop_input();
         if let Some(recorder) = &self.recorder {
             recorder.finish();
         }
@@ -263,6 +277,12 @@ impl Helpers {
             },
         })
     }
+}
+
+fn own_heartbeat(config: &Config) -> Heartbeat {
+    let heartbeat = Heartbeat::new("run");
+    heartbeat.set_limit(Duration::from_secs_f64(config.pipeline.hang_limit_s));
+    heartbeat
 }
 
 /// Watches over what the run was set up with, and its helpers.
