@@ -75,8 +75,9 @@ impl Run {
             return Ok(());
         };
         let mut is_written = self.saving.is_written();
-        let has_mapped = self.shared.newest_map().is_some();
-        if !has_mapped && self.shared.report().pings_mapped == 0 {
+        // A mapper that hangs may not have reported the pings of the map that it handed on.
+        let holds_nothing = snapshot.gaussians.is_empty();
+        if holds_nothing && self.shared.report().pings_mapped == 0 {
             // An earlier map at the same place is worth more than nothing.
             tracing::warn!("no ping was mapped, so no map is written");
             return Ok(());
