@@ -23,6 +23,7 @@ mod recording;
 mod render;
 mod replay;
 mod serial_line;
+mod supervision;
 mod watch;
 mod web;
 mod wrong_input;

@@ -122,7 +122,7 @@ fn one_of_each() -> Vec<Record> {
         Record::Settings("[sonar]".to_owned()),
         Record::StaticTransform(static_transform()),
         Record::LinkUp,
-        Record::Raw(Arc::from(&b"BR"[..])),
+        Record::Raw(b"BR"[..].into()),
         Record::Pose(pose),
         Record::HalfFrameExpired,
         Record::Status(json!({"rate_hz": 1.5, "link": null})),

@@ -5,7 +5,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
+use bytes::Bytes;
+use crossbeam_channel::{Sender, TrySendError, bounded};
+use echosplat_liveness::Heartbeat;
 use echosplat_model::{StampedPose, Timestamp};
 use serde::Serialize;
 use zenoh::Wait;
@@ -37,6 +39,7 @@ pub struct Bus {
     endpoints: Endpoints,
     pose_publisher: Publisher<'static>,
     pings: Sender<OutgoingPing>,
+    ping_heartbeat: Heartbeat,
     tally: Arc<Tally>,
     others: OnceLock<Watch>,
 }
@@ -76,7 +79,7 @@ pub(crate) struct Link {
 
 #[derive(Debug)]
 struct OutgoingPing {
-    frame: Vec<u8>,
+    frame: Bytes,
     host_time: Timestamp,
 }
 
@@ -110,12 +113,14 @@ impl Bus {
             taps: TapBoard::default(),
         });
         let tally = Arc::new(Tally::default());
-        let pings = start_ping_thread(&link, &tally)?;
+        let ping_heartbeat = Heartbeat::new("bus-pings");
+        let pings = start_ping_thread(&link, &tally, ping_heartbeat.clone())?;
         Ok(Self {
             link,
             endpoints,
             pose_publisher,
             pings,
+            ping_heartbeat,
             tally,
             others: OnceLock::new(),
         })
@@ -159,12 +164,17 @@ impl Bus {
 
     /// Hands a raw Ping frame over to be sent; never blocks. With the queue full the
     /// frame, being the newest, is dropped and counted.
-    pub fn publish_ping(&self, frame: &[u8], host_time: Timestamp) {
-        let frame = frame.to_vec();
+    pub fn publish_ping(&self, frame: Bytes, host_time: Timestamp) {
         let sent = self.pings.try_send(OutgoingPing { frame, host_time });
         if let Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) = sent {
             count(&self.tally.pings_dropped);
         }
+    }
+
+    /// Whether the thread that sends pings is alive; it goes on after a panic.
+    #[must_use]
+    pub fn heartbeat(&self) -> &Heartbeat {
+        &self.ping_heartbeat
     }
 
     /// Pings that [`Bus::publish_ping`] took and that were not sent.
@@ -382,31 +392,37 @@ fn declare_pose_publisher(
 fn start_ping_thread(
     link: &Arc<Link>,
     tally: &Arc<Tally>,
+    heartbeat: Heartbeat,
 ) -> Result<Sender<OutgoingPing>, BusError> {
     let (sender, receiver) = bounded(link.config.ping_queue_len);
     let (session, key) = (link.session.clone(), link.keys.ping());
     let tally = Arc::clone(tally);
     spawn("bus-pings", move || {
-        send_pings(&session, &key, &receiver, &tally);
+        heartbeat.run_again(|| {
+            heartbeat.rest();
+            for ping in &receiver {
+                heartbeat.beat();
+                send_ping(&session, &key, ping, &tally);
+                heartbeat.rest();
+            }
+        });
     })?;
     Ok(sender)
 }
 
-fn send_pings(session: &zenoh::Session, key: &str, pings: &Receiver<OutgoingPing>, tally: &Tally) {
-    for OutgoingPing { frame, host_time } in pings {
-        let attachment = serde_json::json!({ "host_time_ns": host_time.nanos() });
-        let sent = session
-            .put(key, frame)
-            .encoding(Encoding::APPLICATION_OCTET_STREAM)
-            .attachment(attachment.to_string())
-            .congestion_control(CongestionControl::Drop)
-            .priority(Priority::DataHigh)
-            .wait();
-        count(match sent {
-            Ok(()) => &tally.pings_sent,
-            Err(_) => &tally.pings_failed,
-        });
-    }
+fn send_ping(session: &zenoh::Session, key: &str, ping: OutgoingPing, tally: &Tally) {
+    let attachment = serde_json::json!({ "host_time_ns": ping.host_time.nanos() });
+    let sent = session
+        .put(key, ping.frame)
+        .encoding(Encoding::APPLICATION_OCTET_STREAM)
+        .attachment(attachment.to_string())
+        .congestion_control(CongestionControl::Drop)
+        .priority(Priority::DataHigh)
+        .wait();
+    count(match sent {
+        Ok(()) => &tally.pings_sent,
+        Err(_) => &tally.pings_failed,
+    });
 }
 
 /// Starts a named thread.

@@ -289,7 +289,7 @@ fn poses_pings_and_status_arrive_and_bad_ones_are_counted() {
         assert_eq!(received.pose, pose(seconds));
     }
     let time = Timestamp::from_nanos(1_700_000_000_000_000_123);
-    sender.publish_ping(b"BR frame", time);
+    sender.publish_ping(b"BR frame"[..].into(), time);
     let ping = pings.next_within(LONG).unwrap();
     assert_eq!(
         (ping.frame.as_slice(), ping.host_time),

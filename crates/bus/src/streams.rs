@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use std::time::{Duration, SystemTime};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
+use echosplat_liveness::Heartbeat;
 use echosplat_model::{StampedPose, Timestamp};
 use serde::Serialize;
 use zenoh::Wait;
@@ -78,6 +79,7 @@ fn now() -> Timestamp {
 pub struct PoseSubscription {
     poses: Receiver<ReceivedPose>,
     tally: Arc<PoseTally>,
+    heartbeat: Heartbeat,
     _subscriber: Subscriber<()>,
 }
 
@@ -86,15 +88,25 @@ impl PoseSubscription {
         let (sender, poses) = bounded(link.config.pose_queue_len);
         let tally = Arc::new(PoseTally::default());
         let in_callback = Arc::clone(&tally);
+        let heartbeat = Heartbeat::new("poses");
+        let beats = heartbeat.clone();
         let subscriber = link
             .session
             .declare_subscriber(key.to_owned())
-            .callback(move |sample| in_callback.take(&sample, &sender))
+            .callback(move |sample| {
+                // The thread is zenoh's, and its link would go with a panic.
+                let _ = beats.survive(|| {
+                    beats.beat();
+                    in_callback.take(&sample, &sender);
+                });
+                beats.rest();
+            })
             .wait()
             .map_err(BusError::zenoh(format!("subscribe to poses on {key}")))?;
         Ok(Self {
             poses,
             tally,
+            heartbeat,
             _subscriber: subscriber,
         })
     }
@@ -115,6 +127,12 @@ impl PoseSubscription {
     #[must_use]
     pub fn receiver(&self) -> &Receiver<ReceivedPose> {
         &self.poses
+    }
+
+    /// Whether whoever takes the messages is alive. A message that panics is left out.
+    #[must_use]
+    pub fn heartbeat(&self) -> &Heartbeat {
+        &self.heartbeat
     }
 
     /// What was wrong with the first message that was no pose, in words.

@@ -7,6 +7,7 @@ use std::thread;
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
+use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
 
 use crate::config::{DriverConfig, DriverError};
@@ -24,11 +25,15 @@ use crate::url::SonarUrl;
 /// A stop takes at most this long; a thread that then still hangs in a system call is left alone.
 const STOP_WAIT: Duration = Duration::from_secs(2);
 
+/// Name of the thread, and of its heartbeat.
+const THREAD_NAME: &str = "sonar";
+
 /// A running driver. Dropping it stops the thread without waiting.
 #[derive(Debug)]
 pub struct DriverHandle {
     stopper: Stopper,
     status: SharedStatus,
+    heartbeat: Heartbeat,
     /// Disconnects when the thread ends.
     ended: Receiver<()>,
 }
@@ -48,6 +53,40 @@ pub fn spawn(
     raw: Option<RawTap>,
     events: Sender<DriverEvent>,
 ) -> Result<DriverHandle, DriverError> {
+    spawn_with(Heartbeat::new(THREAD_NAME), config, raw, events)
+}
+
+/// As [`spawn`], in the place of a link's thread that hangs. That one is let go without waiting:
+/// should it ever go on, it neither sends, records nor decodes anything more. Gives its last state
+/// too.
+///
+/// # Errors
+/// As [`spawn`].
+pub fn spawn_in_place_of(
+    hung: DriverHandle,
+    config: DriverConfig,
+    raw: Option<RawTap>,
+    events: Sender<DriverEvent>,
+) -> Result<(DriverHandle, DriverStatus), DriverError> {
+    let DriverHandle {
+        mut stopper,
+        status,
+        heartbeat,
+        ..
+    } = hung;
+    stopper.abandon();
+    // Before the other begins, so that its beats are the newest.
+    heartbeat.replaced();
+    let handle = spawn_with(heartbeat, config, raw, events)?;
+    Ok((handle, status.read()))
+}
+
+fn spawn_with(
+    heartbeat: Heartbeat,
+    config: DriverConfig,
+    raw: Option<RawTap>,
+    events: Sender<DriverEvent>,
+) -> Result<DriverHandle, DriverError> {
     config.check()?;
     match &config.url {
         SonarUrl::Sim(scene) => Err(DriverError::Simulated {
@@ -55,13 +94,13 @@ pub fn spawn(
         }),
         SonarUrl::File(path) => {
             let file = open_log(path)?;
-            start(&config.clone(), events, |outlet| {
+            start(heartbeat, &config.clone(), events, |outlet| {
                 Box::new(move || LogReader::new(&config, raw, outlet).run(file))
             })
         }
         SonarUrl::Tcp(_) | SonarUrl::Udp(_) | SonarUrl::Serial { .. } => {
             refuse_what_is_no_line(&config.url)?;
-            start(&config.clone(), events, |outlet| {
+            start(heartbeat, &config.clone(), events, |outlet| {
                 Box::new(move || Link::new(config, raw, outlet).run())
             })
         }
@@ -84,7 +123,8 @@ pub fn spawn_tape(
     events: Sender<DriverEvent>,
 ) -> Result<DriverHandle, DriverError> {
     config.check()?;
-    start(&config.clone(), events, |outlet| {
+    let heartbeat = Heartbeat::new(THREAD_NAME);
+    start(heartbeat, &config.clone(), events, |outlet| {
         let outlet = outlet.waiting_for_room();
         Box::new(move || TapeReader::new(&config, raw, outlet).run(tape))
     })
@@ -93,24 +133,27 @@ pub fn spawn_tape(
 type Work = Box<dyn FnOnce() + Send>;
 
 fn start(
+    heartbeat: Heartbeat,
     config: &DriverConfig,
     events: Sender<DriverEvent>,
     work: impl FnOnce(Outlet) -> Work,
 ) -> Result<DriverHandle, DriverError> {
     let (stopper, stop) = stop_pair();
     let status = SharedStatus::default();
-    let work = work(Outlet::new(config, events, stop, status.clone()));
+    let (beats, of_handle) = (heartbeat.clone(), status.clone());
+    let work = work(Outlet::new(config, events, stop, status, heartbeat.clone()));
     let (alive, ended) = bounded(0);
     thread::Builder::new()
-        .name("sonar".to_owned())
+        .name(THREAD_NAME.to_owned())
         .spawn(move || {
-            work();
+            beats.run_once(work);
             drop::<Sender<()>>(alive);
         })
         .map_err(DriverError::Thread)?;
     Ok(DriverHandle {
         stopper,
-        status,
+        status: of_handle,
+        heartbeat,
         ended,
     })
 }
@@ -148,6 +191,13 @@ impl DriverHandle {
     #[must_use]
     pub fn status(&self) -> DriverStatus {
         self.status.read()
+    }
+
+    /// Whether its thread is alive. One that panics on a link takes the link for lost; one that
+    /// reads a log or a recording has failed.
+    #[must_use]
+    pub fn heartbeat(&self) -> &Heartbeat {
+        &self.heartbeat
     }
 
     /// Whether the thread has ended by itself.

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use bytes::Bytes;
 use echosplat_model::Ping;
 use echosplat_session::SessionCounters;
 use serde::Serialize;
@@ -14,7 +15,7 @@ pub enum DriverEvent {
         /// Checked, on the clock asked for.
         ping: Arc<Ping>,
         /// The whole Ping frame it was made of.
-        frame: Arc<[u8]>,
+        frame: Bytes,
     },
     /// The link is there.
     LinkUp,

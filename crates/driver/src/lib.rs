@@ -11,6 +11,7 @@
 mod config;
 mod driver;
 mod event;
+mod intake;
 mod link;
 mod log_reader;
 mod outlet;
@@ -25,7 +26,7 @@ mod transport;
 mod url;
 
 pub use config::{DriverConfig, DriverError};
-pub use driver::{DriverHandle, spawn, spawn_tape};
+pub use driver::{DriverHandle, spawn, spawn_in_place_of, spawn_tape};
 pub use event::{DriverEvent, DriverStatus, LinkState};
 pub use probe::{
     Discovered, Discovery, ProbedIdentity, ProbedProfile, ProbedUnit, discover, probe, serial_ports,

@@ -9,9 +9,10 @@ use echosplat_session::Session;
 use crate::config::DriverConfig;
 use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
+use crate::intake::Intake;
 use crate::outlet::{Flow, Outlet};
 use crate::tap::{RawTap, Tapped};
-use crate::transport::{self, READ_BYTES, Received, Transport};
+use crate::transport::{self, Received, Transport};
 use crate::url::SonarUrl;
 
 /// After the request to stop, so long at most is waited for the device to fall silent: what is
@@ -24,6 +25,9 @@ const PROFILE_OVERHEAD_BYTES: f64 = 62.0;
 /// Start bit, eight data bits, stop bit.
 const LINE_BITS_PER_BYTE: f64 = 10.0;
 
+/// What names and addresses may take beyond other steps, for as many as a name has.
+const CONNECTING: Duration = Duration::from_secs(60);
+
 pub(crate) struct Link {
     config: DriverConfig,
     raw: Option<RawTap>,
@@ -32,7 +36,7 @@ pub(crate) struct Link {
     state: LinkState,
     /// Whether the last open link brought nothing.
     was_silent: bool,
-    buffer: Vec<u8>,
+    intake: Intake,
     /// A link that flaps must not fill the log.
     ups_said: RateLimit,
     downs_said: RateLimit,
@@ -55,7 +59,7 @@ impl Link {
             session,
             state: LinkState::Connecting,
             was_silent: false,
-            buffer: vec![0; READ_BYTES],
+            intake: Intake::default(),
             ups_said: RateLimit::new(),
             downs_said: RateLimit::new(),
             restarts_said: RateLimit::new(),
@@ -70,16 +74,23 @@ impl Link {
         let mut wait_s = self.config.reconnect_min_s;
         while !self.outlet.stop.is_set() {
             let frames_before = self.session.counters().frames_good;
-            let reason = match transport::open(&self.config, self.was_silent) {
-                Ok(mut link) => match self.talk(&mut *link) {
-                    End::Stopped => {
-                        self.stop_device(&mut *link);
-                        break;
-                    }
-                    End::Lost(reason) => reason,
-                },
-                Err(error) => error.to_string(),
+            let heartbeat = self.outlet.heartbeat.clone();
+            // What a panic leaves half done the session gives up with the link.
+            let ended = heartbeat.survive(|| self.connect_and_talk());
+            self.outlet.stop.talks_over(None);
+            let reason = match ended {
+                Ok(End::Stopped) => break,
+                Ok(End::Lost(reason)) => reason,
+                Err(panicked) if panicked.is_hopeless => {
+                    // No use either, perhaps; then it is told as one more panic.
+                    let _ = heartbeat.survive(|| self.stop_unlinked_device());
+                    return heartbeat.fail();
+                }
+                Err(panicked) => format!("its thread failed, {panicked}"),
             };
+            if self.outlet.stop.is_abandoned() {
+                return;
+            }
             // Being let in is no success: one that accepts and closes is asked ever more slowly.
             if self.session.counters().frames_good > frames_before {
                 wait_s = self.config.reconnect_min_s;
@@ -88,6 +99,7 @@ impl Link {
                 self.stop_unlinked_device();
                 break;
             }
+            heartbeat.rest();
             if self.outlet.stop.wait(Duration::from_secs_f64(wait_s)) {
                 self.stop_unlinked_device();
             }
@@ -97,6 +109,20 @@ impl Link {
         self.deliver();
         self.state = LinkState::Stopped;
         self.publish();
+    }
+
+    fn connect_and_talk(&mut self) -> End {
+        self.outlet.heartbeat.beat_allowing(CONNECTING);
+        let mut link = match transport::open(&self.config, self.was_silent) {
+            Ok(link) => link,
+            Err(error) => return End::Lost(error.to_string()),
+        };
+        self.outlet.stop.talks_over(link.connection());
+        let end = self.talk(&mut *link);
+        if matches!(end, End::Stopped) && !self.outlet.stop.is_abandoned() {
+            self.stop_device(&mut *link);
+        }
+        end
     }
 
     fn talk(&mut self, link: &mut dyn Transport) -> End {
@@ -114,8 +140,13 @@ impl Link {
             if self.outlet.stop.is_set() {
                 return End::Stopped;
             }
+            self.outlet.heartbeat.beat();
             // First what has come: a half frame must not expire while its rest waits to be read.
-            match link.read(&mut self.buffer) {
+            let read = link.read(self.intake.room());
+            if self.outlet.stop.is_abandoned() {
+                return End::Stopped;
+            }
+            match read {
                 Ok(Received::Bytes(byte_count)) => {
                     heard = Instant::now();
                     self.was_silent = false;
@@ -144,11 +175,9 @@ impl Link {
 
     fn take(&mut self, byte_count: usize) {
         let now = host_time();
-        let bytes = &self.buffer[..byte_count];
-        if let Some(raw) = &mut self.raw {
-            raw(now, Tapped::Bytes(bytes));
-        }
-        self.session.receive(bytes, now);
+        let bytes = self.intake.take(byte_count);
+        self.tap(now, Tapped::Bytes(&bytes));
+        self.session.receive(&bytes, now);
     }
 
     fn tap(&mut self, now: Timestamp, tapped: Tapped<'_>) {
@@ -263,7 +292,7 @@ impl Link {
         let mut repeated = false;
         let mut quiet_reads = 0;
         while sent.is_ok() && quiet_reads < QUIET_READS && began.elapsed() < STOP_DRAIN {
-            match link.read(&mut self.buffer) {
+            match link.read(self.intake.room()) {
                 Ok(Received::Bytes(byte_count)) => {
                     quiet_reads = 0;
                     self.outlet

@@ -4,15 +4,16 @@ use std::fs::File;
 use std::io::{self, Read};
 use std::time::Instant;
 
+use bytes::Bytes;
 use echosplat_session::{Session, SessionEvent};
 
 use crate::config::DriverConfig;
 use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
+use crate::intake::Intake;
 use crate::outlet::{Flow, Outlet};
 use crate::pace::Pace;
 use crate::tap::{RawTap, Tapped};
-use crate::transport::READ_BYTES;
 
 /// Longer pauses in a log, as between sessions, are not waited for.
 const MAX_GAP_S: f64 = 10.0;
@@ -37,11 +38,11 @@ impl LogReader {
     pub(crate) fn run(mut self, mut file: File) {
         self.publish(LinkState::Up);
         let mut flow = self.outlet.send(DriverEvent::LinkUp);
-        let mut buffer = vec![0; READ_BYTES];
+        let mut intake = Intake::default();
         while flow == Flow::GoesOn {
-            flow = match file.read(&mut buffer) {
+            flow = match file.read(intake.room()) {
                 Ok(0) => break,
-                Ok(byte_count) => self.take(&buffer[..byte_count]),
+                Ok(byte_count) => self.take(&intake.take(byte_count)),
                 Err(error) if error.kind() == io::ErrorKind::Interrupted => Flow::GoesOn,
                 Err(error) => {
                     self.warn(format!("the log cannot be read further: {error}"));
@@ -61,7 +62,7 @@ impl LogReader {
         }
     }
 
-    fn take(&mut self, bytes: &[u8]) -> Flow {
+    fn take(&mut self, bytes: &Bytes) -> Flow {
         let now = host_time();
         if let Some(raw) = &mut self.raw {
             raw(now, Tapped::Bytes(bytes));

@@ -3,6 +3,7 @@
 use std::sync::{Mutex, PoisonError};
 
 use crossbeam_channel::{Sender, TrySendError, select};
+use echosplat_liveness::Heartbeat;
 use echosplat_session::{ClockSource, SessionEvent};
 
 use crate::config::DriverConfig;
@@ -23,6 +24,7 @@ pub(crate) struct Outlet {
     events: Sender<DriverEvent>,
     pub(crate) stop: Stop,
     pub(crate) status: SharedStatus,
+    pub(crate) heartbeat: Heartbeat,
     waits_for_room: bool,
     /// Sequences of pings dropped since they were last asked for.
     shed: Mutex<Vec<u64>>,
@@ -34,12 +36,14 @@ impl Outlet {
         events: Sender<DriverEvent>,
         stop: Stop,
         status: SharedStatus,
+        heartbeat: Heartbeat,
     ) -> Self {
         let is_log = matches!(config.url, SonarUrl::File(_));
         Self {
             events,
             stop,
             status,
+            heartbeat,
             waits_for_room: is_log || config.session.clock == ClockSource::Device,
             shed: Mutex::default(),
         }
@@ -59,6 +63,9 @@ impl Outlet {
     }
 
     pub(crate) fn send(&self, event: DriverEvent) -> Flow {
+        if self.stop.is_abandoned() {
+            return Flow::Ends;
+        }
         let ping = match &event {
             DriverEvent::Ping { ping, .. } => Some(ping.sequence()),
             _ => None,
@@ -66,21 +73,29 @@ impl Outlet {
         let is_ping = ping.is_some();
         match self.events.try_send(event) {
             Ok(()) => self.was_sent(is_ping),
-            Err(TrySendError::Full(event)) if self.waits_for_room => select! {
-                send(self.events, event) -> sent => match sent {
-                    Ok(()) => self.was_sent(is_ping),
-                    Err(_) => Flow::Ends,
-                },
-                recv(self.stop.channel()) -> _ => {
-                    self.was_dropped(ping);
-                    Flow::Ends
-                }
-            },
+            Err(TrySendError::Full(event)) if self.waits_for_room => {
+                self.wait_for_room(event, ping)
+            }
             Err(TrySendError::Full(_)) => {
                 self.was_dropped(ping);
                 Flow::GoesOn
             }
             Err(TrySendError::Disconnected(_)) => Flow::Ends,
+        }
+    }
+
+    fn wait_for_room(&self, event: DriverEvent, ping: Option<u64>) -> Flow {
+        // Until the link's next read; logs and tapes rest all along.
+        self.heartbeat.rest();
+        select! {
+            send(self.events, event) -> sent => match sent {
+                Ok(()) => self.was_sent(ping.is_some()),
+                Err(_) => Flow::Ends,
+            },
+            recv(self.stop.channel()) -> _ => {
+                self.was_dropped(ping);
+                Flow::Ends
+            }
         }
     }
 

@@ -1,7 +1,6 @@
 //! What a session is given, shown to whoever records it, and given again from a recording.
 
-use std::sync::Arc;
-
+use bytes::Bytes;
 use echosplat_model::Timestamp;
 
 /// What a session is about to be given.
@@ -9,8 +8,8 @@ use echosplat_model::Timestamp;
 pub enum Tapped<'a> {
     /// The link is there.
     LinkUp,
-    /// Bytes as they came, before they are decoded.
-    Bytes(&'a [u8]),
+    /// Bytes as they came, before they are decoded; whoever keeps them shares them.
+    Bytes(&'a Bytes),
     /// The rest of a half frame did not come; it is given up.
     HalfFrameExpired,
     /// The link is gone, and with it what was half received.
@@ -31,7 +30,7 @@ pub enum TapeItem {
     /// The link was there.
     LinkUp,
     /// Bytes as they came.
-    Bytes(Arc<[u8]>),
+    Bytes(Bytes),
     /// A half frame was given up.
     HalfFrameExpired,
     /// The link was gone.
@@ -61,7 +60,7 @@ impl TapeItem {
     pub fn of(tapped: Tapped<'_>) -> Option<Self> {
         Some(match tapped {
             Tapped::LinkUp => Self::LinkUp,
-            Tapped::Bytes(bytes) => Self::Bytes(Arc::from(bytes)),
+            Tapped::Bytes(bytes) => Self::Bytes(bytes.clone()),
             Tapped::HalfFrameExpired => Self::HalfFrameExpired,
             Tapped::LinkDown => Self::LinkDown,
             Tapped::PingShed(_) => return None,

@@ -332,7 +332,8 @@ mod tests {
             (-1.0, 0.0),
         ] {
             let scaled = ping.scaled(|bin| if bin == 7 { factor } else { 1.0 });
-            assert_eq!([scaled.intensity()[7], scaled.intensity()[8]], [power, 2.0]);
+            let heard = [scaled.intensity()[7], scaled.intensity()[8]];
+            assert_eq!(heard.map(f32::to_bits), [power, 2.0].map(f32::to_bits));
             let again = Ping::new(0, Timestamp::ZERO, settings(), scaled.intensity().to_vec());
             assert!(again.is_ok(), "factor {factor}");
         }

@@ -20,6 +20,7 @@ mod mavlink;
 mod now;
 mod outlet;
 mod source;
+mod source_thread;
 mod status;
 mod stop;
 mod url;

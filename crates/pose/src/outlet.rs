@@ -1,18 +1,26 @@
 //! From a source's thread to whoever takes the poses: a bounded queue, and the status beside it.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
+use echosplat_liveness::Heartbeat;
 
 use crate::status::PoseSourceStatus;
+use crate::stop::Stop;
 use echosplat_join::ArrivedPose;
 
 /// Poses that wait to be taken: 20 minutes at 50 Hz.
 const QUEUE_LEN: usize = 65_536;
 
+/// What opening a link may take beyond other steps, for as many addresses as a name has.
+const CONNECTING: Duration = Duration::from_secs(60);
+
 /// The thread's end.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Outlet {
+    pub(crate) heartbeat: Heartbeat,
+    stop: Stop,
     poses: Sender<ArrivedPose>,
     shared: Arc<Mutex<PoseSourceStatus>>,
     dropped: u64,
@@ -26,10 +34,12 @@ pub(crate) struct Inlet {
     shared: Arc<Mutex<PoseSourceStatus>>,
 }
 
-pub(crate) fn queue() -> (Outlet, Inlet) {
+pub(crate) fn queue(heartbeat: Heartbeat, stop: Stop) -> (Outlet, Inlet) {
     let (sender, poses) = bounded(QUEUE_LEN);
     let shared = Arc::new(Mutex::new(PoseSourceStatus::default()));
     let outlet = Outlet {
+        heartbeat,
+        stop,
         poses: sender,
         shared: Arc::clone(&shared),
         dropped: 0,
@@ -41,6 +51,10 @@ pub(crate) fn queue() -> (Outlet, Inlet) {
 impl Outlet {
     /// Never waits: with the queue full the pose, being the newest, is dropped and counted.
     pub(crate) fn hand_on(&mut self, pose: ArrivedPose) {
+        if self.stop.is_set() {
+            // Its taker is gone, or has put another thread in the place of one that hung.
+            return;
+        }
         if self.poses.try_send(pose).is_err() {
             self.dropped += 1;
         }
@@ -57,8 +71,14 @@ impl Outlet {
         shared.link = Some(link);
     }
 
-    /// Tells counters, clock and what is missing.
+    /// A link is about to be opened.
+    pub(crate) fn connecting(&self) {
+        self.heartbeat.beat_allowing(CONNECTING);
+    }
+
+    /// Tells counters, clock and what is missing, and that the thread is alive.
     pub(crate) fn tell(&self, mut status: PoseSourceStatus) {
+        self.heartbeat.beat();
         status.link.clone_from(&self.link);
         status.dropped_full += self.dropped;
         status.accepted = status.accepted.saturating_sub(self.dropped);

@@ -3,10 +3,12 @@
 use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
 use echosplat_bus::{Bus, BusError, PoseSubscription};
+use echosplat_liveness::Heartbeat;
 use echosplat_model::StampedPose;
 use echosplat_recording::tum::{self, TumError};
 
@@ -15,9 +17,10 @@ use crate::link::Address;
 use crate::log::LogPosesError;
 use crate::mavlink::run::{JSON_MESSAGES, OverLink, over_bus};
 use crate::now::now;
-use crate::outlet::{Inlet, Outlet, queue};
+use crate::outlet::Outlet;
+use crate::source_thread::SourceThread;
 use crate::status::{PoseSourceStatus, Rate};
-use crate::stop::{Stop, Stopper, stop_pair};
+use crate::stop::Stop;
 use crate::url::PoseUrl;
 use echosplat_join::{ArrivedPose, StampClock};
 
@@ -67,7 +70,7 @@ pub struct LivePoses {
 #[derive(Debug)]
 enum Feed {
     Bus(PoseSubscription),
-    Thread { inlet: Inlet, _stopper: Stopper },
+    Thread(SourceThread),
 }
 
 /// Why there is no such source.
@@ -223,6 +226,16 @@ impl PoseSource {
         }
     }
 
+    /// Of a live source: whether it is alive.
+    #[must_use]
+    pub fn heartbeat(&self) -> Option<&Heartbeat> {
+        let Self::Live(live) = self else { return None };
+        Some(match &live.feed {
+            Feed::Bus(poses) => poses.heartbeat(),
+            Feed::Thread(thread) => thread.heartbeat(),
+        })
+    }
+
     /// What became of the poses so far. Of poses read whole only what kind of source it is.
     #[must_use]
     pub fn status(&self) -> PoseSourceStatus {
@@ -242,12 +255,15 @@ impl PoseSource {
 
 impl LivePoses {
     fn next(&mut self, limit: Option<Duration>) -> Option<ArrivedPose> {
-        let pose = match &self.feed {
+        let pose = match &mut self.feed {
             Feed::Bus(poses) => receive(poses.receiver(), limit).map(|received| ArrivedPose {
                 pose: received.pose,
                 arrived: received.arrived,
             }),
-            Feed::Thread { inlet, .. } => receive(&inlet.poses, limit),
+            Feed::Thread(thread) => {
+                thread.replace_if_it_hangs();
+                receive(thread.poses(), limit)
+            }
         }?;
         self.rate.count(pose.arrived);
         Some(pose)
@@ -256,7 +272,7 @@ impl LivePoses {
     fn waiting_len(&self) -> usize {
         match &self.feed {
             Feed::Bus(poses) => poses.receiver().len(),
-            Feed::Thread { inlet, .. } => inlet.poses.len(),
+            Feed::Thread(thread) => thread.poses().len(),
         }
     }
 
@@ -264,7 +280,7 @@ impl LivePoses {
         let (rate_hz, age_s) = self.rate.read(now());
         let status = match &self.feed {
             Feed::Bus(poses) => status_of_bus(poses),
-            Feed::Thread { inlet, .. } => inlet.status(),
+            Feed::Thread(thread) => thread.status(),
         };
         PoseSourceStatus {
             source: self.url.clone(),
@@ -307,19 +323,10 @@ fn live(url: &PoseUrl, feed: Feed) -> PoseSource {
 
 fn thread(
     url: &PoseUrl,
-    run: impl FnOnce(Outlet, &Stop) + Send + 'static,
+    run: impl Fn(&mut Outlet, &Stop) + Send + Sync + 'static,
 ) -> Result<PoseSource, PoseSourceError> {
-    let (outlet, inlet) = queue();
-    let (stopper, stop) = stop_pair();
-    let thread = std::thread::Builder::new().name("poses".to_owned());
-    // Not joined: its stop is seen within what a connection attempt takes.
-    let started = thread.spawn(move || run(outlet, &stop));
-    started.map_err(PoseSourceError::Thread)?;
-    let feed = Feed::Thread {
-        inlet,
-        _stopper: stopper,
-    };
-    Ok(live(url, feed))
+    let thread = SourceThread::start(Arc::new(run)).map_err(PoseSourceError::Thread)?;
+    Ok(live(url, Feed::Thread(thread)))
 }
 
 fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {

@@ -22,6 +22,7 @@ mod replayed;
 mod rig;
 mod scene_files;
 mod signals;
+mod supervisor;
 mod truth;
 mod web;
 

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, UNIX_EPOCH};
 
+use echosplat_liveness::Heartbeat;
 use echosplat_model::{Snapshot, Standing};
 use echosplat_recording::ply::{self, MapFile};
 use echosplat_web::{About, Control, Feed, LogFile, MapPart, WebServer};
@@ -64,6 +65,11 @@ impl Page {
     /// Where what there is to show is given.
     pub(crate) fn feed(&self) -> Feed {
         self.server.feed()
+    }
+
+    /// Of the threads that make what it shows.
+    pub(crate) fn heartbeats(&self) -> Vec<Heartbeat> {
+        self.server.heartbeats().to_vec()
     }
 
     /// What is begun and ended from the page.

@@ -1,79 +1,28 @@
 //! The `timestamp` of a log's session packets.
 
 use echosplat_model::Timestamp;
+use jiff::civil::DateTime;
+use jiff::tz::TimeZone;
 
 /// Reads `2024-05-01T12:34:56.789Z`; the zone may be `Z`, `±hh:mm`, `±hhmm`, or missing, which is
 /// UTC. `None` if it is anything else, or outside the years 1970 to 2200.
 pub(crate) fn parse(text: &str) -> Option<Timestamp> {
-    let (date, time) = text.trim().split_once(['T', 't', ' '])?;
-    let zone_at = time.find(['Z', 'z', '+', '-']).unwrap_or(time.len());
-    let (clock, zone) = time.split_at(zone_at);
-    let seconds = days(date)? * 86_400 - zone_seconds(zone)?;
-    let (whole_seconds, nanos) = clock_seconds(clock)?;
-    let nanos = (seconds + whole_seconds) * 1_000_000_000 + nanos;
-    Some(Timestamp::from_nanos(nanos))
-}
-
-/// Days from 1970-01-01, by counting years from March so that the leap day comes last.
-fn days(date: &str) -> Option<i64> {
-    let mut parts = date.split('-');
-    let (year, month, day) = (
-        number(parts.next()?, 4)?,
-        number(parts.next()?, 2)?,
-        number(parts.next()?, 2)?,
-    );
-    let is_date = (1970..=2200).contains(&year) && (1..=12).contains(&month);
-    if !(is_date && (1..=31).contains(&day) && parts.next().is_none()) {
-        return None;
-    }
-    let (year, month) = match month {
-        1 | 2 => (year - 1, month + 9),
-        _ => (year, month - 3),
+    let text = text.trim();
+    // A date alone would be read as its midnight.
+    let (_, clock) = text.split_once(['T', 't', ' '])?;
+    let has_zone = clock.contains(['Z', 'z', '+', '-']);
+    let time: jiff::Timestamp = match has_zone {
+        true => text.parse().ok()?,
+        false => {
+            let civil: DateTime = text.parse().ok()?;
+            civil.to_zoned(TimeZone::UTC).ok()?.timestamp()
+        }
     };
-    let leap_days = year / 4 - year / 100 + year / 400;
-    // 719468 days lie between 0000-03-01 and 1970-01-01.
-    Some(year * 365 + leap_days + (month * 153 + 2) / 5 + day - 1 - 719_468)
-}
-
-/// Seconds and nanoseconds since midnight.
-fn clock_seconds(clock: &str) -> Option<(i64, i64)> {
-    let mut parts = clock.split(':');
-    let hours = number(parts.next()?, 2)?;
-    let minutes = number(parts.next()?, 2)?;
-    let seconds = parts.next().unwrap_or("00");
-    let (seconds, fraction) = seconds.split_once(['.', ',']).unwrap_or((seconds, ""));
-    let seconds = number(seconds, 2)?;
-    if !(hours <= 24 && minutes < 60 && seconds <= 60 && parts.next().is_none()) {
-        return None;
-    }
-    let digits = fraction.get(..fraction.len().min(9))?;
-    let nanos = match digits.len() {
-        0 => 0,
-        count => number(digits, count)? * 10_i64.pow(9 - count as u32),
-    };
-    Some((hours * 3600 + minutes * 60 + seconds, nanos))
-}
-
-/// Seconds east of Greenwich.
-fn zone_seconds(zone: &str) -> Option<i64> {
-    let sign = match zone.chars().next() {
-        None | Some('Z' | 'z') => return (zone.len() <= 1).then_some(0),
-        Some('-') => -1,
-        Some(_) => 1,
-    };
-    let digits: String = zone[1..].split(':').collect();
-    let (hours, minutes) = match digits.len() {
-        2 => (number(&digits, 2)?, 0),
-        4 => (number(digits.get(..2)?, 2)?, number(digits.get(2..)?, 2)?),
-        _ => return None,
-    };
-    (hours <= 14 && minutes < 60).then_some(sign * (hours * 3600 + minutes * 60))
-}
-
-/// Exactly `count` digits.
-fn number(text: &str, count: usize) -> Option<i64> {
-    let is_number = text.len() == count && text.bytes().all(|byte| byte.is_ascii_digit());
-    is_number.then(|| text.parse().ok())?
+    let year = time.to_zoned(TimeZone::UTC).year();
+    let nanos = i64::try_from(time.as_nanosecond()).ok()?;
+    (1970..=2200)
+        .contains(&year)
+        .then(|| Timestamp::from_nanos(nanos))
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use bytes::Bytes;
 use echosplat_firmware_protocol::{
     Decoder, DeviceInformation, Event, Frame, Message, OsMonoProfile, ParseError, SkipReason,
     Skipped, id,
@@ -42,7 +43,7 @@ pub enum SessionEvent {
         /// Checked, on the clock asked for.
         ping: Arc<Ping>,
         /// The whole Ping frame it was made of.
-        frame: Arc<[u8]>,
+        frame: Bytes,
     },
     /// The device was restarted: its numbers and its clock begin anew, sequence and time go on.
     Rebooted,

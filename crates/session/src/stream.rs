@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use bytes::Bytes;
 use echosplat_firmware_protocol::{Frame, Message, OsMonoProfile};
 use echosplat_model::{Ping, Timestamp};
 
@@ -18,7 +19,7 @@ pub(crate) struct Stream {
     is_log: bool,
     continuity: Continuity,
     /// The profile that waits for the next to confirm it, and when it came.
-    held: Option<(Arc<[u8]>, Timestamp)>,
+    held: Option<(Bytes, Timestamp)>,
     channel: Option<u8>,
     device_clock: DeviceClock,
     host_clock: HostClock,
@@ -30,7 +31,7 @@ pub(crate) struct Stream {
 /// A profile that is taken, as it came.
 struct Origin<'a> {
     profile: &'a OsMonoProfile<'a>,
-    frame: Arc<[u8]>,
+    frame: Bytes,
     arrival: Timestamp,
 }
 
@@ -99,13 +100,13 @@ impl Stream {
         self.settle_held(verdict.held, config, counters, emit);
         let origin = || Origin {
             profile,
-            frame: Arc::from(frame.bytes()),
+            frame: Bytes::copy_from_slice(frame.bytes()),
             arrival: now,
         };
         match verdict.this {
             Fate::Taken(how) => self.take(how, origin(), config, counters, emit),
             Fate::Late(step) => self.take_late(step, origin(), config, counters, emit),
-            Fate::Held => self.held = Some((Arc::from(frame.bytes()), now)),
+            Fate::Held => self.held = Some((Bytes::copy_from_slice(frame.bytes()), now)),
             Fate::Duplicate => counters.profiles_rejected.duplicate += 1,
             Fate::Misplaced => counters.profiles_rejected.late += 1,
         }
@@ -142,7 +143,7 @@ impl Stream {
         };
         let origin = Origin {
             profile: &profile,
-            frame: Arc::clone(&bytes),
+            frame: bytes.clone(),
             arrival,
         };
         match fate {

@@ -3,10 +3,11 @@
 use std::net::{SocketAddr, TcpListener, ToSocketAddrs};
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use axum::Router;
 use echosplat_bus::BusConfig;
+use echosplat_liveness::Heartbeat;
 use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
@@ -32,8 +33,9 @@ const HEAD_LIMIT: Duration = Duration::from_secs(10);
 const MAX_HEAD_BYTES: usize = 16 << 10;
 /// Headers of a request.
 const MAX_HEADERS: usize = 64;
-/// How long the end may take.
+/// How long the end may take, for connections and for the threads, and how often these are looked at.
 const END_LIMIT: Duration = Duration::from_millis(500);
+const END_TICK: Duration = Duration::from_millis(5);
 /// What live deltas take of loopback, bits per second; elsewhere the bus's bandwidth.
 const LOOPBACK_BANDWIDTH_BPS: u64 = 100_000_000;
 
@@ -74,6 +76,7 @@ pub struct WebServer {
     hub: Arc<Hub>,
     runtime: Option<Runtime>,
     threads: Vec<JoinHandle<()>>,
+    heartbeats: [Heartbeat; 2],
 }
 
 impl WebServer {
@@ -108,11 +111,16 @@ impl WebServer {
             true => LOOPBACK_BANDWIDTH_BPS,
             false => bus.bandwidth_bps,
         };
-        let maps = MapWorker::new(Arc::clone(&hub), bus.clone(), bandwidth_bps);
+        let heartbeats = [Heartbeat::new("web-map"), Heartbeat::new("web-scene")];
+        let [of_maps, of_scene] = heartbeats.clone();
+        let beats = of_maps.clone();
+        let mut maps = MapWorker::new(Arc::clone(&hub), bus.clone(), bandwidth_bps, beats);
         let seen = Arc::clone(&hub);
         let threads = vec![
-            spawn("web-map", move || maps.run())?,
-            spawn("web-scene", move || show_scene(&seen))?,
+            spawn("web-map", move || of_maps.run_again(|| maps.run()))?,
+            spawn("web-scene", move || {
+                of_scene.run_again(|| show_scene(&seen, &of_scene));
+            })?,
         ];
         let source = Arc::new(Source {
             hub: Arc::clone(&hub),
@@ -135,6 +143,7 @@ impl WebServer {
             hub,
             runtime: Some(runtime),
             threads,
+            heartbeats,
         })
     }
 
@@ -142,6 +151,13 @@ impl WebServer {
     #[must_use]
     pub fn feed(&self) -> Feed {
         Feed(Arc::clone(&self.hub))
+    }
+
+    /// Whether its own threads are alive; both go on after a panic. Of what is done for a browser
+    /// only that browser's connection ends with a panic.
+    #[must_use]
+    pub fn heartbeats(&self) -> &[Heartbeat] {
+        &self.heartbeats
     }
 
     /// Where it listens.
@@ -173,9 +189,11 @@ impl Drop for WebServer {
         if let Some(runtime) = self.runtime.take() {
             runtime.shutdown_timeout(END_LIMIT);
         }
-        for thread in self.threads.drain(..) {
-            // A panic in it has been reported by the panic hook.
-            let _ = thread.join();
+        let deadline = Instant::now() + END_LIMIT;
+        let hangs = |thread: &JoinHandle<()>| !thread.is_finished();
+        // One that hangs is left alone.
+        while self.threads.iter().any(hangs) && Instant::now() < deadline {
+            std::thread::sleep(END_TICK);
         }
     }
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use echosplat_bus::delta::PublishedMap;
 use echosplat_bus::{BusConfig, MapEncoder};
+use echosplat_liveness::Heartbeat;
 use echosplat_model::Snapshot;
 use serde_json::{Value, json};
 use tokio::sync::oneshot;
@@ -27,6 +28,7 @@ pub(crate) struct MapWorker {
     pub(crate) bus: BusConfig,
     /// Most that live deltas take of one browser's link.
     pub(crate) bandwidth_bps: u64,
+    heartbeat: Heartbeat,
     state: Option<State>,
 }
 
@@ -46,19 +48,28 @@ struct Work {
 }
 
 impl MapWorker {
-    pub(crate) fn new(hub: Arc<Hub>, bus: BusConfig, bandwidth_bps: u64) -> Self {
+    pub(crate) fn new(
+        hub: Arc<Hub>,
+        bus: BusConfig,
+        bandwidth_bps: u64,
+        heartbeat: Heartbeat,
+    ) -> Self {
         Self {
             hub,
             bus,
             bandwidth_bps,
+            heartbeat,
             state: None,
         }
     }
 
-    pub(crate) fn run(mut self) {
+    /// Until the end; may be called again after a panic.
+    pub(crate) fn run(&mut self) {
         while let Some(work) = self.next_work() {
+            self.heartbeat.beat();
             let began = Instant::now();
             self.take(work);
+            self.heartbeat.rest();
             self.rest(ROUND.max(began.elapsed() * REST));
         }
     }
@@ -159,8 +170,9 @@ impl MapWorker {
 }
 
 /// Encodes pings and poses until the end.
-pub(crate) fn show_scene(hub: &Hub) {
+pub(crate) fn show_scene(hub: &Hub, heartbeat: &Heartbeat) {
     while wait_for_watchers(hub) {
+        heartbeat.beat();
         let (pings, pose) = {
             let mut scene = lock(&hub.scene);
             let is_new = std::mem::take(&mut scene.has_new_pose);
@@ -173,6 +185,7 @@ pub(crate) fn show_scene(hub: &Hub) {
         if let Some(pose) = pose {
             hub.tell(Live::Text(pose.to_string().into()));
         }
+        heartbeat.rest();
         std::thread::sleep(LOOK);
     }
 }

@@ -62,7 +62,7 @@ fn burst(sender: &Bus, publisher: &MapPublisher, count: u64) -> Duration {
     let mut longest = Duration::ZERO;
     for (n, map) in (0..count).zip(rounds.iter().cycle()) {
         let begin = Instant::now();
-        sender.publish_ping(&[7; 1262], Timestamp::from_millis(n as i64));
+        sender.publish_ping(vec![7; 1262].into(), Timestamp::from_millis(n as i64));
         publisher.offer(Arc::clone(map));
         longest = longest.max(begin.elapsed());
         std::thread::sleep(Duration::from_micros(200));
@@ -85,7 +85,7 @@ fn a_frozen_subscriber_costs_pings_and_deltas_that_are_counted_and_no_waiting() 
     publisher.offer(round(0));
     let mut offered = 0;
     until("pings arrive", || {
-        sender.publish_ping(&[1], Timestamp::ZERO);
+        sender.publish_ping(vec![1].into(), Timestamp::ZERO);
         offered += 1;
         pings.next_within(Duration::from_millis(50)).is_some()
     });

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use crossbeam_channel::Receiver;
+use echosplat_liveness::Heartbeat;
 use zenoh::Wait;
 use zenoh::bytes::Encoding;
 use zenoh::query::Query;
@@ -34,8 +35,11 @@ impl AnswerThread {
     }
 
     /// Ends with the queryables, whose callbacks hold the other ends of the queue.
-    pub(super) fn run(&self, queries: &Receiver<Asked>) {
-        for asked in queries {
+    pub(super) fn run(&self, queries: &Receiver<Asked>, heartbeat: &Heartbeat) {
+        loop {
+            heartbeat.rest();
+            let Ok(asked) = queries.recv() else { return };
+            heartbeat.beat();
             let published = lock(&self.shared.published).clone();
             match (asked, published) {
                 (Asked::Map(query), Some(published)) => self.map(&query, &published),

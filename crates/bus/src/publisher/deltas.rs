@@ -3,6 +3,7 @@
 use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
+use echosplat_liveness::Heartbeat;
 use echosplat_model::{Delta, Snapshot};
 use glam::DVec3;
 use zenoh::Wait;
@@ -21,6 +22,7 @@ use crate::taps::Taps;
 pub(super) struct DeltaThread {
     link: Arc<Link>,
     shared: Arc<Shared>,
+    heartbeat: Heartbeat,
     differ: SnapshotDiffer,
     taps: Taps,
     /// Sequence of the newest snapshot taken.
@@ -37,20 +39,24 @@ struct Work {
 }
 
 impl DeltaThread {
-    pub(super) fn new(link: Arc<Link>, shared: Arc<Shared>) -> Self {
+    pub(super) fn new(link: Arc<Link>, shared: Arc<Shared>, heartbeat: Heartbeat) -> Self {
         Self {
             differ: SnapshotDiffer::new(link.config.tile_edge_m),
             taps: link.taps.current(),
             link,
             shared,
+            heartbeat,
             offered: 0,
             told: None,
         }
     }
 
-    pub(super) fn run(mut self) {
+    /// Until the end; may be called again after a panic, whose deltas subscribers then miss by
+    /// their sequence.
+    pub(super) fn run(&mut self) {
         loop {
             let work = self.next_work();
+            self.heartbeat.beat();
             if let Some(snapshot) = work.snapshot {
                 self.offered = snapshot.sequence;
                 self.differ.offer(snapshot);
@@ -68,6 +74,7 @@ impl DeltaThread {
     /// Waits until there is something to publish, a flush, or the end.
     fn next_work(&self) -> Work {
         let mut orders = lock(&self.shared.orders);
+        self.heartbeat.rest();
         while !orders.is_urgent() && orders.snapshot.is_none() && self.differ.is_drained() {
             let waited = self.shared.ordered.wait(orders);
             orders = waited.unwrap_or_else(PoisonError::into_inner);
@@ -167,6 +174,7 @@ impl DeltaThread {
             let bytes = |bytes: &[u8]| Arc::from(bytes);
             tap(bytes(&message.payload), bytes(&message.attachment));
         }
+        self.heartbeat.beat();
         let byte_count = message.byte_count();
         let control = match is_last {
             true => CongestionControl::Block,
@@ -213,6 +221,7 @@ impl DeltaThread {
 
     /// Sleeps, unless something urgent comes up.
     fn pause_until(&self, time: Instant) {
+        self.heartbeat.rest();
         let mut orders = lock(&self.shared.orders);
         while !orders.is_urgent() {
             let left = time.saturating_duration_since(Instant::now());

@@ -10,6 +10,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Sender, bounded};
+use echosplat_liveness::Heartbeat;
 use echosplat_model::Snapshot;
 use serde::Serialize;
 use zenoh::Wait;
@@ -68,6 +69,7 @@ pub struct FlushReport {
 pub struct MapPublisher {
     shared: Arc<Shared>,
     threads: Vec<JoinHandle<()>>,
+    heartbeats: [Heartbeat; 2],
     _queryables: [Queryable<()>; 2],
 }
 
@@ -126,16 +128,21 @@ impl MapPublisher {
                 &sender,
             )?,
         ];
-        let deltas = DeltaThread::new(Arc::clone(link), Arc::clone(&shared));
+        let heartbeats = [Heartbeat::new("bus-map"), Heartbeat::new("bus-answers")];
+        let [of_deltas, of_answers] = heartbeats.clone();
+        let mut deltas = DeltaThread::new(Arc::clone(link), Arc::clone(&shared), of_deltas.clone());
         let answers = AnswerThread::new(Arc::clone(link), Arc::clone(&shared));
         let threads = vec![
-            spawn("bus-map", move || deltas.run())?,
+            spawn("bus-map", move || of_deltas.run_again(|| deltas.run()))?,
             // Apart from the deltas, since a slow link holds an answer up.
-            spawn("bus-answers", move || answers.run(&queries))?,
+            spawn("bus-answers", move || {
+                of_answers.run_again(|| answers.run(&queries, &of_answers));
+            })?,
         ];
         Ok(Self {
             shared,
             threads,
+            heartbeats,
             _queryables: queryables,
         })
     }
@@ -180,6 +187,12 @@ impl MapPublisher {
     #[must_use]
     pub fn sent(&self) -> Option<Sent> {
         *lock(&self.shared.sent)
+    }
+
+    /// Whether its threads are alive; both go on after a panic.
+    #[must_use]
+    pub fn heartbeats(&self) -> &[Heartbeat] {
+        &self.heartbeats
     }
 
     /// What was published so far.

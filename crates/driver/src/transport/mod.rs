@@ -5,6 +5,7 @@ mod tcp;
 mod udp;
 
 use std::io;
+use std::net::TcpStream;
 use std::time::Duration;
 
 pub(crate) use serial::{in_words, what_else_than_a_line};
@@ -33,6 +34,12 @@ pub(crate) trait Transport: Send {
 
     /// Writes one whole frame, in bounded time.
     fn write(&mut self, frame: &[u8]) -> io::Result<()>;
+
+    /// The same connection once more, for whoever ends it while this thread hangs; `None` where
+    /// there is none.
+    fn connection(&self) -> Option<TcpStream> {
+        None
+    }
 
     /// Whether being open means that there is somebody at the other end.
     fn opens_connected(&self) -> bool {

@@ -33,4 +33,8 @@ impl Transport for Tcp {
     fn write(&mut self, frame: &[u8]) -> io::Result<()> {
         self.0.write_all(frame)
     }
+
+    fn connection(&self) -> Option<TcpStream> {
+        self.0.try_clone().ok()
+    }
 }

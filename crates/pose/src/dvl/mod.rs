@@ -26,15 +26,17 @@ const MAX_LINE_BYTES: usize = 16 * 1024;
 const SILENT_AFTER_S: f64 = 10.0;
 
 /// Until the stop: connects, reads, connects again.
-pub(crate) fn run(address: &Address, stamps: StampClock, mut outlet: Outlet, stop: &Stop) {
+pub(crate) fn run(address: &Address, stamps: StampClock, outlet: &mut Outlet, stop: &Stop) {
     let mut track = Track::new(stamps);
     let mut back_off = BackOff::default();
     let name = address.name();
     outlet.link(format!("waiting for the DVL on {name}"));
     while !stop.is_set() {
-        if let Err(error) = read(address, &mut track, &mut back_off, &mut outlet, stop) {
+        outlet.connecting();
+        if let Err(error) = read(address, &mut track, &mut back_off, outlet, stop) {
             outlet.link(format!("lost: {name}: {error}; trying again"));
         }
+        outlet.heartbeat.rest();
         if back_off.wait(stop) {
             return;
         }

@@ -40,18 +40,20 @@ pub(crate) struct OverLink {
 
 impl OverLink {
     /// Until the stop: opens the link, feeds the vehicle, opens it again.
-    pub(crate) fn run(self, mut outlet: Outlet, stop: &Stop) {
+    pub(crate) fn run(&self, outlet: &mut Outlet, stop: &Stop) {
         let mut vehicle = Vehicle::new(self.stamps);
         let mut back_off = BackOff::default();
         let name = self.address.name();
         while !stop.is_set() {
+            outlet.connecting();
             let failure = match self.address.open() {
-                Ok(link) => self.feed(link, &mut vehicle, &mut back_off, &mut outlet, stop),
+                Ok(link) => self.feed(link, &mut vehicle, &mut back_off, outlet, stop),
                 Err(error) => Err(error),
             };
             if let Err(error) = failure {
                 outlet.link(format!("lost: {name}: {error}; trying again"));
             }
+            outlet.heartbeat.rest();
             if back_off.wait(stop) {
                 return;
             }
@@ -129,7 +131,7 @@ fn take(
 pub(crate) fn over_bus(
     messages: &MessageSubscription,
     stamps: StampClock,
-    mut outlet: Outlet,
+    outlet: &mut Outlet,
     stop: &Stop,
 ) {
     let mut vehicle = Vehicle::new(stamps);
@@ -139,7 +141,7 @@ pub(crate) fn over_bus(
         let at = now();
         if let Some(received) = received {
             heard_at = Some(at);
-            take_json(&mut vehicle, &received, &mut outlet);
+            take_json(&mut vehicle, &received, outlet);
         }
         match heard_at {
             Some(heard) if at.seconds_since(heard).abs() <= SILENT_AFTER_S => outlet.link("up"),

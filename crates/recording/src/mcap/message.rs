@@ -3,6 +3,7 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
+use bytes::Bytes;
 use echosplat_model::{StampedPose, Timestamp};
 use echosplat_ros::odometry;
 use mcap::records::MessageHeader;
@@ -136,7 +137,7 @@ fn record_of(topic: Topic, header: &MessageHeader, bytes: &[u8]) -> Option<Recor
     match topic {
         Topic::Raw => {
             let (head, rest) = bytes.split_at_checked(RAW_HEAD_BYTES)?;
-            is_raw_of(head, bytes.len()).then(|| Record::Raw(rest.into()))
+            is_raw_of(head, bytes.len()).then(|| Record::Raw(Bytes::copy_from_slice(rest)))
         }
         Topic::Link => match value()?["link"].as_str()? {
             "up" => Some(Record::LinkUp),

@@ -30,6 +30,7 @@ mod writer;
 use std::path::PathBuf;
 use std::sync::Arc;
 
+use bytes::Bytes;
 use echosplat_model::{StampedPose, Timestamp};
 
 pub use reader::RecordingReader;
@@ -50,7 +51,7 @@ pub enum Record {
     /// The rest of a frame did not come in time: the next byte begins another.
     HalfFrameExpired,
     /// Bytes as received, before anything looks into them.
-    Raw(Arc<[u8]>),
+    Raw(Bytes),
     /// A pose as it came from its source.
     Pose(StampedPose),
     /// The configuration in force, as TOML.

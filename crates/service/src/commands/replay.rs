@@ -158,6 +158,7 @@ fn once(
             album: Album::parse(arguments.service.maps_every.as_deref())?,
             on_status: Some(show_figures()),
             page: page.map(Page::feed),
+            page_heartbeats: page.map(Page::heartbeats).unwrap_or_default(),
             ..Hooks::default()
         },
     };

@@ -89,6 +89,7 @@ fn serve(
             on_status: Some(show_figures()),
             is_over: rig.map(Rig::end_of_dive),
             page: page.map(Page::feed),
+            page_heartbeats: page.map(Page::heartbeats).unwrap_or_default(),
             ..Hooks::default()
         },
     };

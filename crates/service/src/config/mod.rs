@@ -146,6 +146,8 @@ pub(crate) struct PipelineConfig {
     pub(crate) snapshot_interval_s: f64,
     /// Every so many-th ping is left out of the map, to judge it by; 0 leaves out none.
     pub(crate) hold_back_every: u64,
+    /// Longest that a part of the service may work without a sign of life.
+    pub(crate) hang_limit_s: f64,
 }
 
 impl Default for PipelineConfig {
@@ -154,6 +156,7 @@ impl Default for PipelineConfig {
             queue_pings: 256,
             snapshot_interval_s: 0.05,
             hold_back_every: 0,
+            hang_limit_s: 15.0,
         }
     }
 }
@@ -348,6 +351,7 @@ impl PipelineConfig {
             0.01,
             3600.0,
         )?;
+        within("pipeline.hang_limit_s", self.hang_limit_s, 1.0, 3600.0)?;
         match self.hold_back_every {
             1 => Err(BadSetting::new(
                 "pipeline.hold_back_every",

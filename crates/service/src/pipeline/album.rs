@@ -6,6 +6,7 @@ use std::thread::JoinHandle;
 
 use anyhow::Context;
 use crossbeam_channel::{Sender, bounded};
+use echosplat_liveness::Heartbeat;
 
 use super::outlet::{Observed, Observer, Schedule};
 use crate::exit::Usage;
@@ -25,7 +26,8 @@ pub(crate) struct Album {
 #[derive(Debug)]
 pub(crate) struct AlbumWriter {
     maps: Option<Sender<(Observed, PathBuf)>>,
-    thread: JoinHandle<()>,
+    thread: JoinHandle<Option<()>>,
+    heartbeat: Heartbeat,
     fault: Arc<Mutex<Option<String>>>,
 }
 
@@ -72,9 +74,11 @@ impl Album {
                 }
             }
         };
+        let heartbeat = Heartbeat::new("maps-every");
+        let beats = heartbeat.clone();
         let thread = std::thread::Builder::new()
             .name("maps-every".to_owned())
-            .spawn(write_all)
+            .spawn(move || beats.run_once(write_all))
             .context("cannot start the thread that keeps maps")?;
         let maps = sender.clone();
         let observer = Observer {
@@ -87,6 +91,7 @@ impl Album {
         let writer = AlbumWriter {
             maps: Some(sender),
             thread,
+            heartbeat,
             fault,
         };
         Ok((writer, observer))
@@ -100,6 +105,11 @@ impl Album {
 }
 
 impl AlbumWriter {
+    /// Whether its thread is alive.
+    pub(crate) fn heartbeat(&self) -> &Heartbeat {
+        &self.heartbeat
+    }
+
     /// What the disk refused first.
     pub(crate) fn fault(&self) -> Option<String> {
         let fault = self.fault.lock().unwrap_or_else(PoisonError::into_inner);
@@ -115,7 +125,9 @@ impl AlbumWriter {
         let fault = Arc::clone(&self.fault);
         self.thread
             .join()
-            .map_err(|_| anyhow::anyhow!("the thread that keeps maps panicked"))?;
+            .ok()
+            .flatten()
+            .context("the thread that keeps maps panicked; the log above says where")?;
         let fault = fault.lock().unwrap_or_else(PoisonError::into_inner).take();
         fault.map_or(Ok(()), |words| Err(anyhow::anyhow!(words)))
     }

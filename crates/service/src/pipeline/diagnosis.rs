@@ -71,7 +71,7 @@ impl Diagnosis {
 
 fn loss(code: &'static str, sentence: String) -> Finding {
     Finding {
-        code,
+        code: code.into(),
         sentence,
         is_loss: true,
     }
@@ -79,7 +79,7 @@ fn loss(code: &'static str, sentence: String) -> Finding {
 
 fn warning(code: &'static str, sentence: String) -> Finding {
     Finding {
-        code,
+        code: code.into(),
         sentence,
         is_loss: false,
     }

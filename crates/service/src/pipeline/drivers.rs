@@ -4,8 +4,9 @@ use std::collections::VecDeque;
 
 use crossbeam_channel::Sender;
 use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, Tape,
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, SonarUrl, Tape,
 };
+use echosplat_liveness::Heartbeat;
 use echosplat_session::{ProfilesRejected, SessionCounters};
 
 use crate::exit::Usage;
@@ -36,10 +37,12 @@ impl Input {
 /// Inputs in order; only the last may be one that does not end by itself.
 pub(crate) struct Drivers {
     running: Option<DriverHandle>,
+    /// How the link at hand is begun again; `None` for a log.
+    link: Option<DriverConfig>,
     waiting: VecDeque<Input>,
     done: Vec<DriverStatus>,
     recorder: Option<Recorder>,
-    /// Given up with the last input, so that the mapper's thread sees the end.
+    /// Given up with the last log, so that the mapper's thread sees the end.
     events: Option<Sender<DriverEvent>>,
     /// Of all inputs, if all say it.
     byte_count: Option<u64>,
@@ -57,6 +60,7 @@ impl Drivers {
     ) -> anyhow::Result<Self> {
         let mut drivers = Self {
             running: None,
+            link: None,
             byte_count: inputs.iter().map(|input| input.byte_count).sum(),
             waiting: inputs.into(),
             done: Vec::new(),
@@ -96,7 +100,9 @@ impl Drivers {
         let Some(input) = self.waiting.pop_front() else {
             return Ok(());
         };
-        let events = match self.waiting.is_empty() {
+        let is_link = input.tape.is_none() && !matches!(input.config.url, SonarUrl::File(_));
+        self.link = is_link.then(|| input.config.clone());
+        let events = match self.waiting.is_empty() && !is_link {
             true => self.events.take(),
             false => self.events.clone(),
         };
@@ -112,6 +118,31 @@ impl Drivers {
             wrong => Usage::error(format!("{url}: {wrong}")),
         })?;
         self.running = Some(handle);
+        Ok(())
+    }
+
+    /// Of the input at hand.
+    pub(crate) fn heartbeat(&self) -> Option<&Heartbeat> {
+        self.running.as_ref().map(DriverHandle::heartbeat)
+    }
+
+    /// If the link's thread hangs, another takes its place.
+    ///
+    /// # Errors
+    /// If it cannot be started.
+    pub(crate) fn replace_if_it_hangs(&mut self) -> anyhow::Result<()> {
+        let hangs = |handle: &mut DriverHandle| handle.heartbeat().is_to_be_replaced();
+        let (Some(link), Some(events)) = (&self.link, &self.events) else {
+            return Ok(());
+        };
+        let Some(hung) = self.running.take_if(hangs) else {
+            return Ok(());
+        };
+        let tap = self.recorder.as_ref().map(Recorder::raw_tap);
+        let (config, events) = (link.clone(), events.clone());
+        let (running, last) = echosplat_driver::spawn_in_place_of(hung, config, tap, events)?;
+        self.done.push(last);
+        self.running = Some(running);
         Ok(())
     }
 

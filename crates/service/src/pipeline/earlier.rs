@@ -18,7 +18,10 @@ pub(crate) struct EarlierMaps {
 }
 
 impl EarlierMaps {
-    pub(crate) fn beside(map: Option<PathBuf>, notes: MapNotes) -> Self {
+    /// Beside the map at this place, if it is kept.
+    pub(crate) fn beside(place: Option<(PathBuf, MapNotes)>) -> Self {
+        let (map, notes) = place.unzip();
+        let notes = notes.unwrap_or_default();
         Self {
             map,
             notes,

@@ -9,18 +9,37 @@ use crate::signals::Stop;
 const MAPPING: Duration = Duration::from_millis(2_500);
 const ALL: Duration = Duration::from_millis(4_000);
 
-/// When an end was asked for, if it was.
-#[derive(Debug, Clone, Copy, Default)]
+/// When an end was asked for, if it was, and why the run cannot go on, if it cannot.
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Ending {
     asked: Option<Instant>,
+    failure: Option<String>,
 }
 
 impl Ending {
+    /// Of a run that cannot go on.
+    pub(crate) fn of_failure(why: String) -> Self {
+        let mut ending = Self::default();
+        ending.fail(why);
+        ending
+    }
+
     /// To be called now and then.
     pub(crate) fn note(&mut self, stop: &Stop) {
         if self.asked.is_none() && stop.is_set() {
             self.asked = Some(Instant::now());
         }
+    }
+
+    /// A part that the run needs is gone: it ends as if somebody had asked for it.
+    pub(crate) fn fail(&mut self, why: String) {
+        self.asked.get_or_insert_with(Instant::now);
+        self.failure.get_or_insert(why);
+    }
+
+    /// Why the run could not go on.
+    pub(crate) fn failure(&self) -> Option<&str> {
+        self.failure.as_deref()
     }
 
     pub(crate) fn is_asked(&self) -> bool {

@@ -18,6 +18,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_evaluation::frame_check::{FrameReading, FrameVerdict, VehiclePing, judge};
+use echosplat_liveness::Heartbeat;
 use echosplat_mapper::MapperConfig;
 use echosplat_model::glam::DQuat;
 use echosplat_model::{Pose, PosedPing, Timestamp};
@@ -48,6 +49,7 @@ pub(crate) struct FrameCheck {
     /// Gone once nothing more comes.
     pings: Option<Sender<Arrived>>,
     thread_ended: Receiver<()>,
+    heartbeat: Heartbeat,
     mount: Pose,
     /// Counts epochs of the poses.
     epoch: AtomicU32,
@@ -83,22 +85,30 @@ impl FrameCheck {
     pub(crate) fn start(config: MapperConfig, mount: Pose) -> anyhow::Result<Self> {
         let (pings, receiver) = bounded(QUEUE);
         let (ends, thread_ended) = bounded(0);
+        let heartbeat = Heartbeat::new(THREAD_NAME);
+        let beats = heartbeat.clone();
         let shared = Arc::new(Shared::default());
         let shown = Arc::clone(&shared);
         std::thread::Builder::new()
             .name(THREAD_NAME.to_owned())
             .spawn(move || {
-                check_all(&receiver, &config, &mount, &shown);
+                beats.run_once(|| check_all(&receiver, &config, &mount, &shown));
                 drop(ends);
             })
             .context("cannot start the thread that checks how poses are read")?;
         Ok(Self {
             pings: Some(pings),
             thread_ended,
+            heartbeat,
             mount,
             epoch: AtomicU32::new(0),
             shared,
         })
+    }
+
+    /// Whether its thread is alive.
+    pub(crate) fn heartbeat(&self) -> &Heartbeat {
+        &self.heartbeat
     }
 
     /// Never waits.

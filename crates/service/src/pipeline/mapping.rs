@@ -6,12 +6,15 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 
 use anyhow::anyhow;
+use bytes::Bytes;
 use crossbeam_channel::{Sender, bounded};
 use echosplat_driver::DriverEvent;
+use echosplat_liveness::Heartbeat;
 use echosplat_model::{Ping, Snapshot};
 
 use super::earlier::EarlierMaps;
 use super::shared::{MapperReport, Shared};
+use super::worker::THREAD_NAME;
 use super::{Feed, Gate, Observer, Outlet, Poses, start_worker};
 use crate::config::Config;
 
@@ -19,7 +22,7 @@ use crate::config::Config;
 pub(crate) struct Mapping {
     events: Sender<DriverEvent>,
     shared: Arc<Shared>,
-    thread: JoinHandle<Arc<Snapshot>>,
+    thread: JoinHandle<Option<Arc<Snapshot>>>,
 }
 
 impl Mapping {
@@ -42,7 +45,7 @@ impl Mapping {
             earlier: EarlierMaps::default(),
             frame_check: None,
         };
-        let thread = start_worker(config, feed, &shared)?;
+        let thread = start_worker(config, feed, &shared, Heartbeat::new(THREAD_NAME))?;
         Ok(Self {
             events,
             shared,
@@ -55,7 +58,7 @@ impl Mapping {
     /// # Errors
     /// If the mapper's thread has ended.
     pub(crate) fn take(&self, ping: Arc<Ping>) -> anyhow::Result<()> {
-        let frame = Arc::new([]);
+        let frame = Bytes::new();
         let event = DriverEvent::Ping { ping, frame };
         self.events.send(event).map_err(|_| ended())
     }
@@ -66,7 +69,7 @@ impl Mapping {
     /// If the mapper's thread panicked.
     pub(crate) fn finish(self) -> anyhow::Result<(Arc<Snapshot>, MapperReport)> {
         drop(self.events);
-        let snapshot = self.thread.join().map_err(|_| ended())?;
+        let snapshot = self.thread.join().ok().flatten().ok_or_else(ended)?;
         Ok((snapshot, self.shared.report()))
     }
 }

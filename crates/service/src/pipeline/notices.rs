@@ -1,6 +1,7 @@
 //! What is wrong while it is: told once in a sentence that says what to do, kept in the status, and
 //! told again when it is over.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
@@ -13,7 +14,7 @@ const OVER_AFTER: Duration = Duration::from_millis(1500);
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) struct Finding {
     /// Names the condition; the same word in status and documents.
-    pub(crate) code: &'static str,
+    pub(crate) code: Cow<'static, str>,
     /// What is wrong and what to do, one sentence.
     pub(crate) sentence: String,
     /// Whether the map or the recording lacks something for it: exit code 3.
@@ -23,7 +24,7 @@ pub(crate) struct Finding {
 /// A condition that stands, or stood.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub(crate) struct Notice {
-    pub(crate) code: &'static str,
+    pub(crate) code: Cow<'static, str>,
     pub(crate) sentence: String,
     /// Seconds since the start of the run when it was first told.
     pub(crate) since_s: f64,
@@ -40,7 +41,7 @@ pub(crate) struct Notice {
 #[derive(Debug)]
 pub(crate) struct Notices {
     begin: Instant,
-    all: BTreeMap<&'static str, Notice>,
+    all: BTreeMap<Cow<'static, str>, Notice>,
 }
 
 impl Notices {
@@ -51,23 +52,40 @@ impl Notices {
         }
     }
 
-    /// Takes what is found at `now`; tells of what is new and of what is over.
-    pub(crate) fn update(&mut self, findings: Vec<Finding>, now: Instant) {
-        let at_s = now.saturating_duration_since(self.begin).as_secs_f64();
-        for finding in findings {
-            self.found(finding, now, at_s);
-        }
+    /// Takes all that is found at `now`; tells of what is new and of what is over.
+    #[cfg(test)]
+    fn update(&mut self, findings: Vec<Finding>, now: Instant) {
+        self.add(findings, now);
+        self.end_old(now);
+    }
+
+    /// Tells of what has not been found for a while that it is over.
+    pub(crate) fn end_old(&mut self, now: Instant) {
+        let at_s = self.at_s(now);
         for notice in self.all.values_mut().filter(|n| n.until_s.is_none()) {
             if now.saturating_duration_since(notice.seen) > OVER_AFTER {
                 notice.until_s = Some(at_s);
-                tracing::info!(notice = notice.code, "over: {}", notice.sentence);
+                tracing::info!(notice = &*notice.code, "over: {}", notice.sentence);
             }
         }
     }
 
+    /// Takes what is found at `now`; tells of what is new.
+    pub(crate) fn add(&mut self, findings: Vec<Finding>, now: Instant) {
+        let at_s = self.at_s(now);
+        for finding in findings {
+            self.found(finding, now, at_s);
+        }
+    }
+
+    fn at_s(&self, now: Instant) -> f64 {
+        now.saturating_duration_since(self.begin).as_secs_f64()
+    }
+
     fn found(&mut self, finding: Finding, now: Instant, at_s: f64) {
-        let notice = self.all.entry(finding.code).or_insert_with(|| Notice {
-            code: finding.code,
+        let code = finding.code;
+        let notice = self.all.entry(code.clone()).or_insert_with(|| Notice {
+            code,
             sentence: String::new(),
             since_s: at_s,
             until_s: Some(at_s),
@@ -80,7 +98,7 @@ impl Notices {
         if notice.until_s.take().is_some() {
             notice.since_s = at_s;
             notice.count += 1;
-            tracing::warn!(notice = notice.code, "{}", finding.sentence);
+            tracing::warn!(notice = &*notice.code, "{}", finding.sentence);
         }
         notice.sentence = finding.sentence;
     }
@@ -109,7 +127,7 @@ mod tests {
 
     fn finding(sentence: &str) -> Finding {
         Finding {
-            code: "no-poses",
+            code: "no-poses".into(),
             sentence: sentence.to_owned(),
             is_loss: true,
         }

@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
+use bytes::Bytes;
 use echosplat_bus::{Bus, MapPublisher, Sent};
 use echosplat_model::{Ping, PosedPing, Snapshot};
 use echosplat_web::Feed;
@@ -149,7 +150,7 @@ impl Outlet {
     }
 
     /// Publishes a ping as it came, and shows it.
-    pub(crate) fn ping(&self, ping: &Arc<Ping>, frame: &[u8]) {
+    pub(crate) fn ping(&self, ping: &Arc<Ping>, frame: Bytes) {
         if let Some(page) = &self.page {
             page.ping(ping);
         }

@@ -9,6 +9,7 @@ use echosplat_join::{
     ArrivedPose, GuardReport, Guarded, JoinCounters, PoseGuard, PoseJoin, PoseJoinConfig,
     StampClock, Verdict,
 };
+use echosplat_liveness::Heartbeat;
 use echosplat_model::{Ping, PosedPing, StampedPose, Timestamp};
 use echosplat_pose::{PoseSource, PoseSourceStatus};
 use echosplat_recording::mcap::Record;
@@ -164,6 +165,11 @@ impl Poses {
             let event = json!({ "event": PING_SHED, "ping": sequence });
             recorder.record(clock::now(), Record::Event(event));
         }
+    }
+
+    /// Of a live source.
+    pub(crate) fn heartbeat(&self) -> Option<&Heartbeat> {
+        self.source.heartbeat()
     }
 
     /// The clock of the pings stepped: those that wait get their verdict, and poses begin anew.

@@ -12,6 +12,7 @@ use anyhow::Context;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_evaluation::MapRenderer;
 use echosplat_evaluation::held_back::{Pair, is_held_back, score};
+use echosplat_liveness::Heartbeat;
 use echosplat_mapper::{MapperConfig, look_of};
 use echosplat_model::{PingSettings, PosedPing, Snapshot};
 use serde::Serialize;
@@ -47,6 +48,7 @@ enum News {
 pub(crate) struct Prediction {
     news: Sender<News>,
     thread: JoinHandle<()>,
+    heartbeat: Heartbeat,
     newest: Arc<Mutex<Option<Predicted>>>,
     left_out: AtomicU64,
     every: u64,
@@ -60,20 +62,30 @@ impl Prediction {
     /// If the thread cannot be started.
     pub(crate) fn start(every: u64, config: MapperConfig) -> anyhow::Result<Self> {
         let (news, receiver) = bounded(QUEUE);
+        let heartbeat = Heartbeat::new("prediction");
+        let beats = heartbeat.clone();
         let newest = Arc::new(Mutex::new(None));
         let shown = Arc::clone(&newest);
         let thread = std::thread::Builder::new()
             .name("prediction".to_owned())
-            .spawn(move || predict_all(&receiver, every, &config, &shown))
+            .spawn(move || {
+                beats.run_once(|| predict_all(&receiver, every, &config, &shown));
+            })
             .context("cannot start the thread that predicts pings")?;
         Ok(Self {
             news,
             thread,
+            heartbeat,
             newest,
             left_out: AtomicU64::new(0),
             every,
             next_s: 0.0,
         })
+    }
+
+    /// Whether its thread is alive.
+    pub(crate) fn heartbeat(&self) -> &Heartbeat {
+        &self.heartbeat
     }
 
     /// Takes a ping if it is one of those that are predicted, or fitted on.
@@ -115,9 +127,8 @@ impl Prediction {
                 "pings and maps came faster than they were predicted"
             );
         }
-        if self.thread.join().is_err() {
-            tracing::warn!("the thread that predicts pings panicked; the log above says where");
-        }
+        // A panic in it is told by its heartbeat.
+        let _ = self.thread.join();
         *self.newest.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }

@@ -117,6 +117,8 @@ pub(crate) enum LinkState {
 #[derive(Debug)]
 pub(crate) struct Shared {
     phase: AtomicU8,
+    /// Nothing more comes from the sonar's thread, whether or not it has let go of its end.
+    input_closed: AtomicBool,
     report_wanted: AtomicBool,
     report: Mutex<MapperReport>,
     link: Mutex<Link>,
@@ -127,6 +129,7 @@ impl Shared {
     pub(crate) fn new() -> Self {
         Self {
             phase: AtomicU8::new(Phase::Running as u8),
+            input_closed: AtomicBool::new(false),
             report_wanted: AtomicBool::new(false),
             report: Mutex::default(),
             link: Mutex::default(),
@@ -154,6 +157,14 @@ impl Shared {
     /// Phases only go forward.
     pub(crate) fn set_phase(&self, phase: Phase) {
         self.phase.fetch_max(phase as u8, Ordering::AcqRel);
+    }
+
+    pub(crate) fn close_input(&self) {
+        self.input_closed.store(true, Ordering::Release);
+    }
+
+    pub(crate) fn input_is_closed(&self) -> bool {
+        self.input_closed.load(Ordering::Acquire)
     }
 
     /// Asks the mapper's thread for a report.

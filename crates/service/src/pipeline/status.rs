@@ -12,6 +12,7 @@ use super::notices::Notice;
 use super::shared::{Link, MapperReport, Phase};
 use crate::processor;
 use crate::recorder::RecorderCounters;
+use crate::supervisor::PartReport;
 
 /// Share of pings left out beyond which a run counts as lossy.
 const LOSSY_SHARE: f64 = 0.01;
@@ -51,6 +52,8 @@ pub(crate) struct Status {
     pub(crate) map_fault: Option<String>,
     /// That another service maps under the same name.
     pub(crate) other_service: Option<String>,
+    /// Whether the threads of the run are alive.
+    pub(crate) parts: Vec<PartReport>,
     /// What is wrong, and what was.
     pub(crate) notices: Vec<Notice>,
     #[serde(skip)]
@@ -169,6 +172,7 @@ impl Status {
             recording_fault: None,
             map_fault: None,
             other_service: None,
+            parts: Vec::new(),
             notices: Vec::new(),
             newest_notice: None,
             input_share: None,
@@ -204,6 +208,7 @@ impl Status {
             "mapper": self.report.mapper,
             "recording": self.recording,
             "ledger": self.ledger,
+            "parts": self.parts,
             "notices": self.notices,
             "maps": 1 + self.report.maps,
         })

@@ -5,9 +5,11 @@ use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use echosplat_driver::DriverEvent;
 use echosplat_evaluation::held_back::is_held_back;
+use echosplat_liveness::Heartbeat;
 use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
 
@@ -33,6 +35,10 @@ const PATIENCE: Duration = Duration::from_secs(5);
 /// When no more pings come, poses still under way are waited for this long.
 const LAST_POSES: Duration = Duration::from_secs(1);
 
+/// Going through the whole dive once more says nothing until it is done; the longest dives take so
+/// long on the smallest machines.
+const FINISH: Duration = Duration::from_secs(3600);
+
 /// Making maps to look at takes at most one part in so many of the thread's time, and less where
 /// pings wait: those are the better map.
 const SNAPSHOT_PAUSE: u32 = 5;
@@ -55,6 +61,7 @@ pub(crate) struct Worker {
     pub(crate) gate: Gate,
     pub(crate) outlet: Outlet,
     pub(crate) shared: Arc<Shared>,
+    pub(crate) heartbeat: Heartbeat,
     pub(crate) snapshot_interval_s: f64,
     /// Every so many-th ping is kept from the map; 0 for none.
     pub(crate) hold_back_every: u64,
@@ -107,8 +114,11 @@ impl Worker {
 
     fn map_all(mut self) -> Arc<Snapshot> {
         loop {
+            self.heartbeat.beat();
             match self.events.recv_timeout(IDLE) {
                 Ok(event) => self.take(event),
+                // A sonar's thread that hangs never lets go of its end.
+                Err(RecvTimeoutError::Timeout) if self.shared.input_is_closed() => break,
                 Err(RecvTimeoutError::Timeout) => self.map_what_is_posed(),
                 Err(RecvTimeoutError::Disconnected) => break,
             }
@@ -121,7 +131,7 @@ impl Worker {
 
     fn take(&mut self, event: DriverEvent) {
         match event {
-            DriverEvent::Ping { ping, frame } => self.take_ping(ping, &frame),
+            DriverEvent::Ping { ping, frame } => self.take_ping(ping, frame),
             DriverEvent::Ended => self.input_ended(),
             DriverEvent::Mark(poses) => {
                 self.poses.take_through(poses);
@@ -142,7 +152,7 @@ impl Worker {
         }
     }
 
-    fn take_ping(&mut self, ping: Arc<Ping>, frame: &[u8]) {
+    fn take_ping(&mut self, ping: Arc<Ping>, frame: Bytes) {
         let time = ping.transmit_time();
         self.state.report.pings_taken += 1;
         if self.shed.contains(&ping.sequence()) {
@@ -158,15 +168,24 @@ impl Worker {
             }
         }
         self.outlet.ping(&ping, frame);
-        while self.poses.holds_back() && self.poses.wait_for_pose(PATIENCE) {
-            self.map_what_is_posed();
-        }
+        self.wait_for_poses();
         self.poses.push(ping, Instant::now());
         self.map_what_is_posed();
     }
 
+    fn wait_for_poses(&mut self) {
+        while self.poses.holds_back() {
+            self.heartbeat.beat_allowing(PATIENCE);
+            if !self.poses.wait_for_pose(PATIENCE) {
+                return;
+            }
+            self.map_what_is_posed();
+        }
+    }
+
     fn map_what_is_posed(&mut self) {
         while let Some(joined) = self.poses.next() {
+            self.heartbeat.beat();
             self.map(&joined);
         }
     }
@@ -316,6 +335,7 @@ impl Worker {
         if let Some(frame_check) = self.frame_check.as_mut().filter(|_| self.inputs_left == 0) {
             frame_check.end();
         }
+        self.heartbeat.beat_allowing(FINISH);
         let snapshot = self.mapper.finish();
         let first = self.state.first_ping.unwrap_or_default();
         let dive_s = match self.state.first_ping {

@@ -16,8 +16,10 @@ use std::sync::{Arc, PoisonError, RwLock, RwLockReadGuard};
 use std::time::Duration;
 
 use anyhow::anyhow;
+use bytes::Bytes;
 use clap::ValueEnum;
 use echosplat_driver::{RawTap, Tapped};
+use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
 use echosplat_recording::mcap::Record;
 use echosplat_recording::svlog::LogClock;
@@ -173,11 +175,12 @@ impl Recorder {
         )
     }
 
-    fn raw(&self, host_time: Timestamp, bytes: &[u8]) {
+    fn raw(&self, host_time: Timestamp, bytes: &Bytes) {
         let running = self.read();
         let Some(running) = &*running else { return };
-        for piece in bytes.chunks(MAX_RAW_BYTES) {
-            running.record(host_time, Record::Raw(piece.into()));
+        for begin in (0..bytes.len()).step_by(MAX_RAW_BYTES) {
+            let end = bytes.len().min(begin + MAX_RAW_BYTES);
+            running.record(host_time, Record::Raw(bytes.slice(begin..end)));
         }
     }
 
@@ -205,6 +208,21 @@ impl Recorder {
     /// While it fails: what fails and what to do.
     pub(crate) fn fault(&self) -> Option<String> {
         self.read().as_ref().and_then(Running::fault)
+    }
+
+    /// Of the threads of the recording that goes on: the one that writes, and the one that syncs.
+    pub(crate) fn heartbeats(&self) -> Option<[Heartbeat; 2]> {
+        self.read()
+            .as_ref()
+            .map(|running| running.heartbeats.clone())
+    }
+
+    /// Nothing is recorded after this; does not wait for the end of the file, as
+    /// [`Recorder::finish`] does.
+    pub(crate) fn close(&self) {
+        if let Some(running) = &*self.read() {
+            running.queue.close();
+        }
     }
 
     /// Writes what waits and the end of the file, within 3 s; nothing is recorded after it.
@@ -241,6 +259,8 @@ impl Plan {
 struct Running {
     queue: Arc<Queue>,
     progress: Arc<Progress>,
+    /// Of the thread that writes and of the one that syncs.
+    heartbeats: [Heartbeat; 2],
 }
 
 impl Running {
@@ -251,13 +271,20 @@ impl Running {
     ) -> anyhow::Result<Self> {
         let queue = Arc::new(Queue::default());
         let progress = Arc::new(Progress::default());
-        let syncer = Syncer::start(Arc::clone(&progress))?;
+        let heartbeats = [Heartbeat::new("recorder"), Heartbeat::new("recorder-sync")];
+        let [of_worker, of_syncer] = heartbeats.clone();
+        let syncer = Syncer::start(Arc::clone(&progress), of_syncer)?;
         let shared = (Arc::clone(&queue), Arc::clone(&progress));
-        let worker = Worker::begin(storage, syncer, rotate_bytes, settings, shared)?;
+        let begun = Worker::begin(storage, syncer, rotate_bytes, settings, shared);
+        let mut worker = begun?.with_heartbeat(of_worker.clone());
         std::thread::Builder::new()
             .name("recorder".to_owned())
-            .spawn(move || worker.run())?;
-        Ok(Self { queue, progress })
+            .spawn(move || of_worker.run_again(|| worker.run()))?;
+        Ok(Self {
+            queue,
+            progress,
+            heartbeats,
+        })
     }
 
     fn record(&self, host_time: Timestamp, record: Record) {

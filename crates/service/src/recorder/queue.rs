@@ -102,7 +102,9 @@ impl Queue {
 
 fn size_of(record: &Record) -> usize {
     let bytes = match record {
-        Record::Raw(bytes) | Record::StaticTransform(bytes) => bytes.len(),
+        // Pieces of one buffer share it, and together take little more than their bytes.
+        Record::Raw(bytes) => bytes.len(),
+        Record::StaticTransform(bytes) => bytes.len(),
         Record::Delta { cloud, info } => cloud.len() + info.len(),
         Record::Settings(text) => text.len(),
         // A tree of values takes several times its text.

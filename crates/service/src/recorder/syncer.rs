@@ -9,6 +9,8 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
+use echosplat_liveness::Heartbeat;
+
 use super::worker::Progress;
 
 /// Time between two syncs.
@@ -34,12 +36,12 @@ struct Files {
 }
 
 impl Syncer {
-    pub(super) fn start(progress: Arc<Progress>) -> io::Result<Self> {
+    pub(super) fn start(progress: Arc<Progress>, heartbeat: Heartbeat) -> io::Result<Self> {
         let shared = Arc::new(Shared::default());
         let of_thread = Arc::clone(&shared);
         std::thread::Builder::new()
             .name("recorder-sync".to_owned())
-            .spawn(move || of_thread.run(&progress))?;
+            .spawn(move || heartbeat.run_again(|| of_thread.run(&progress, &heartbeat)))?;
         Ok(Self(shared))
     }
 
@@ -68,8 +70,9 @@ impl Drop for Syncer {
 }
 
 impl Shared {
-    fn run(&self, progress: &Progress) {
+    fn run(&self, progress: &Progress, heartbeat: &Heartbeat) {
         loop {
+            heartbeat.beat();
             let state = self.lock();
             let waited = self
                 .ended

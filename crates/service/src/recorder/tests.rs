@@ -24,7 +24,11 @@ fn time(index: i64) -> Timestamp {
 }
 
 fn raw(index: i64) -> Record {
-    Record::Raw(index.to_le_bytes().into())
+    Record::Raw(bytes_of(index))
+}
+
+fn bytes_of(index: i64) -> Bytes {
+    Bytes::copy_from_slice(&index.to_le_bytes())
 }
 
 fn begun(directory: &Path, config: RecorderConfig, settings: String) -> anyhow::Result<Recorder> {
@@ -73,7 +77,7 @@ fn records_come_back_in_order_behind_the_settings() {
     let folder = tempfile::tempdir().unwrap();
     let recorder = recorder_in(folder.path(), u64::MAX);
     let mut tap = recorder.raw_tap();
-    tap(time(0), Tapped::Bytes(&0_i64.to_le_bytes()));
+    tap(time(0), Tapped::Bytes(&bytes_of(0)));
     (1..1000).for_each(|index| recorder.record(time(index), raw(index)));
     recorder.finish();
     let all = read(&files_in(folder.path()));
@@ -294,14 +298,32 @@ fn a_file_that_cannot_be_written_any_more_is_followed_by_another() {
 }
 
 #[test]
+fn what_the_driver_shows_is_written_without_a_copy() {
+    let disk = Disk::default();
+    let recorder = disk.recorder();
+    let shown = Bytes::from(vec![7; MAX_RAW_BYTES + 100]);
+    recorder.raw_tap()(time(0), Tapped::Bytes(&shown));
+    recorder.finish();
+    let written = disk.0.lock().unwrap().written.clone();
+    let place_of = |record: &Record| match record {
+        Record::Raw(bytes) => Some((bytes.as_ptr(), bytes.len())),
+        _ => None,
+    };
+    let places: Vec<_> = written.iter().filter_map(place_of).collect();
+    let (first, rest) = shown.split_at(MAX_RAW_BYTES);
+    let expected = [first, rest].map(|piece| (piece.as_ptr(), piece.len()));
+    assert_eq!(places, expected);
+}
+
+#[test]
 fn what_finds_no_room_is_counted_and_the_end_is_bounded() {
     let disk = Disk::default();
     let recorder = disk.recorder();
     disk.set(Some(ErrorKind::StorageFull));
-    let bytes: Arc<[u8]> = vec![0; 1 << 19].into();
+    let bytes = Bytes::from(vec![0; 1 << 19]);
     let began = Instant::now();
     for index in 0..200 {
-        recorder.record(time(index), Record::Raw(Arc::clone(&bytes)));
+        recorder.record(time(index), Record::Raw(bytes.clone()));
     }
     let counters = recorder.counters().unwrap();
     assert!(counters.queued_bytes <= queue::MAX_QUEUED_BYTES as u64);
@@ -368,13 +390,13 @@ fn a_recording_begun_in_mid_dive_says_that_the_link_is_up() {
     let recorder = Recorder::idle(folder.path(), config, String::new(), None);
     let mut tap = recorder.raw_tap();
     tap(time(0), Tapped::LinkUp);
-    tap(time(1), Tapped::Bytes(&7_i64.to_le_bytes()));
+    tap(time(1), Tapped::Bytes(&bytes_of(7)));
     assert!(!recorder.end() && files_in(folder.path()).is_empty());
     recorder.begin().unwrap();
     assert!(recorder.begin().is_err(), "one goes on");
-    tap(time(2), Tapped::Bytes(&8_i64.to_le_bytes()));
+    tap(time(2), Tapped::Bytes(&bytes_of(8)));
     assert!(recorder.end() && !recorder.is_running());
-    tap(time(3), Tapped::Bytes(&9_i64.to_le_bytes()));
+    tap(time(3), Tapped::Bytes(&bytes_of(9)));
     recorder.begin().unwrap();
     recorder.finish();
 

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
 use echosplat_recording::mcap::{Record, RecordingError};
 
@@ -95,6 +96,9 @@ pub(super) struct Worker {
     syncer: Syncer,
     queue: Arc<Queue>,
     progress: Arc<Progress>,
+    heartbeat: Heartbeat,
+    /// The thread has run before, and panicked.
+    has_run: bool,
     sinks: Vec<Box<dyn Sink>>,
     rotate_bytes: u64,
     /// Not before this.
@@ -123,6 +127,8 @@ impl Worker {
             syncer,
             queue,
             progress,
+            heartbeat: Heartbeat::new("recorder"),
+            has_run: false,
             sinks: Vec::new(),
             rotate_bytes,
             rotate_from: Instant::now(),
@@ -134,8 +140,20 @@ impl Worker {
         Ok(worker)
     }
 
-    pub(super) fn run(mut self) {
+    /// The same, showing that it is alive.
+    pub(super) fn with_heartbeat(self, heartbeat: Heartbeat) -> Self {
+        Self { heartbeat, ..self }
+    }
+
+    /// Until the queue is closed and empty. Called again after a panic it goes on in new files: what
+    /// the panic left half written is at the end of the old ones.
+    pub(super) fn run(&mut self) {
+        if std::mem::replace(&mut self.has_run, true) {
+            self.progress.lock().counters.lost_messages += 1;
+            self.go_on_in_new_files();
+        }
         loop {
+            self.heartbeat.beat();
             match self.queue.pop(RETRY_EVERY) {
                 Popped::Record(host_time, record) => self.take(host_time, &record),
                 Popped::Nothing => self.replace_vanished(),
@@ -143,6 +161,21 @@ impl Worker {
             }
         }
         self.conclude();
+    }
+
+    fn go_on_in_new_files(&mut self) {
+        match self.new_sinks() {
+            Ok(sinks) => self.replace_sinks(sinks),
+            Err(error) => {
+                tracing::error!("no new file of the recording, the old one goes on: {error}");
+            }
+        }
+    }
+
+    fn replace_sinks(&mut self, sinks: Vec<Box<dyn Sink>>) {
+        self.past_bytes += byte_count(&mut self.sinks);
+        let before = std::mem::replace(&mut self.sinks, sinks);
+        before.into_iter().for_each(Sink::abandon);
     }
 
     fn take(&mut self, host_time: Timestamp, record: &Record) {
@@ -181,6 +214,7 @@ impl Worker {
         let began = Instant::now();
         let mut told = false;
         loop {
+            self.heartbeat.beat();
             let fault = self.words_of(&error);
             if !told {
                 tracing::error!("{fault}");
@@ -227,9 +261,7 @@ impl Worker {
         }
         let mut sinks = self.new_sinks()?;
         write_all(&mut sinks, host_time, record)?;
-        self.past_bytes += byte_count(&mut self.sinks);
-        let before = std::mem::replace(&mut self.sinks, sinks);
-        before.into_iter().for_each(Sink::abandon);
+        self.replace_sinks(sinks);
         Ok(())
     }
 
@@ -252,9 +284,7 @@ impl Worker {
                     "the recording's file {path} is gone (moved, deleted, or its disk removed); \
                      recording goes on in a new file; {unseen} messages lost"
                 );
-                self.past_bytes += byte_count(&mut self.sinks);
-                let before = std::mem::replace(&mut self.sinks, sinks);
-                before.into_iter().for_each(Sink::abandon);
+                self.replace_sinks(sinks);
             }
             Err(error) => {
                 let fault = format!(
@@ -329,7 +359,7 @@ impl Worker {
             .unwrap_or_default()
     }
 
-    fn conclude(mut self) {
+    fn conclude(&mut self) {
         let handles = self.sinks.iter().filter_map(|sink| sink.handle().ok()?);
         let handles: Vec<_> = handles.collect();
         close_all(std::mem::take(&mut self.sinks));

@@ -57,6 +57,7 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
     let received = Arc::new(Mutex::new(None));
     let mut setup = set_up(&config, sonar, &buses, &judge, &received)?;
     setup.hooks.page = feed;
+    setup.hooks.page_heartbeats = page.as_ref().map(Page::heartbeats).unwrap_or_default();
     if let Some(page) = &page {
         page.control(setup.recorder.as_ref());
     }
@@ -141,6 +142,7 @@ fn set_up(
             is_over: Some(rig.end_of_dive()),
             on_final: Some(receiving(subscriber, received)),
             page: None,
+            page_heartbeats: Vec::new(),
         },
     })
 }

@@ -16,11 +16,14 @@ fn diagnosis(begin: Instant) -> Diagnosis {
 }
 
 /// Codes found two seconds into a run in this state.
-fn codes(report: MapperReport, sonar: DriverStatus) -> Vec<&'static str> {
+fn codes(report: MapperReport, sonar: DriverStatus) -> Vec<String> {
     let begin = Instant::now();
     let status = Status::of(report, sonar);
     let found = diagnosis(begin).findings(&status, begin + Duration::from_secs(2));
-    found.into_iter().map(|finding| finding.code).collect()
+    found
+        .into_iter()
+        .map(|finding| finding.code.into_owned())
+        .collect()
 }
 
 fn healthy() -> (MapperReport, DriverStatus) {

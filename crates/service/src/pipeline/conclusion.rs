@@ -1,0 +1,117 @@
+//! The end of a run: its last map is written and published, and the last of everything told.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, anyhow};
+use echosplat_model::Snapshot;
+
+use super::ending::Ending;
+use super::run::Run;
+use super::{Outcome, diagnosis};
+use crate::maps;
+
+/// How long publishing the final map may take.
+const FLUSH_LIMIT: Duration = Duration::from_secs(30);
+/// Those who lost part of the final map ask for it again within so long.
+const LINGER: Duration = Duration::from_millis(500);
+const MAX_LINGER: Duration = Duration::from_secs(5);
+
+impl Run {
+    /// Takes the finished map, or the map as it stands if there is no time for more, writes and
+    /// publishes it whole, and tells the last of everything.
+    pub(super) fn conclude(mut self, ending: &Ending) -> anyhow::Result<Outcome> {
+        let worker = self.worker.take().context("a run ends once")?;
+        let worker_ended = worker.is_finished();
+        // A panic in it is told by its heartbeat.
+        let finished = match worker_ended {
+            true => worker.join().ok().flatten(),
+            false => None,
+        };
+        let snapshot = finished.unwrap_or_else(|| self.map_as_it_stands());
+        let frames = diagnosis::frames(&self.status(false));
+        self.note(frames.into_iter().collect(), Instant::now());
+        let written = self.write_map(&snapshot);
+        let kept = match self.album.take().filter(|_| worker_ended) {
+            Some(album) => album.finish(),
+            None => Ok(()),
+        };
+        if let Some(page) = &self.hooks.page {
+            page.map_is_final();
+        }
+        let is_published = self.publish_final(ending.limited(FLUSH_LIMIT));
+        self.tell(true)?;
+        let status = self.status(true);
+        if let Some(recorder) = &self.recorder {
+            recorder.finish();
+        }
+        if let Some(why) = ending.failure() {
+            written?;
+            return Err(anyhow!("{why}; map and recording hold what came before"));
+        }
+        if let Some(on_final) = self.hooks.on_final.take() {
+            on_final(&snapshot);
+        }
+        if is_published && !ending.is_asked() {
+            self.linger();
+        }
+        drop(self.alive);
+        written?;
+        kept?;
+        Ok(Outcome { snapshot, status })
+    }
+
+    fn map_as_it_stands(&self) -> Arc<Snapshot> {
+        tracing::warn!(
+            "ended before the dive was gone through once more: the map is written as it stands; \
+             `echosplat replay` of the recording finishes it"
+        );
+        let newest = self.shared.newest_map();
+        newest.unwrap_or_else(|| Arc::new(maps::empty()))
+    }
+
+    fn write_map(&mut self, snapshot: &Snapshot) -> anyhow::Result<()> {
+        let Some(keeper) = self.keeper.take() else {
+            return Ok(());
+        };
+        let mut is_written = self.saving.is_written();
+        // A mapper that hangs may not have reported the pings of the map that it handed on.
+        let holds_nothing = snapshot.gaussians.is_empty();
+        if holds_nothing && self.shared.report().pings_mapped == 0 {
+            // An earlier map at the same place is worth more than nothing.
+            tracing::warn!("no ping was mapped, so no map is written");
+            return Ok(());
+        }
+        keeper.finish(snapshot)?;
+        *is_written = true;
+        Ok(())
+    }
+
+    fn publish_final(&self, limit: Duration) -> bool {
+        let Some(publisher) = &self.publisher else {
+            return false;
+        };
+        match publisher.flush(limit) {
+            Ok(report) => tracing::debug!(?report, "the final map is published"),
+            Err(error) => tracing::warn!(%error, "subscribers may not have the final map"),
+        }
+        true
+    }
+
+    /// Stays until nobody asks any more, within a limit.
+    fn linger(&self) {
+        let answered = || {
+            let counters = self
+                .publisher
+                .as_ref()
+                .map(|publisher| publisher.counters());
+            counters.map_or(0, |counters| counters.queries_answered)
+        };
+        let begin = Instant::now();
+        let mut before = u64::MAX;
+        while before != answered() && begin.elapsed() < MAX_LINGER {
+            before = answered();
+            std::thread::sleep(LINGER);
+        }
+    }
+}

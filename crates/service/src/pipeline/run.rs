@@ -1,0 +1,326 @@
+//! A run under way: its parts are started, watched over until the mapper has ended or may be waited
+//! for no longer, and stopped.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crossbeam_channel::bounded;
+use echosplat_bus::{AliveToken, Bus, MapPublisher};
+use echosplat_liveness::Heartbeat;
+use echosplat_model::Snapshot;
+use echosplat_recording::mcap::Record;
+
+use super::album::AlbumWriter;
+use super::diagnosis::Diagnosis;
+use super::drivers::Drivers;
+use super::earlier::EarlierMaps;
+use super::ending::Ending;
+use super::frame_check::FrameCheck;
+use super::keeper::Keeper;
+use super::notices::Notices;
+use super::prediction::Prediction;
+use super::saving::Saving;
+use super::shared::{Phase, Shared};
+use super::status::RateMeter;
+use super::telling::other_service;
+use super::worker::THREAD_NAME;
+use super::{Feed, Hooks, Outlet, Setup, start_worker};
+use crate::clock;
+use crate::config::Config;
+use crate::exit::Usage;
+use crate::maps::MapNotes;
+use crate::recorder::Recorder;
+use crate::signals::{LastWill, Stop};
+use crate::supervisor::{Policy, Supervisor, Systemd};
+
+/// How often flags and heartbeats are looked at.
+const TICK: Duration = Duration::from_millis(20);
+const STATUS_EVERY: Duration = Duration::from_secs(1);
+/// How often it is asked what is wrong.
+const DIAGNOSIS_EVERY: Duration = Duration::from_millis(250);
+/// The mapper's thread is asked for its part so long before.
+const REPORT_TIME: Duration = Duration::from_millis(100);
+/// Two services that ask for each other at the same moment find nobody; so long after the start one of
+/// them still gives way.
+const GIVES_WAY_WITHIN: Duration = Duration::from_secs(10);
+
+/// The role of a service in its liveliness token: it maps.
+pub(super) const ROLE: &str = "mapper";
+
+/// A run under way.
+pub(super) struct Run {
+    pub(super) shared: Arc<Shared>,
+    pub(super) drivers: Drivers,
+    pub(super) worker: Option<JoinHandle<Option<Arc<Snapshot>>>>,
+    pub(super) bus: Option<Arc<Bus>>,
+    pub(super) publisher: Option<Arc<MapPublisher>>,
+    pub(super) alive: Option<AliveToken>,
+    pub(super) recorder: Option<Recorder>,
+    pub(super) keeper: Option<Keeper>,
+    pub(super) saving: Saving,
+    pub(super) album: Option<AlbumWriter>,
+    pub(super) diagnosis: Diagnosis,
+    pub(super) notices: Notices,
+    pub(super) supervisor: Supervisor,
+    /// Of the thread that watches over all others.
+    heartbeat: Heartbeat,
+    pub(super) systemd: Systemd,
+    pub(super) hooks: Hooks,
+    pub(super) begin: Instant,
+    pub(super) rates: RateMeter,
+}
+
+impl Run {
+    pub(super) fn start(config: &Config, mut setup: Setup) -> anyhow::Result<Self> {
+        let shared = Arc::new(Shared::new());
+        let (publisher, alive) = publish(&setup)?;
+        let notes = MapNotes {
+            held_out_every: config.pipeline.hold_back_every,
+            ..MapNotes::default()
+        };
+        let place = config.output.map.clone().map(|map| (map, notes.clone()));
+        let saving = Saving::new(&shared, setup.recorder.as_ref(), place.clone());
+        let album = setup.hooks.album.take();
+        let album = album.map(|asked| asked.open(notes)).transpose()?;
+        let (album, keeps) = album.unzip();
+        let helpers = Helpers::start(config)?;
+        let mut supervisor = supervisor(config, &setup, &helpers);
+        let spared = publisher.iter().flat_map(|map| map.heartbeats());
+        for heartbeat in spared.chain(album.iter().map(AlbumWriter::heartbeat)) {
+            supervisor.watch(heartbeat, Policy::Spared);
+        }
+        let observers = setup.hooks.observer.take().into_iter().chain(keeps);
+        let outlet = Outlet::new(setup.bus.clone(), publisher.clone(), observers)
+            .predicting(helpers.prediction)
+            .shown_on(setup.hooks.page.clone());
+        let (sender, events) = bounded(config.pipeline.queue_pings);
+        let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
+        let feed = Feed {
+            events,
+            inputs_left: drivers.count(),
+            poses: setup.poses,
+            gate: setup.gate,
+            outlet: outlet.of_epoch(setup.epoch),
+            shed: setup.shed,
+            earlier: EarlierMaps::beside(place.clone()),
+            frame_check: Some(helpers.frame_check),
+        };
+        let mapper = Heartbeat::new(THREAD_NAME);
+        supervisor.watch(&mapper, Policy::Needed);
+        let worker = start_worker(config, feed, &shared, mapper)?;
+        let begin = Instant::now();
+        let run = Self {
+            shared,
+            drivers,
+            worker: Some(worker),
+            bus: setup.bus,
+            publisher,
+            alive,
+            recorder: setup.recorder,
+            keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
+            saving,
+            album,
+            diagnosis: Diagnosis::new(setup.expectations, begin),
+            notices: Notices::new(begin),
+            supervisor,
+            heartbeat: own_heartbeat(config),
+            systemd: Systemd::of_environment(),
+            hooks: setup.hooks,
+            begin,
+            rates: RateMeter::default(),
+        };
+        run.systemd.ready();
+        Ok(run)
+    }
+
+    /// What saves map and recording whatever the threads of the run are doing.
+    pub(super) fn last_will(&self) -> LastWill {
+        self.saving.last_will()
+    }
+
+    /// Of the thread that watches over all others, while it does.
+    pub(super) fn heartbeat(&self) -> Heartbeat {
+        self.heartbeat.clone()
+    }
+
+    /// Until the mapper's thread has ended, or may be waited for no longer: tells of all parts, and
+    /// stops the sonar when it is time.
+    pub(super) fn watch(&mut self, stop: &Stop) -> anyhow::Result<Ending> {
+        let (mut told, mut diagnosed) = (Instant::now(), Instant::now());
+        let mut ending = Ending::default();
+        while self.worker.as_ref().is_some_and(|w| !w.is_finished()) {
+            std::thread::sleep(TICK);
+            self.heartbeat.beat();
+            ending.note(stop);
+            self.supervise(&mut ending, stop);
+            self.go_with_phase(&ending)?;
+            if ending.is_mapping_overdue() {
+                break;
+            }
+            if told.elapsed() + REPORT_TIME >= STATUS_EVERY {
+                self.shared.ask_for_report();
+            }
+            if diagnosed.elapsed() >= DIAGNOSIS_EVERY {
+                diagnosed = Instant::now();
+                self.give_way()?;
+                self.shared.ask_for_report();
+                self.diagnose();
+            }
+            if told.elapsed() >= STATUS_EVERY {
+                told = Instant::now();
+                self.tell(false)?;
+            }
+            if let Some(keeper) = &mut self.keeper {
+                keeper.tick(|| self.shared.newest_map());
+            }
+        }
+        self.supervise(&mut ending, stop);
+        self.stop_input();
+        Ok(ending)
+    }
+
+    /// What follows is bounded once an end was asked for, and takes what it takes otherwise.
+    pub(super) fn stop_input(&mut self) {
+        self.heartbeat.rest();
+        self.systemd.stopping();
+        self.drivers.stop();
+    }
+
+    /// Begins the next input or ends the one at hand, as the run is.
+    fn go_with_phase(&mut self, ending: &Ending) -> anyhow::Result<()> {
+        if ending.is_asked() || self.is_over() {
+            self.shared.set_phase(Phase::InputEnded);
+        }
+        match self.shared.phase() {
+            Phase::Running => {
+                self.drivers.replace_if_it_hangs()?;
+                self.drivers.go_on_to_next()
+            }
+            Phase::InputEnded | Phase::Finishing => {
+                self.systemd.stopping();
+                self.drivers.stop();
+                self.shared.close_input();
+                Ok(())
+            }
+        }
+    }
+
+    /// Looks whether all parts are alive, and lets systemd know while they are.
+    fn supervise(&mut self, ending: &mut Ending, stop: &Stop) {
+        if let Some(heartbeat) = self.drivers.heartbeat() {
+            self.supervisor.watch(heartbeat, Policy::Source);
+        }
+        let recording = self.recorder.as_ref().and_then(Recorder::heartbeats);
+        if let Some([writes, syncs]) = &recording {
+            self.supervisor.watch(writes, Policy::Recorder);
+            self.supervisor.watch(syncs, Policy::Spared);
+        }
+        let now = Instant::now();
+        let health = self.supervisor.look(now);
+        self.systemd.tick(health.is_alive, now);
+        self.note(health.findings, now);
+        if let Some(why) = health.fatal {
+            ending.fail(why);
+            stop.ask();
+        }
+    }
+
+    fn is_over(&mut self) -> bool {
+        let status = self.drivers.status();
+        self.hooks
+            .is_over
+            .as_mut()
+            .is_some_and(|is_over| is_over(&status))
+    }
+
+    /// # Errors
+    /// If another service of this name began at the same time, and this one is to end.
+    fn give_way(&mut self) -> anyhow::Result<()> {
+        let Some(bus) = self
+            .bus
+            .as_ref()
+            .filter(|_| self.begin.elapsed() < GIVES_WAY_WITHIN)
+        else {
+            return Ok(());
+        };
+        let others = bus.others_alive(ROLE);
+        match echosplat_bus::gives_way(&bus.zenoh_id(), &others) {
+            false => Ok(()),
+            true => Err(Usage::error(other_service(&others).unwrap_or_default())),
+        }
+    }
+
+    /// Ends the run without its map.
+    pub(super) fn give_up(mut self) {
+        self.stop_input();
+        if let Some(recorder) = &self.recorder {
+            recorder.finish();
+        }
+    }
+}
+
+/// Threads that look at the map and its pings beside the mapper; the run goes on without them.
+struct Helpers {
+    frame_check: FrameCheck,
+    prediction: Option<Prediction>,
+}
+
+impl Helpers {
+    fn start(config: &Config) -> anyhow::Result<Self> {
+        let mount = config.pose.vehicle_from_sensor.pose();
+        Ok(Self {
+            frame_check: FrameCheck::start(config.mapper.clone(), mount)?,
+            prediction: match config.pipeline.hold_back_every {
+                0 => None,
+                every => Some(Prediction::start(every, config.mapper.clone())?),
+            },
+        })
+    }
+}
+
+fn own_heartbeat(config: &Config) -> Heartbeat {
+    let heartbeat = Heartbeat::new("run");
+    heartbeat.set_limit(Duration::from_secs_f64(config.pipeline.hang_limit_s));
+    heartbeat
+}
+
+/// Watches over what the run was set up with, and its helpers.
+fn supervisor(config: &Config, setup: &Setup, helpers: &Helpers) -> Supervisor {
+    let limit = Duration::from_secs_f64(config.pipeline.hang_limit_s);
+    let mut supervisor = Supervisor::new(limit);
+    let spared = setup.hooks.page_heartbeats.iter();
+    let spared = spared.chain(setup.bus.iter().map(|bus| bus.heartbeat()));
+    let spared = spared.chain(helpers.prediction.iter().map(Prediction::heartbeat));
+    for heartbeat in spared.chain([helpers.frame_check.heartbeat()]) {
+        supervisor.watch(heartbeat, Policy::Spared);
+    }
+    if let Some(heartbeat) = setup.poses.heartbeat() {
+        supervisor.watch(heartbeat, Policy::Source);
+    }
+    supervisor
+}
+
+/// Begins to publish the map, where there is a bus, and to record what is published.
+fn publish(setup: &Setup) -> anyhow::Result<(Option<Arc<MapPublisher>>, Option<AliveToken>)> {
+    let Some(bus) = &setup.bus else {
+        return Ok((None, None));
+    };
+    if let Some(recorder) = &setup.recorder {
+        record_what_is_published(bus, recorder);
+    }
+    let publisher = Arc::new(bus.publish_map()?);
+    Ok((Some(publisher), Some(bus.declare_alive(ROLE)?)))
+}
+
+/// Deltas and the frame of the map go into the recording as they are published.
+fn record_what_is_published(bus: &Bus, recorder: &Recorder) {
+    let to = recorder.clone();
+    bus.on_delta(Box::new(move |cloud, info| {
+        to.record(clock::now(), Record::Delta { cloud, info });
+    }));
+    let to = recorder.clone();
+    bus.on_static_transform(Box::new(move |transform| {
+        to.record(clock::now(), Record::StaticTransform(transform));
+    }));
+}
