@@ -15,6 +15,7 @@ mod faults;
 mod files;
 mod link;
 mod map;
+mod mesh;
 mod notices;
 mod poses;
 mod probe;

@@ -1,17 +1,19 @@
-//! The Python subscriber receives the map of a running service.
+//! The Python subscriber and Rerun receive the map of a running service.
 
 use std::fs;
+use std::path::Path;
 use std::time::Duration;
 
 use crate::harness::{Program, bus_at, free_port, wait_until_listening};
-use crate::python::tool;
+use crate::python::{reader, tool};
 
 const LONG: Duration = Duration::from_secs(120);
 
-#[test]
-fn the_python_subscriber_ends_with_the_map_of_the_service() {
-    let folder = tempfile::tempdir().unwrap();
-    let path = |name: &str| folder.path().join(name).display().to_string();
+/// A dive of 40 s being replayed at five times its rate and published under the name that the tools
+/// look for.
+fn published_dive(folder: &Path, port: u16) -> Program {
+    let path = |name: &str| folder.join(name).display().to_string();
+    let out = path("");
     let simulate = [
         "simulate",
         "--scene",
@@ -19,19 +21,49 @@ fn the_python_subscriber_ends_with_the_map_of_the_service() {
         "--duration",
         "40",
         "--out",
-        &path(""),
+        &out,
     ];
     Program::echosplat(&simulate).wait_exit_code(0, LONG);
-
-    let port = free_port();
     let (log, poses) = (path("dive.svlog"), path("dive.tum"));
     let mut replay = vec!["replay", &log, "--poses", &poses, "--rate", "5", "--json"];
-    // Under the name that the subscriber looks for.
     replay.extend(["--publish", "--node", "vehicle"]);
     let bus = bus_at(port);
     replay.extend(bus.iter().map(String::as_str));
     let mut service = Program::echosplat(&replay);
     wait_until_listening(&mut service, port);
+    service
+}
+
+#[test]
+fn rerun_is_shown_the_map_of_the_service() {
+    let folder = tempfile::tempdir().unwrap();
+    let saved = folder.path().join("live.rrd").display().to_string();
+    // Made before the dive begins, which is over in ten seconds.
+    reader("-c", &["import rerun, zenoh"]).wait_exit_code(0, LONG);
+    let port = free_port();
+    let mut service = published_dive(folder.path(), port);
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let mut shown = reader("live_rerun.py", &["--connect", &endpoint, "--save", &saved]);
+    service.wait_exit_code(0, LONG);
+    shown.wait_exit_code(0, LONG);
+
+    let print = "import pathlib, subprocess, sys\n\
+                 rerun = pathlib.Path(sys.executable).with_name('rerun')\n\
+                 subprocess.run([rerun, 'rrd', 'print', sys.argv[1]], check=True)";
+    let mut printed = reader("-c", &[print, &saved]);
+    printed.wait_exit_code(0, LONG);
+    let held = printed.stdout() + &printed.stderr();
+    for entity in ["/map/confident/", "/map/ambiguous/"] {
+        assert!(held.contains(entity), "{entity} is not in {held}");
+    }
+}
+
+#[test]
+fn the_python_subscriber_ends_with_the_map_of_the_service() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let port = free_port();
+    let mut service = published_dive(folder.path(), port);
     let endpoint = format!("tcp/127.0.0.1:{port}");
     let saved = path("map.npy");
     let arguments = ["--connect", &endpoint, "--save", &saved];

@@ -78,6 +78,22 @@ def check_recording(path, poses):
     print("rerun:", len(counts), "channels")
 
 
+def check_layout(found):
+    """Every message path of the Foxglove layout leads to something."""
+    layout = pathlib.Path(__file__).parent.with_name("foxglove") / "echosplat.json"
+    panels = json.loads(layout.read_text())["configById"].values()
+    asked = [path["value"] for panel in panels for path in panel.get("paths", [])]
+    asked += [panel["topicPath"] for panel in panels if "topicPath" in panel]
+    asked += [topic for panel in panels for topic in panel.get("topics", {})]
+    for topic, *members in (path.split(".") for path in asked):
+        assert topic in CDR.keys() | JSON.keys(), topic
+        value = found[topic][-1] if members else None
+        for member in members:
+            assert member in value, (topic, members)
+            value = value[member]
+    print("layout:", len(asked), "paths")
+
+
 def check_log(path, pings):
     rows = read_pingverter(path)
     print("pingverter:", len(rows), "pings")
@@ -91,6 +107,7 @@ def check_log(path, pings):
 def main():
     check_recording(sys.argv[1], int(sys.argv[2]))
     if len(sys.argv) > 3:
+        check_layout(read_mcap(sys.argv[1]))
         check_log(sys.argv[3], int(sys.argv[4]))
     print("all read")
 

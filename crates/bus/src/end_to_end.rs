@@ -3,6 +3,7 @@
 mod epochs;
 mod frames;
 mod frozen;
+mod guarded;
 mod services;
 
 use std::net::TcpListener;

@@ -17,6 +17,8 @@
 //! clouds overlay poses as they are. Any other is in a frame of its own, `<frame_id>_local`, and
 //! `tf_static` says where that lies; its `origin_m` says the same.
 //!
+//! `docs/zenoh.md` says the same to those who write other programs.
+//!
 //! Live deltas are sent with congestion control Drop and below a bandwidth, so one can be lost.
 //! A subscriber therefore buffers deltas, asks for the snapshot, applies deltas with a larger
 //! sequence, and asks again after a gap, a new epoch, or a while of silence; its answer says

@@ -74,6 +74,11 @@ const MAX_POINT_BYTES: usize = 1024;
 /// Where in a point each field of [`FIELDS`] lies.
 type Offsets = [usize; FIELDS.len()];
 
+#[cfg(test)]
+pub(crate) fn field_names() -> impl Iterator<Item = &'static str> {
+    FIELDS.into_iter().map(|(name, _)| name)
+}
+
 /// What a message holds.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PointCloud {

@@ -24,6 +24,7 @@ pub mod front;
 pub mod held_back;
 pub mod long;
 mod map_points;
+mod mesh;
 mod metrics;
 mod neighbors;
 pub mod noise_sweep;
@@ -40,6 +41,7 @@ mod truth;
 
 pub use between::distance_between;
 pub use map_points::{MapPoint, MapPoints};
+pub use mesh::{MeshFigures, MeshMetrics, evaluate_mesh, mesh_places};
 pub use metrics::{Figures, Metrics, Normals, PaperFigures, evaluate, evaluate_raw};
 pub use rendering::MapRenderer;
 pub use statistics::Directed;

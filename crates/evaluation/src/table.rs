@@ -2,8 +2,8 @@
 
 use std::fmt::Write;
 
-use crate::Metrics;
 use crate::curve::{Curve, Sample};
+use crate::{MeshFigures, MeshMetrics, Metrics};
 
 /// Said above every table of errors.
 pub const CAPTION: &str =
@@ -126,6 +126,32 @@ pub fn facts(metrics: &Metrics) -> Vec<(String, String)> {
         .into_iter()
         .map(|(name, value)| (name.to_owned(), value));
     owned.collect()
+}
+
+/// Everything said of a mesh.
+#[must_use]
+pub fn mesh(mesh: &MeshMetrics) -> String {
+    let part = |name: &str, m: &MeshFigures| {
+        let (accuracy, p95) = (metres_unit(m.accuracy_m), metres_unit(m.p95_m));
+        let completeness = metres_unit(m.completeness_m);
+        format!(
+            "{name:<34}  {accuracy} ({:.2} of the Gaussians'), 95 % within {p95}; seen truth → mesh \
+             {completeness}; {:.1} m²\n",
+            m.accuracy_ratio, m.area_m2
+        )
+    };
+    let mut text = part("mesh → truth, by area", &mesh.headline);
+    if let Some(seabed) = &mesh.seabed {
+        text += &part("the mesh's seabed → truth", seabed);
+    }
+    for (name, share) in [
+        ("mesh area beyond 0.25 m of truth", mesh.false_area_share),
+        ("… of truth that was seen", mesh.unseen_area_share),
+        ("… of the map's Gaussians", mesh.bare_area_share),
+    ] {
+        let _ = writeln!(text, "{name:<34}  {:.3} %", 100.0 * share);
+    }
+    text
 }
 
 /// Lines of cells as wide as their column, a line of names above; the first `left` columns begin

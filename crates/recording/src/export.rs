@@ -1,18 +1,20 @@
 //! The map in formats of other programs: `.splat` for web viewers, PCD for point cloud tools, npz for
-//! numpy, and PLY in one file.
+//! numpy, and PLY in one file; a surface made of it as PLY or OBJ.
 //!
 //! All in world coordinates. `.splat` and PLY have single precision, which keeps a millimetre up to
 //! 10 km from the world's origin; [`in_world`] leaves a map beyond that relative to its own origin.
 
+mod mesh;
 mod npz;
 
 use std::io::{self, Write};
 
 use echosplat_model::Gaussian;
-use echosplat_model::glam::DVec3;
+use echosplat_model::glam::{DVec3, Vec3};
 
 use crate::ply::MapFile;
 use crate::ramp::color_of_reflectivity;
+pub use mesh::{write_mesh_obj, write_mesh_ply};
 pub use npz::write_npz;
 
 /// Furthest that single precision keeps a millimetre.
@@ -32,7 +34,11 @@ pub fn in_world(mut map: MapFile) -> MapFile {
 }
 
 fn world_m(origin_m: DVec3, gaussian: &Gaussian) -> DVec3 {
-    origin_m + gaussian.mean_m.as_dvec3()
+    world_of(origin_m, gaussian.mean_m)
+}
+
+fn world_of(origin_m: DVec3, place_m: Vec3) -> DVec3 {
+    origin_m + place_m.as_dvec3()
 }
 
 /// Those that are finite, as every format has them.
@@ -97,7 +103,7 @@ fn reflectivity_db(gaussian: &Gaussian) -> f32 {
 mod tests {
     use super::*;
     use echosplat_model::Standing;
-    use echosplat_model::glam::{Quat, Vec3};
+    use echosplat_model::glam::Quat;
 
     pub(super) fn map() -> MapFile {
         let gaussian = Gaussian {

@@ -6,6 +6,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use echosplat_pose::PoseUrl;
 use echosplat_simulator::{DiveKind, NoiseLevel};
+use echosplat_surface::CELL_M;
 
 use crate::recorder::RecordFormat;
 
@@ -82,7 +83,7 @@ pub(crate) enum Command {
     Render(RenderArguments),
     /// Measures the program: speed, stiff and extreme cases, the paper's method
     Bench(BenchArguments),
-    /// Writes a map in another program's format: .splat, .pcd, .npz or one .ply
+    /// Writes a map in another program's format: .splat, .pcd, .npz or one .ply; or its surface
     Export(ExportArguments),
     /// Says what a log, a recording, a trajectory or a map holds
     Info(InfoArguments),
@@ -351,6 +352,9 @@ pub(crate) struct EvaluateArguments {
     /// A scene, a mesh, points or a simulated dive's directory
     #[arg(long, value_name = "TRUTH", required_unless_present = "held_out")]
     pub(crate) truth: Option<PathBuf>,
+    /// A mesh made of the map (`export --mesh`), judged beside it
+    #[arg(long, value_name = "MESH", requires = "truth")]
+    pub(crate) mesh: Option<PathBuf>,
     /// Score the pings that `--hold-out N` kept from the map; the map says which
     #[arg(long, alias = "held-back", value_name = "N", num_args = 0..=1, requires = "log",
         value_parser = clap::value_parser!(u64).range(2..))]
@@ -496,8 +500,14 @@ pub(crate) struct ExportArguments {
     #[arg(value_name = "MAP.ply")]
     pub(crate) map: PathBuf,
     /// Where it goes; the ending says the format
-    #[arg(value_name = "OUT.splat|pcd|npz|ply")]
+    #[arg(value_name = "OUT.splat|pcd|npz|ply|obj")]
     pub(crate) out: PathBuf,
+    /// The surface of what the map asserts as open sheets of triangles, .ply (a sigma per vertex) or .obj
+    #[arg(long, conflicts_with = "all")]
+    pub(crate) mesh: bool,
+    /// Edge of the mesh's cells; larger ones give fewer triangles and lose what is smaller
+    #[arg(long, value_name = "METRES", requires = "mesh", default_value_t = CELL_M)]
+    pub(crate) cell: f32,
     /// With the ambiguous Gaussians
     #[arg(long)]
     pub(crate) all: bool,

@@ -24,10 +24,11 @@ pub(crate) const MAPPER: &str = "echosplat-mapper";
 pub(crate) const FIRMWARE_PROTOCOL: &str = "echosplat-firmware-protocol";
 
 /// Every crate of the workspace: name, folder, kind.
-pub(crate) const CRATES: [(&str, &str, Kind); 19] = [
+pub(crate) const CRATES: [(&str, &str, Kind); 20] = [
     (FIRMWARE_PROTOCOL, "firmware-protocol/", PURE),
     ("echosplat-model", "crates/model/", PURE),
     ("echosplat-ros", "crates/ros/", PURE),
+    ("echosplat-surface", "crates/surface/", PURE),
     ("echosplat-session", "crates/session/", PURE),
     ("echosplat-join", "crates/join/", PURE),
     ("echosplat-liveness", "crates/liveness/", Kind::Io),

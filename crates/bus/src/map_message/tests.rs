@@ -198,3 +198,38 @@ proptest! {
         }
     }
 }
+
+/// `docs/zenoh.md` has a row for each member, field and encoding there is.
+#[test]
+fn the_contract_names_everything_in_a_message() {
+    let contract = include_str!("../../../../docs/zenoh.md");
+    let says = |word: &str| assert!(contract.contains(&format!("`{word}`")), "{word}");
+    let header = MapHeader {
+        part: Some(Part { part: 0, parts: 1 }),
+        since: Some(3),
+        ..decoded(&cut(64_000).delta(&delta(1, 1), true)[0]).header
+    };
+    let members: serde_json::Value = serde_json::from_slice(&header.to_json()).unwrap();
+    for (member, _) in members.as_object().unwrap() {
+        says(member);
+    }
+    for field in point_cloud::field_names() {
+        says(field);
+    }
+    for encoding in [point_cloud::ENCODING, crate::MapFrame::ENCODING] {
+        says(encoding);
+    }
+    let keys = crate::Keys::new("<prefix>", "<node>").unwrap();
+    for key in [
+        keys.pose(),
+        keys.ping(),
+        keys.deltas().replace('*', "<tile>"),
+        keys.snapshot(),
+        keys.static_transform(),
+        keys.status(),
+        keys.alive(),
+        keys.alive_as("<role>", "<zid>"),
+    ] {
+        says(&key);
+    }
+}

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use echosplat_evaluation::held_back::{HeldBack, Pair, is_held_back, score};
 use echosplat_evaluation::report::{Column, Panel, SonarImage};
-use echosplat_evaluation::{MapPoints, MapRenderer, evaluate, table};
+use echosplat_evaluation::{MapPoints, MapRenderer, evaluate, evaluate_mesh, mesh_places, table};
 use echosplat_model::PosedPing;
 use echosplat_recording::ply::MapFile;
 use serde_json::{Map, Value};
@@ -27,11 +27,21 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
     let mut said = Value::Object(Map::new());
     if let Some(path) = &arguments.truth {
         let truth = truth::load(path)?;
-        let metrics = evaluate(&MapPoints::new(map.origin_m, &map.gaussians), &truth);
+        let points = MapPoints::new(map.origin_m, &map.gaussians);
+        let metrics = evaluate(&points, &truth);
         if !arguments.json {
             logging::print(table::metrics(&metrics).trim_end());
         }
         said = serde_json::to_value(metrics)?;
+        if let Some(path) = &arguments.mesh {
+            let places = mesh_places(path)
+                .map_err(|error| Usage::error(format!("mesh {}: {error}", path.display())))?;
+            let metrics = evaluate_mesh(&places, &points, &truth);
+            if !arguments.json {
+                logging::print(table::mesh(&metrics).trim_end());
+            }
+            said["mesh"] = serde_json::to_value(metrics)?;
+        }
     }
     if let (Some(asked), Some(log)) = (arguments.held_out, &arguments.log) {
         let every = held_out_every(&arguments.map, &map, asked)?;

@@ -1,14 +1,18 @@
-//! `echosplat export MAP.ply OUT`: the map for other programs, in the world's coordinates.
+//! `echosplat export MAP.ply OUT`: the map, or its surface, for other programs, in the world's
+//! coordinates.
 
 use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::Path;
 
 use echosplat_model::Standing;
+use echosplat_model::glam::DVec3;
 use echosplat_recording::export::{SINGLE_PRECISION_M, in_world};
+use echosplat_recording::export::{write_mesh_obj, write_mesh_ply};
 use echosplat_recording::export::{write_npz, write_pcd, write_splat};
 use echosplat_recording::ply::{self, MapFile};
 use echosplat_recording::replace::replace_file;
+use echosplat_surface::{SurfaceError, surface_of};
 
 use crate::arguments::ExportArguments;
 use crate::exit::{Finish, Usage};
@@ -17,7 +21,7 @@ use crate::{files, logging, maps};
 /// # Errors
 /// If the map cannot be read, or nothing be written there.
 pub(crate) fn run(arguments: &ExportArguments) -> anyhow::Result<Finish> {
-    let format = Format::of(&arguments.out)?;
+    let output = Output::of(&arguments.out, arguments.mesh)?;
     files::prepare("export to", &arguments.out)?;
     if is_same(&arguments.map, &arguments.out) {
         return Err(Usage::error(format!(
@@ -30,18 +34,59 @@ pub(crate) fn run(arguments: &ExportArguments) -> anyhow::Result<Finish> {
         let is_confident = |standing| standing == Standing::Confident;
         map.gaussians.retain(|g| is_confident(g.standing));
     }
+    let written = match output {
+        Output::Mesh(format) => write_mesh(&map, format, arguments)?,
+        Output::Gaussians(format) => write_gaussians(map, format, &arguments.out)?,
+    };
+    logging::print(&format!("{}: {written}", arguments.out.display()));
+    Ok(Finish::Done)
+}
+
+/// What was written, in words.
+fn write_gaussians(mut map: MapFile, format: Format, out: &Path) -> anyhow::Result<String> {
     if format.is_single_precision() {
         map = in_world(map);
-        tell_of_origin(&map, &arguments.out);
+        tell_of_origin(map.origin_m, out);
     }
-    replace_file(&arguments.out, |out| format.write(&map, out))
-        .map_err(|error| files::cannot_write(&arguments.out, &error))?;
-    logging::print(&format!(
-        "{}: {} Gaussians",
-        arguments.out.display(),
-        map.gaussians.len()
-    ));
-    Ok(Finish::Done)
+    replace_file(out, |file| format.write(&map, file))
+        .map_err(|error| files::cannot_write(out, &error))?;
+    Ok(format!("{} Gaussians", map.gaussians.len()))
+}
+
+/// What was written, in words.
+fn write_mesh(
+    map: &MapFile,
+    format: MeshFormat,
+    arguments: &ExportArguments,
+) -> anyhow::Result<String> {
+    let out = &arguments.out;
+    let surface = surface_of(&map.gaussians, arguments.cell).map_err(|error| {
+        let hint = match error {
+            SurfaceError::Cell { .. } | SurfaceError::Large { .. } => " (--cell)",
+            _ => "",
+        };
+        Usage::error(format!("map {}: {error}{hint}", arguments.map.display()))
+    })?;
+    if surface.triangles.is_empty() {
+        tracing::warn!(
+            "{}: no surface in {} confident Gaussians; it takes some dozens that are neighbours",
+            out.display(),
+            map.gaussians.len()
+        );
+    }
+    if format == MeshFormat::Ply && map.origin_m.length() > SINGLE_PRECISION_M {
+        tell_of_origin(map.origin_m, out);
+    }
+    replace_file(out, |file| match format {
+        MeshFormat::Ply => write_mesh_ply(&surface, map.origin_m, file),
+        MeshFormat::Obj => write_mesh_obj(&surface, map.origin_m, file),
+    })
+    .map_err(|error| files::cannot_write(out, &error))?;
+    Ok(format!(
+        "{} triangles between {} vertices",
+        surface.triangles.len(),
+        surface.vertices.len()
+    ))
 }
 
 fn is_same(map: &Path, out: &Path) -> bool {
@@ -50,15 +95,53 @@ fn is_same(map: &Path, out: &Path) -> bool {
 }
 
 /// A map too far away for single precision stays relative to its origin, which then has to be known.
-fn tell_of_origin(map: &MapFile, out: &Path) {
-    let [x, y, z] = map.origin_m.to_array();
-    if map.origin_m.length() > 0.0 {
+fn tell_of_origin(origin_m: DVec3, out: &Path) {
+    let [x, y, z] = origin_m.to_array();
+    if origin_m.length() > 0.0 {
         tracing::warn!(
             "{}: its coordinates count from {x:?} {y:?} {z:?} m, since single precision keeps no \
-             millimetre beyond {SINGLE_PRECISION_M:.0} m from the world's origin; .pcd and .npz do",
+             millimetre beyond {SINGLE_PRECISION_M:.0} m from the world's origin; .pcd, .npz and .obj do",
             out.display()
         );
     }
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Output {
+    Gaussians(Format),
+    Mesh(MeshFormat),
+}
+
+impl Output {
+    fn of(out: &Path, is_mesh: bool) -> anyhow::Result<Self> {
+        let extension = out.extension().and_then(|extension| extension.to_str());
+        let found = match (extension, is_mesh) {
+            (Some("ply"), true) => Self::Mesh(MeshFormat::Ply),
+            (Some("obj"), true) => Self::Mesh(MeshFormat::Obj),
+            (Some("splat"), false) => Self::Gaussians(Format::Splat),
+            (Some("pcd"), false) => Self::Gaussians(Format::Pcd),
+            (Some("npz"), false) => Self::Gaussians(Format::Npz),
+            (Some("ply"), false) => Self::Gaussians(Format::Ply),
+            (_, true) => return refused(out, "a mesh must end in .ply or .obj"),
+            (Some("obj"), false) => return refused(out, ".obj holds triangles: --mesh makes them"),
+            (_, false) => {
+                let allowed =
+                    "it must end in .splat, .pcd, .npz or .ply, with --mesh in .ply or .obj";
+                return refused(out, allowed);
+            }
+        };
+        Ok(found)
+    }
+}
+
+fn refused(out: &Path, why: &str) -> anyhow::Result<Output> {
+    Err(Usage::error(format!("export to {}: {why}", out.display())))
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum MeshFormat {
+    Ply,
+    Obj,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -70,19 +153,6 @@ enum Format {
 }
 
 impl Format {
-    fn of(out: &Path) -> anyhow::Result<Self> {
-        match out.extension().and_then(|extension| extension.to_str()) {
-            Some("splat") => Ok(Self::Splat),
-            Some("pcd") => Ok(Self::Pcd),
-            Some("npz") => Ok(Self::Npz),
-            Some("ply") => Ok(Self::Ply),
-            _ => Err(Usage::error(format!(
-                "export to {}: it must end in .splat, .pcd, .npz or .ply",
-                out.display()
-            ))),
-        }
-    }
-
     fn is_single_precision(self) -> bool {
         matches!(self, Self::Splat | Self::Ply)
     }
