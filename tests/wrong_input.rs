@@ -239,9 +239,10 @@ fn a_map_is_exported_to_formats_there_are_and_not_over_itself() {
     write_map(&map, DVec3::ZERO, 1.0, &[], &MapNotes::default()).unwrap();
     let map = map.display().to_string();
     refused(
-        &["export", &map, "map.obj"],
-        &["map.obj", ".splat, .pcd, .npz or .ply"],
+        &["export", &map, "map.stl"],
+        &["map.stl", ".splat, .pcd, .npz or .ply"],
     );
+    refused(&["export", &map, "map.obj"], &["map.obj", "--mesh"]);
     refused(&["export", &map, &map], &["the map itself"]);
 }
 
