@@ -39,9 +39,10 @@ const LEAST_SHARE: f32 = 0.3;
 const OUTLIER_M: f32 = 0.6;
 /// How far the ground may be from where it is thought to be.
 const TOLERANCE_M: f32 = 0.12;
-/// Slope that ground may have where nothing was measured, and beyond the one thought where it was: two sigma of what
-/// the field expects, and of heights half a metre apart.
+/// Slope that ground may have where nothing was measured: two sigma of what the field expects.
 const STEEPEST: f32 = 2.0 * STEP_SIGMA_M / NODE_M;
+/// The same beyond the slope thought, where it was measured. Found; nodes of 15 onsets each leave 0.12 open at two
+/// sigma before they are smoothed.
 const STEEPEST_KNOWN: f32 = 0.08;
 /// Stretches of range that the ground is looked at in.
 const MOST_STRETCHES: usize = 200;
