@@ -248,6 +248,14 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
         redundant: parts.redundant.into(),
         empty: parts.empty.into(),
     };
+    // The layer itself knows whether it is proven.
+    let why = "its onset was not yet seen to follow the vehicle's height and tilt from places 1 m apart: it may be \
+               reverberation";
+    use_part(
+        "seabed",
+        parts.seabed,
+        map.is_ground_open.then(|| why.to_owned()),
+    );
     let mut tell_share = |part, switch, share: f32, what| {
         if switch == Switch::Auto && known && share > WORTH_SAYING {
             let why = format!("{:.0} % of pings {what}", 100.0 * share);
@@ -263,17 +271,6 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
     );
     let silent = 1.0 - cues.echoing / cues.pings.max(1.0);
     tell_share("empty", parts.empty, silent, "have no echo");
-    let ground = match parts.seabed {
-        Switch::Off => Some("switched off"),
-        _ if map.is_ground_open => Some(
-            "its onset was not yet seen to follow the vehicle's height and tilt from places 1 m apart: it may be reverberation",
-        ),
-        _ => None,
-    };
-    left_out.extend(ground.map(|why| LeftOut {
-        part: "seabed",
-        why: why.to_owned(),
-    }));
     (at_work, left_out)
 }
 
@@ -304,6 +301,30 @@ mod tests {
 
     fn names(left_out: &[LeftOut]) -> Vec<&'static str> {
         left_out.iter().map(|out| out.part).collect()
+    }
+
+    #[test]
+    fn ground_that_may_be_reverberation_is_told_and_so_is_one_switched_off() {
+        let open = MapCues {
+            is_ground_open: true,
+            ..KNOWN
+        };
+        let why = |parts: &Parts, map: MapCues| {
+            let (_, left_out) = decide(parts, &dive(4, 4), map);
+            let seabed = left_out.into_iter().find(|out| out.part == "seabed");
+            seabed.map(|out| out.why)
+        };
+        let off = Parts {
+            seabed: Switch::Off,
+            ..Parts::default()
+        };
+        assert_eq!(why(&Parts::default(), KNOWN), None);
+        assert!(
+            why(&Parts::default(), open)
+                .unwrap()
+                .contains("reverberation")
+        );
+        assert_eq!(why(&off, KNOWN).unwrap(), "switched off");
     }
 
     #[test]
