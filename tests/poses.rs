@@ -35,7 +35,7 @@ fn mapped(kind: &str, pose: &str, to: &str) {
 }
 
 #[test]
-fn a_string_put_on_the_bus_as_the_readme_shows() {
+fn a_string_put_on_the_bus_as_the_documents_show() {
     mapped("json", "zenoh://", "{bus}");
 }
 
