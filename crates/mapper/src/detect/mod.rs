@@ -1,6 +1,7 @@
 //! Detect: a ping to its noise and to what each bin says.
 
 pub(crate) mod bin_state;
+pub(crate) mod bursts;
 pub(crate) mod compact;
 pub(crate) mod multiples;
 pub(crate) mod profile;

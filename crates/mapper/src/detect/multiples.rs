@@ -227,7 +227,13 @@ mod tests {
         };
         let config = MapperConfig::default();
         let mut levels = Levels::default();
-        let profile = levels.profile(&posed.ping, 0.04, &Backdrop::default(), &config);
+        let profile = levels.profile(
+            &posed.ping,
+            0.04,
+            &Backdrop::default(),
+            Box::default(),
+            &config,
+        );
         let look = look_of(&posed, DVec3::ZERO, &config);
         (look, power, profile, levels.strongest())
     }

@@ -17,6 +17,8 @@ pub(crate) struct Profile {
     pub(crate) echoes: Box<[(u32, u32)]>,
     /// Runs of bins that may be echoes heard again: they say nothing.
     pub(crate) doubted: Box<[(u32, u32)]>,
+    /// Runs of bins that are another sonar's pulses: they say nothing either.
+    pub(crate) bursts: Box<[(u32, u32)]>,
     /// Mean power of the noise in this ping.
     pub(crate) noise: f32,
     /// What the seabed sends back, as thought; empty where none is known.
@@ -54,8 +56,9 @@ impl Profile {
             let ground = ground.most.get(bin).copied().unwrap_or(0.0);
             self.threshold.max(GROUND_FACTOR * ground)
         };
-        let mut is_doubted = vec![false; if self.doubted.is_empty() { 0 } else { count }];
-        for &(start, end) in &self.doubted {
+        let doubted = || self.doubted.iter().chain(&self.bursts);
+        let mut is_doubted = vec![false; doubted().next().map_or(0, |_| count)];
+        for &(start, end) in doubted() {
             is_doubted[start as usize..end as usize].fill(true);
         }
         let ring_down = ring_down_end(intensity, self.blank, self.most_ring_down, raised);
@@ -128,12 +131,13 @@ impl Levels {
     }
 
     /// Turns a ping into evidence and learns from it. `tolerance_m` widens the echoes; `ground` is
-    /// what the seabed sends back, empty where none is known.
+    /// what the seabed sends back, empty where none is known; `bursts` are no echoes.
     pub(crate) fn profile(
         &mut self,
         ping: &Ping,
         tolerance_m: f64,
         ground: &Backdrop,
+        bursts: Box<[(u32, u32)]>,
         config: &MapperConfig,
     ) -> Profile {
         let bin_length_m = ping.settings().bin_length_m();
@@ -142,11 +146,12 @@ impl Levels {
             state: States::default(),
             echoes: Box::default(),
             doubted: Box::default(),
+            bursts,
             noise: 0.0,
             strongest: 0.0,
             threshold: 0.0,
             blank: blank_bins(ping, config.blanking_m),
-            widen: (tolerance_m / bin_length_m).ceil() as usize,
+            widen: widen_bins(tolerance_m, bin_length_m),
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
             most_ring_down: (RING_DOWN_M / bin_length_m) as usize,
             ground: Powers::default(),
@@ -167,8 +172,9 @@ impl Levels {
         let open = &intensity[blank..];
         let peak = greatest(open);
         let noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
-        if peak > config.detection_factor * noise {
-            self.strongest = risen(self.strongest, peak);
+        let of_echoes = greatest_without(intensity, blank, &profile.bursts);
+        if of_echoes > config.detection_factor * noise {
+            self.strongest = risen(self.strongest, of_echoes);
         }
         let floor = self.strongest * 10f32.powf(-0.1 * config.dynamic_range_db);
         profile.intensity = Powers::of(intensity, peak);
@@ -242,6 +248,21 @@ fn risen(strongest: f32, peak: f32) -> f32 {
 /// The greatest power; 0 of none.
 fn greatest(powers: &[f32]) -> f32 {
     powers.iter().copied().fold(0.0, f32::max)
+}
+
+/// The greatest power from bin `blank` on, without some runs of bins in growing order.
+fn greatest_without(powers: &[f32], blank: usize, runs: &[(u32, u32)]) -> f32 {
+    let (mut most, mut from) = (0.0_f32, blank);
+    for &(start, end) in runs {
+        most = most.max(greatest(&powers[from.min(start as usize)..start as usize]));
+        from = end as usize;
+    }
+    most.max(greatest(&powers[from..]))
+}
+
+/// Bins that echoes are widened by where places are told to `tolerance_m`.
+pub(crate) fn widen_bins(tolerance_m: f64, bin_length_m: f64) -> usize {
+    (tolerance_m / bin_length_m).ceil() as usize
 }
 
 /// Whether a quarter of the bins or more hold the very same largest power: a receiver at its stop,
@@ -349,7 +370,13 @@ mod tests {
     #[test]
     fn the_noise_floor_is_its_mean_and_noise_is_dark() {
         let mut levels = Levels::default();
-        let profile = levels.profile(&ping(noise(600)), 0.04, &Backdrop::default(), &strict());
+        let profile = levels.profile(
+            &ping(noise(600)),
+            0.04,
+            &Backdrop::default(),
+            Box::default(),
+            &strict(),
+        );
         assert!((profile.noise - 1.0).abs() < 0.05, "{}", profile.noise);
         assert!(profile.echoes.is_empty());
         assert_eq!(profile.state.at(24), BinState::Blank);
@@ -361,8 +388,13 @@ mod tests {
         let mut intensity = noise(600);
         intensity[300] = 1000.0;
         intensity[301] = 500.0;
-        let profile =
-            Levels::default().profile(&ping(intensity), 0.04, &Backdrop::default(), &strict());
+        let profile = Levels::default().profile(
+            &ping(intensity),
+            0.04,
+            &Backdrop::default(),
+            Box::default(),
+            &strict(),
+        );
         assert_eq!(*profile.echoes, [(300, 302)]);
         let state = |bin: usize| profile.state.at(bin);
         assert_eq!((state(297), state(298)), (BinState::Dark, BinState::Lit));
@@ -384,7 +416,7 @@ mod tests {
             intensity[27] = 1.0;
             intensity[300] = 1000.0;
             let (ground, config) = (Backdrop::default(), strict());
-            Levels::default().profile(&ping(intensity), 0.04, &ground, &config)
+            Levels::default().profile(&ping(intensity), 0.04, &ground, Box::default(), &config)
         };
         let rings = judged(10);
         assert_eq!(*rings.echoes, [(300, 301)]);
@@ -400,10 +432,22 @@ mod tests {
     fn a_ping_full_of_echoes_does_not_raise_the_floor() {
         let mut levels = Levels::default();
         for _ in 0..20 {
-            levels.profile(&ping(noise(600)), 0.04, &Backdrop::default(), &strict());
+            levels.profile(
+                &ping(noise(600)),
+                0.04,
+                &Backdrop::default(),
+                Box::default(),
+                &strict(),
+            );
         }
         let echoes = (0..600).map(|bin| 1000.0 + bin as f32).collect();
-        let full = levels.profile(&ping(echoes), 0.04, &Backdrop::default(), &strict());
+        let full = levels.profile(
+            &ping(echoes),
+            0.04,
+            &Backdrop::default(),
+            Box::default(),
+            &strict(),
+        );
         assert_eq!(*full.echoes, [(25, 600)]);
     }
 
@@ -432,8 +476,13 @@ mod tests {
 
     #[test]
     fn silence_is_dark() {
-        let profile =
-            Levels::default().profile(&ping(vec![0.0; 600]), 0.04, &Backdrop::default(), &strict());
+        let profile = Levels::default().profile(
+            &ping(vec![0.0; 600]),
+            0.04,
+            &Backdrop::default(),
+            Box::default(),
+            &strict(),
+        );
         assert!(profile.echoes.is_empty());
         assert!(profile.noise > 0.0);
     }

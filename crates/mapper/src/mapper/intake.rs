@@ -9,7 +9,7 @@ use super::{Mapper, NEWBORN_STRENGTH};
 use crate::MapperConfig;
 use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
 use crate::detect::multiples::Multiples;
-use crate::detect::profile::{Backdrop, Levels, Profile, blank_bins};
+use crate::detect::profile::{Backdrop, Levels, Profile, blank_bins, widen_bins};
 use crate::parts::{Cue, Extent};
 use crate::seabed::Seabed;
 use crate::spawn::births;
@@ -107,9 +107,20 @@ impl Mapper {
         let seabed = &mut self.seabed;
         let brightness = seabed.brightness();
         let ground = seabed.backdrop(&look, brightness);
+        let ping = &posed.ping;
+        let (blank, bin_length_m) = (
+            blank_bins(ping, config.blanking_m),
+            ping.settings().bin_length_m(),
+        );
+        let widen = widen_bins(tolerance_m.into(), bin_length_m);
+        let bursts = self.bursts.runs(&look, ping.intensity(), blank, widen);
+        self.status.bins_interfered += bursts
+            .iter()
+            .map(|&(start, end)| u64::from(end - start))
+            .sum::<u64>();
         let mut profile = self
             .levels
-            .profile(&posed.ping, tolerance_m.into(), &ground, config);
+            .profile(ping, tolerance_m.into(), &ground, bursts, config);
         let weight = match posed.ping.view() {
             Some(_) => 1.0,
             None => novelty(&look, self.last_look.as_ref()),

@@ -15,6 +15,7 @@ use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::accumulate::history::History;
+use crate::detect::bursts::Bursts;
 use crate::detect::multiples::Multiples;
 use crate::detect::profile::Levels;
 use crate::detect::receiver::Receiver;
@@ -40,6 +41,7 @@ pub struct Mapper {
     pool: Arc<ThreadPool>,
     world: Option<World>,
     receiver: Receiver,
+    bursts: Bursts,
     levels: Levels,
     seabed: Seabed,
     multiples: Multiples,
@@ -78,6 +80,7 @@ impl Mapper {
             pool: Arc::new(pool),
             world: None,
             receiver: Receiver::default(),
+            bursts: Bursts::default(),
             levels: Levels::default(),
             multiples: Multiples::default(),
             gaussians: Gaussians::default(),

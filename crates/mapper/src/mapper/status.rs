@@ -37,6 +37,8 @@ pub struct MapperStatus {
     pub ambiguous: u64,
     /// Bins of echoes taken for others heard again at a fixed multiple of their range.
     pub bins_doubted: u64,
+    /// Bins passed over since another sonar's pulse was in them.
+    pub bins_interfered: u64,
     /// Work-outs of some tiles, those under way included.
     pub workouts: u64,
     /// Tiles whose Gaussians are worked out again.

@@ -331,7 +331,8 @@ mod tests {
         };
         let (config, ground) = (config(), Backdrop::default());
         let look = look_of(&posed, DVec3::ZERO, &config);
-        let profile = Levels::default().profile(&posed.ping, 0.05, &ground, &config);
+        let profile =
+            Levels::default().profile(&posed.ping, 0.05, &ground, Box::default(), &config);
         Arc::new(past_of(
             look,
             pose_blur(&posed, &config),

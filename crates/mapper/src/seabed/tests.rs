@@ -57,7 +57,7 @@ fn heard(levels: &mut Levels, index: usize, power: impl Fn(usize) -> f32) -> (Ve
     let intensity: Vec<f32> = (0..BINS).map(power).collect();
     let ping = Ping::new(index as u64, Timestamp::ZERO, settings, intensity.clone()).unwrap();
     let config = MapperConfig::default();
-    let profile = levels.profile(&ping, 0.04, &Backdrop::default(), &config);
+    let profile = levels.profile(&ping, 0.04, &Backdrop::default(), Box::default(), &config);
     (intensity, profile)
 }
 
