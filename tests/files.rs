@@ -21,7 +21,8 @@ import sys
 import numpy as np
 
 PROPERTIES = ("x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 "
-              "rot_0 rot_1 rot_2 rot_3 reflectivity sigma").split()
+              "rot_0 rot_1 rot_2 rot_3 reflectivity sigma cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz "
+              "probability").split()
 
 def rows(path):
     header, _, body = open(path, "rb").read().partition(b"end_header\n")
@@ -37,11 +38,14 @@ columns = lambda table, names: np.stack([table[name] for name in names.split()],
 for file, table in (("confident", confident), ("all", together)):
     with np.load(f"{folder}/{file}.npz", allow_pickle=False) as found:
         assert sorted(found) == sorted(
-            "position sigma_m confident opacity scale rotation reflectivity id".split())
+            "position sigma_m position_covariance_m2 probability confident opacity scale rotation reflectivity id".split())
         assert found["position"].dtype == np.float64
         expected = origin + columns(table, "x y z").astype(float)
         np.testing.assert_array_equal(found["position"], expected)
         np.testing.assert_array_equal(found["sigma_m"], table["sigma"])
+        covariance = columns(table, "cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz")
+        np.testing.assert_array_equal(found["position_covariance_m2"], covariance)
+        np.testing.assert_array_equal(found["probability"], table["probability"])
         np.testing.assert_array_equal(found["reflectivity"], table["reflectivity"])
         np.testing.assert_allclose(found["opacity"], 1 / (1 + np.exp(-table["opacity"])), 1e-5)
         np.testing.assert_allclose(found["scale"], np.exp(columns(table, "scale_0 scale_1 scale_2")), 1e-5)
@@ -62,6 +66,8 @@ fn gaussian(index: u16, standing: Standing) -> Gaussian {
         opacity: 0.3 + 0.005 * step,
         reflectivity: 0.01 * (1.0 + step),
         sigma_m: if index == 3 { f32::INFINITY } else { 0.05 },
+        position_covariance_m2: [4e-4, 1e-5 * step, -1e-5, 9e-4, 2e-5, 25e-4],
+        probability: 0.005 * step,
         standing,
     }
 }

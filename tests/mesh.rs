@@ -37,6 +37,8 @@ fn write_wall(path: &Path, origin_m: DVec3) {
             opacity: 0.1,
             reflectivity: 0.01,
             sigma_m: 0.05,
+            position_covariance_m2: Gaussian::known_alike_m2(0.05),
+            probability: 1.0,
             standing: match column < 40 {
                 true => Standing::Confident,
                 false => Standing::Ambiguous,

@@ -110,6 +110,8 @@ fn one_of_each() -> Vec<Record> {
         opacity: 0.5,
         reflectivity: 0.25,
         sigma_m: f32::INFINITY,
+        position_covariance_m2: Gaussian::known_alike_m2(f32::INFINITY),
+        probability: 1.0,
         standing: Standing::Confident,
     };
     let pose = StampedPose {

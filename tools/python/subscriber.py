@@ -1,10 +1,12 @@
 """Follows the map of a running service: python subscriber.py --save map.npy"""
 import argparse, collections, json, time, numpy as np, zenoh
 
-# One Gaussian: metres from the map's origin_m, one sigma per axis in metres, rotation wxyz.
+# One Gaussian: metres from the map's origin_m, one sigma per axis in metres, rotation wxyz,
+# covariance of its place xx xy xz yy yz zz.
 POINT = np.dtype([("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("id", "<u4"),
                   ("opacity", "<f4"), ("scale", "<f4", 3), ("rot", "<f4", 4),
-                  ("reflectivity", "<f4"), ("sigma", "<f4"), ("confident", "<u4")])
+                  ("reflectivity", "<f4"), ("sigma", "<f4"), ("cov", "<f4", 6), ("probability", "<f4"),
+                  ("confident", "<u4")])
 EVERY = zenoh.ConsolidationMode.NONE  # all messages of an answer, not only its last
 
 def message(sample):

@@ -11,7 +11,7 @@ import subscriber
 
 FIELDS = (
     "x y z intensity id opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3 "
-    "reflectivity sigma confident"
+    "reflectivity sigma cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz probability confident"
 ).split()
 NO_POINTS = np.empty(0, subscriber.POINT)
 
@@ -36,7 +36,7 @@ def point_cloud(points, frame_id):
     for index, name in enumerate(FIELDS):
         string(body, name)
         aligned(body, "IBI", 4 * index, 6 if name in ("id", "confident") else 7, 1)
-    aligned(body, "BIII", 0, 64, 64 * len(points), 64 * len(points))
+    aligned(body, "BIII", 0, 92, 92 * len(points), 92 * len(points))
     body += points.tobytes() + b"\1"
     return b"\0\1\0\0" + bytes(body)
 
@@ -73,9 +73,9 @@ class Messages(unittest.TestCase):
             self.assertEqual(attachment, note(1))
             self.assertTrue(np.array_equal(found, points), frame_id)
 
-    def test_a_point_has_64_bytes_without_gaps(self):
-        self.assertEqual(subscriber.POINT.itemsize, 64)
-        self.assertEqual(subscriber.POINT.fields["confident"][1], 60)
+    def test_a_point_has_92_bytes_without_gaps(self):
+        self.assertEqual(subscriber.POINT.itemsize, 92)
+        self.assertEqual(subscriber.POINT.fields["confident"][1], 88)
 
 
 class Bookkeeping(unittest.TestCase):

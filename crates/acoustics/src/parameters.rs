@@ -415,6 +415,8 @@ mod tests {
             opacity: 0.8,
             reflectivity: 0.3,
             sigma_m: 0.1,
+            position_covariance_m2: Gaussian::known_alike_m2(0.1),
+            probability: 1.0,
             standing: Standing::Confident,
         };
         let parameters = Parameters::from_gaussian(&gaussian);

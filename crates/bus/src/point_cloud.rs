@@ -1,6 +1,6 @@
 //! Gaussians as `sensor_msgs/msg/PointCloud2`, and back without the loss of a bit.
 //!
-//! One point per Gaussian, 64 bytes, little-endian, in the map's frame (add `origin_m` of the
+//! One point per Gaussian, 92 bytes, little-endian, in the map's frame (add `origin_m` of the
 //! message's attachment to get the world's coordinates):
 //!
 //! | offset | field | type | unit | what |
@@ -20,7 +20,9 @@
 //! | 48 | `rot_3` | f32 | 1 | z |
 //! | 52 | `reflectivity` | f32 | 1 | what of the stopped sound comes back, linear power |
 //! | 56 | `sigma` | f32 | m | one sigma of its position along the least known direction; may be +∞ |
-//! | 60 | `confident` | u32 | | 1 asserted as surface, 0 ambiguous |
+//! | 60 to 80 | `cov_xx`, `cov_xy`, `cov_xz`, `cov_yy`, `cov_yz`, `cov_zz` | f32 | m² | covariance of its position, map's axes; may be +∞ on the diagonal |
+//! | 84 | `probability` | f32 | 1 | that there is surface within 0.10 m of it, 0 to 1 |
+//! | 88 | `confident` | u32 | | 1 asserted as surface, 0 ambiguous |
 //!
 //! In numpy, with `data` the message's bytes field:
 //!
@@ -28,7 +30,8 @@
 //! numpy.frombuffer(data, dtype=[
 //!     ("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("intensity", "<f4"), ("id", "<u4"),
 //!     ("opacity", "<f4"), ("scale", "<f4", 3), ("rot", "<f4", 4),
-//!     ("reflectivity", "<f4"), ("sigma", "<f4"), ("confident", "<u4")])
+//!     ("reflectivity", "<f4"), ("sigma", "<f4"), ("cov", "<f4", 6), ("probability", "<f4"),
+//!     ("confident", "<u4")])
 //! ```
 
 use echosplat_model::{Gaussian, Standing, Timestamp};
@@ -41,13 +44,13 @@ use crate::ros::Header;
 pub const ENCODING: &str = "application/cdr;sensor_msgs/msg/PointCloud2";
 
 /// Bytes of one point as written.
-pub const POINT_BYTES: usize = 64;
+pub const POINT_BYTES: usize = 4 * FIELDS.len();
 
 const UINT32: u8 = 6;
 const FLOAT32: u8 = 7;
 
 /// Name and type of each field, in the order and places of the table above.
-const FIELDS: [(&str, u8); 16] = [
+const FIELDS: [(&str, u8); 23] = [
     ("x", FLOAT32),
     ("y", FLOAT32),
     ("z", FLOAT32),
@@ -63,6 +66,13 @@ const FIELDS: [(&str, u8); 16] = [
     ("rot_3", FLOAT32),
     ("reflectivity", FLOAT32),
     ("sigma", FLOAT32),
+    ("cov_xx", FLOAT32),
+    ("cov_xy", FLOAT32),
+    ("cov_xz", FLOAT32),
+    ("cov_yy", FLOAT32),
+    ("cov_yz", FLOAT32),
+    ("cov_zz", FLOAT32),
+    ("probability", FLOAT32),
     ("confident", UINT32),
 ];
 
@@ -159,11 +169,12 @@ fn write_fields(writer: &mut CdrWriter) {
     }
 }
 
-/// The 64 bytes of one Gaussian.
+/// The bytes of one Gaussian.
 fn point_of(gaussian: &Gaussian) -> [u8; POINT_BYTES] {
     let [x, y, z] = gaussian.mean_m.to_array();
     let [s0, s1, s2] = gaussian.scale_m.to_array();
     let q = gaussian.rotation;
+    let [xx, xy, xz, yy, yz, zz] = gaussian.position_covariance_m2.map(f32::to_bits);
     let words = [
         x.to_bits(),
         y.to_bits(),
@@ -180,6 +191,13 @@ fn point_of(gaussian: &Gaussian) -> [u8; POINT_BYTES] {
         q.z.to_bits(),
         gaussian.reflectivity.to_bits(),
         gaussian.sigma_m.to_bits(),
+        xx,
+        xy,
+        xz,
+        yy,
+        yz,
+        zz,
+        gaussian.probability.to_bits(),
         u32::from(gaussian.standing == Standing::Confident),
     ];
     let mut bytes = [0; POINT_BYTES];
@@ -277,7 +295,7 @@ fn gaussian_of(point: &[u8], offsets: &Offsets) -> Result<Option<Gaussian>, Poin
         *word = u32::from_le_bytes(*bytes);
     }
     let value = |index: usize| f32::from_bits(words[index]);
-    let standing = match words[15] {
+    let standing = match words[22] {
         0 => Standing::Ambiguous,
         1 => Standing::Confident,
         _ => return Ok(None),
@@ -290,6 +308,8 @@ fn gaussian_of(point: &[u8], offsets: &Offsets) -> Result<Option<Gaussian>, Poin
         opacity: value(5),
         reflectivity: value(13),
         sigma_m: value(14),
+        position_covariance_m2: std::array::from_fn(|i| value(15 + i)),
+        probability: value(21),
         standing,
     };
     Ok(gaussian.is_sound().then_some(gaussian))
@@ -316,20 +336,20 @@ mod tests {
         assert_eq!(bytes[12..20], [4, 0, 0, 0, b'm', b'a', b'p', 0]);
         assert_eq!(bytes[20..24], [1, 0, 0, 0]);
         assert_eq!(bytes[24..28], [1, 0, 0, 0]);
-        // 16 fields at 24; of the first: length of the name at 28, offset aligned to 36, datatype
+        // 23 fields at 24; of the first: length of the name at 28, offset aligned to 36, datatype
         // at 40, count aligned to 44.
-        assert_eq!(bytes[28..32], [16, 0, 0, 0]);
+        assert_eq!(bytes[28..32], [23, 0, 0, 0]);
         assert_eq!(bytes[32..40], [2, 0, 0, 0, b'x', 0, 0, 0]);
         assert_eq!(bytes[40..44], [0, 0, 0, 0]);
         assert_eq!(bytes[44..48], [7, 0, 0, 0]);
         assert_eq!(bytes[48..52], [1, 0, 0, 0]);
-        // The last byte is is_dense; before it the 64 bytes of the point.
+        // The last byte is is_dense; before it the 92 bytes of the point.
         let end = bytes.len() - 1;
         assert_eq!(bytes[end], 1);
-        let point = &bytes[end - 64..end];
+        let point = &bytes[end - 92..end];
         assert_eq!(point[16..20], [2, 1, 0, 0]);
-        assert_eq!(point[60..64], [1, 0, 0, 0]);
-        assert_eq!(bytes[end - 68..end - 64], [64, 0, 0, 0]);
+        assert_eq!(point[88..92], [1, 0, 0, 0]);
+        assert_eq!(bytes[end - 96..end - 92], [92, 0, 0, 0]);
     }
 
     #[test]

@@ -18,6 +18,8 @@ pub(crate) fn gaussian(id: u32) -> Gaussian {
         opacity: 0.5 + 0.4 * (t * 0.3).cos(),
         reflectivity: 0.25 + 1e-5 * t,
         sigma_m: 0.05 + 1e-4 * t,
+        position_covariance_m2: [1e-3, 1e-5 * t, -2e-5, 2e-3, 3e-5, 3e-3],
+        probability: 0.5 + 0.4 * (t * 0.1).sin(),
         standing: match id % 3 {
             0 => Standing::Confident,
             1 => Standing::Ambiguous,

@@ -76,6 +76,8 @@ impl Piece {
             opacity: 0.999,
             reflectivity: self.reflectivity as f32,
             sigma_m: 0.01,
+            position_covariance_m2: Gaussian::known_alike_m2(0.01),
+            probability: 1.0,
             standing: Standing::Confident,
         }
     }

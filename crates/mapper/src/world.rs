@@ -1,6 +1,6 @@
 //! The mapper's own axes, and how fine its voxels are.
 
-use echosplat_model::glam::{DQuat, DVec3};
+use echosplat_model::glam::{DMat3, DQuat, DVec3};
 use echosplat_model::{Gaussian, Pose, PosedPing};
 
 use crate::MapperConfig;
@@ -61,9 +61,23 @@ impl World {
         Gaussian {
             mean_m: (from_first_m + shift_m).as_vec3(),
             rotation: self.heading.as_quat() * gaussian.rotation,
+            position_covariance_m2: turned(self.heading, gaussian.position_covariance_m2),
             ..gaussian
         }
     }
+}
+
+/// A covariance on axes that are turned; what is not known in one direction is not known in any.
+fn turned(turn: DQuat, covariance_m2: [f32; 6]) -> [f32; 6] {
+    let [xx, xy, xz, yy, yz, zz] = covariance_m2.map(f64::from);
+    if !(xx + yy + zz).is_finite() {
+        return Gaussian::known_alike_m2(f32::INFINITY);
+    }
+    let columns = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    let turn = DMat3::from_quat(turn);
+    let turned = turn * DMat3::from_cols_array_2d(&columns) * turn.transpose();
+    let [x, y, z] = turned.to_cols_array_2d();
+    [x[0], x[1], x[2], y[1], y[2], z[2]].map(|value| value as f32)
 }
 
 fn published_origin_m(first_ping_m: DVec3) -> DVec3 {
@@ -116,6 +130,8 @@ mod tests {
                 opacity: 0.5,
                 reflectivity: 0.5,
                 sigma_m: 0.1,
+                position_covariance_m2: Gaussian::known_alike_m2(0.1),
+                probability: 1.0,
                 standing: Standing::Confident,
             };
             let expected_m = origin_m + world.heading * inside.mean_m.as_dvec3();

@@ -34,6 +34,11 @@ pub struct Gaussian {
     pub reflectivity: f32,
     /// One sigma of its position along the least known direction; infinite if nothing is known.
     pub sigma_m: f32,
+    /// Covariance of its position, square metres, world axes: xx, xy, xz, yy, yz, zz. `sigma_m` is the square root of
+    /// its largest eigenvalue; infinite on the diagonal if nothing is known.
+    pub position_covariance_m2: [f32; 6],
+    /// Probability that there is surface within 0.10 m of it, 0 to 1.
+    pub probability: f32,
     /// Surface or one of several explanations.
     pub standing: Standing,
 }
@@ -47,7 +52,15 @@ impl Gaussian {
         scaled * scaled.transpose()
     }
 
-    /// Whether every number is finite (`sigma_m` may be infinite) and every scale positive.
+    /// `position_covariance_m2` of a place that is known alike in all directions.
+    #[must_use]
+    pub fn known_alike_m2(sigma_m: f32) -> [f32; 6] {
+        let variance_m2 = sigma_m * sigma_m;
+        [variance_m2, 0.0, 0.0, variance_m2, 0.0, variance_m2]
+    }
+
+    /// Whether every number is finite (`sigma_m` and the covariance may be infinite), every scale positive and the
+    /// probability one.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let finite = self.mean_m.is_finite()
@@ -55,7 +68,12 @@ impl Gaussian {
             && self.scale_m.is_finite()
             && self.opacity.is_finite()
             && self.reflectivity.is_finite();
-        finite && self.scale_m.min_element() > 0.0 && !self.sigma_m.is_nan()
+        let covariance_m2 = &self.position_covariance_m2;
+        finite
+            && self.scale_m.min_element() > 0.0
+            && !self.sigma_m.is_nan()
+            && !covariance_m2.iter().any(|value| value.is_nan())
+            && (0.0..=1.0).contains(&self.probability)
     }
 }
 
@@ -73,6 +91,8 @@ mod tests {
             opacity: 1.0,
             reflectivity: 1.0,
             sigma_m: f32::INFINITY,
+            position_covariance_m2: Gaussian::known_alike_m2(f32::INFINITY),
+            probability: 1.0,
             standing: Standing::Ambiguous,
         };
         let covariance = gaussian.covariance_m2();

@@ -21,6 +21,8 @@ pub(crate) fn asserted(
             opacity: one.opacity(),
             reflectivity: one.reflectivity().min(1.0),
             sigma_m: f32::INFINITY,
+            position_covariance_m2: Gaussian::known_alike_m2(f32::INFINITY),
+            probability: 1.0,
             standing: Standing::Confident,
         };
         (gaussian.opacity > least_opacity && gaussian.is_sound()).then_some(gaussian)

@@ -114,6 +114,8 @@ mod tests {
             opacity: 1.0,
             reflectivity: 0.1,
             sigma_m: 0.25,
+            position_covariance_m2: Gaussian::known_alike_m2(0.25),
+            probability: 1.0,
             standing: Standing::Confident,
         };
         MapFile {

@@ -137,6 +137,8 @@ mod tests {
             opacity: 0.5,
             reflectivity: 0.5,
             sigma_m: 0.1,
+            position_covariance_m2: Gaussian::known_alike_m2(0.1),
+            probability: 1.0,
             standing: *standing,
         };
         Snapshot {

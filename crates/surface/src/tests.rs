@@ -15,6 +15,8 @@ fn gaussian(mean_m: Vec3) -> Gaussian {
         opacity: 0.1,
         reflectivity: 0.01,
         sigma_m: 0.1,
+        position_covariance_m2: Gaussian::known_alike_m2(0.1),
+        probability: 1.0,
         standing: Standing::Confident,
     }
 }

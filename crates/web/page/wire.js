@@ -1,12 +1,15 @@
 // Reads the binary messages of the WebSocket: a head, a JSON header, and a payload, which for the map
-// is the CDR of a sensor_msgs/msg/PointCloud2 with points of 64 bytes.
+// is the CDR of a sensor_msgs/msg/PointCloud2 with points of 92 bytes.
 
 const KINDS = { 1: "delta", 2: "snapshot", 3: "ping" };
 const HEAD_BYTES = 16;
+/// Of a point as it comes; the page keeps what it draws, without covariance and probability.
+const SENT_BYTES = 92;
+const SENT_WORDS = SENT_BYTES / 4;
 export const POINT_BYTES = 64;
 export const POINT_FLOATS = 16;
 
-/// Where the numbers of a point are, in words of four bytes.
+/// Where the numbers of a point that is kept are, in words of four bytes: as they come, but for the last.
 export const FIELD = {
   x: 0, y: 1, z: 2, changed: 3, id: 4, opacity: 5, scale: 6, rotation: 9,
   reflectivity: 13, sigma: 14, confident: 15,
@@ -50,11 +53,17 @@ export function points(cdr) {
   reader.u32(); // row step
   const bytes = reader.u32();
   const count = height * width;
-  if (step !== POINT_BYTES || bytes !== count * POINT_BYTES) {
+  if (step !== SENT_BYTES || bytes !== count * SENT_BYTES) {
     throw new Error(`points of ${step} bytes, ${bytes} in all: another version of the service?`);
   }
-  const data = cdr.slice(reader.at, reader.at + bytes);
-  return { count, floats: new Float32Array(data), ids: new Uint32Array(data) };
+  const sent = new Uint32Array(cdr.slice(reader.at, reader.at + bytes));
+  const kept = new Uint32Array(count * POINT_FLOATS);
+  for (let i = 0; i < count; i += 1) {
+    const from = i * SENT_WORDS;
+    kept.set(sent.subarray(from, from + FIELD.confident), i * POINT_FLOATS);
+    kept[i * POINT_FLOATS + FIELD.confident] = sent[from + SENT_WORDS - 1];
+  }
+  return { count, floats: new Float32Array(kept.buffer), ids: kept };
 }
 
 /// Little-endian CDR behind four bytes of encapsulation, from whose end alignment counts.

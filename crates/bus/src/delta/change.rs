@@ -5,10 +5,11 @@ use std::cmp::Ordering;
 use echosplat_model::{Gaussian, GaussianId, Standing};
 
 /// Everything of a Gaussian as bits; two are the same if and only if these are.
-pub(crate) fn bits(gaussian: &Gaussian) -> [u32; 15] {
+pub(crate) fn bits(gaussian: &Gaussian) -> [u32; 22] {
     let m = gaussian.mean_m;
     let q = gaussian.rotation;
     let s = gaussian.scale_m;
+    let [xx, xy, xz, yy, yz, zz] = gaussian.position_covariance_m2.map(f32::to_bits);
     [
         gaussian.id,
         m.x.to_bits(),
@@ -24,6 +25,13 @@ pub(crate) fn bits(gaussian: &Gaussian) -> [u32; 15] {
         gaussian.opacity.to_bits(),
         gaussian.reflectivity.to_bits(),
         gaussian.sigma_m.to_bits(),
+        xx,
+        xy,
+        xz,
+        yy,
+        yz,
+        zz,
+        gaussian.probability.to_bits(),
         u32::from(gaussian.standing == Standing::Confident),
     ]
 }

@@ -53,35 +53,49 @@ pub(crate) struct Finding {
     pub(crate) account: Account,
     /// Fisher information of its mean, 1/m².
     pub(crate) information: SymmetricMat3,
+    /// What its looks' poses make of its place, square metres, each as often as its information has 1/m².
+    pub(crate) pose_m2: SymmetricMat3,
 }
 
 impl Finding {
     pub(crate) fn add(&mut self, part: &Self) {
         self.account.add(&part.account);
-        self.information.diagonal += part.information.diagonal;
-        self.information.mixed += part.information.mixed;
+        add(&mut self.information, &part.information);
+        add(&mut self.pose_m2, &part.pose_m2);
+    }
+
+    /// Counts what its pose makes of the place as much as it informs.
+    pub(crate) fn weigh_pose(&mut self) {
+        self.pose_m2 = times(self.pose_m2, self.information.diagonal.element_sum());
     }
 
     /// As if each look had been made so many times.
     pub(crate) fn times(self, count: f32) -> Self {
         Self {
             account: self.account.times(count),
-            information: informed(self.information, count),
+            information: times(self.information, count),
+            pose_m2: times(self.pose_m2, count),
         }
     }
 
     /// With the information of looks as many times as sharp.
     pub(crate) fn with_information(self, factor: f32) -> Self {
         Self {
-            information: informed(self.information, factor),
+            information: times(self.information, factor),
+            pose_m2: times(self.pose_m2, factor),
             ..self
         }
     }
 }
 
-fn informed(information: SymmetricMat3, factor: f32) -> SymmetricMat3 {
+fn add(sum: &mut SymmetricMat3, part: &SymmetricMat3) {
+    sum.diagonal += part.diagonal;
+    sum.mixed += part.mixed;
+}
+
+fn times(matrix: SymmetricMat3, factor: f32) -> SymmetricMat3 {
     SymmetricMat3 {
-        diagonal: information.diagonal * factor,
-        mixed: information.mixed * factor,
+        diagonal: matrix.diagonal * factor,
+        mixed: matrix.mixed * factor,
     }
 }

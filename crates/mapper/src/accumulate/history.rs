@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use echosplat_acoustics::{Look, LookPose};
 use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
-use echosplat_model::{PingSettings, PosedPing, Timestamp};
+use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
 
 use crate::MapperConfig;
 use crate::accumulate::fan::Fan;
@@ -24,6 +24,8 @@ pub(crate) struct Past {
     pub(crate) profile: Profile,
     /// What the pose adds to `look`'s variances where places are only lit or dark.
     pub(crate) blur: PoseBlur,
+    /// What its pose may be off by together with those around it.
+    pub(crate) pose_error: PoseBlur,
     /// What it counts against a look that owes nothing to the ping before, 0 to 1.
     pub(crate) weight: f32,
     pub(crate) sequence: u64,
@@ -103,6 +105,17 @@ pub(crate) struct PoseBlur {
 }
 
 impl PoseBlur {
+    /// Or what smoothing took out of the poses, where that is more: what it left in is hardly less.
+    fn or(self, jitter: Option<PoseUncertainty>) -> Self {
+        let Some(jitter) = jitter else { return self };
+        Self {
+            range_variance_m2: self.range_variance_m2.max(jitter.position_m.powi(2) as f32),
+            azimuth_variance_rad2: self
+                .azimuth_variance_rad2
+                .max(jitter.attitude_rad.powi(2) as f32),
+        }
+    }
+
     fn of(self, look: Look) -> Look {
         Look {
             range_variance_m2: look.range_variance_m2 + self.range_variance_m2,
@@ -171,6 +184,7 @@ pub(crate) fn past_of(
     Past {
         fan: Fan::of(&blur.of(look), FAN_SIGMAS),
         blur,
+        pose_error: blur.or(posed.jitter),
         look,
         profile,
         weight,

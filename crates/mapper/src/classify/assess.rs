@@ -9,6 +9,7 @@ use echosplat_model::Standing;
 use crate::MapperConfig;
 use crate::accumulate::finding::{Account, Finding};
 use crate::accumulate::history::Past;
+use crate::classify::certainty;
 use crate::classify::shade::Shade;
 use crate::parts::AtWork;
 use crate::refine::expectation::{Pull, Sum};
@@ -150,11 +151,17 @@ pub(crate) fn findings_of_ping(
     for (row, moments) in sight.rows().iter().zip(&desk.moments) {
         let mut pull = Pull::default();
         pull.add(row, moments, past.weight);
-        tally.of(row.slot).information.join(&pull.information);
+        let mut part = Finding {
+            information: pull.information,
+            pose_m2: certainty::of_pose(row, past.pose_error),
+            ..Finding::default()
+        };
+        part.weigh_pose();
+        tally.of(row.slot).add(&part);
     }
 }
 
-/// Sets verdict and sigma of every Gaussian that there is a finding for: what all pings would say
+/// Sets verdict and certainty of every Gaussian that there is a finding for: what all pings would say
 /// of it. The others keep theirs.
 pub(crate) fn judge(
     gaussians: &mut Gaussians,
@@ -169,6 +176,7 @@ pub(crate) fn judge(
         let Some(Finding {
             account,
             information,
+            ..
         }) = finding_of(slot)
         else {
             continue;
@@ -176,7 +184,6 @@ pub(crate) fn judge(
         let alone = 1.0 / least_eigenvalue(&information).max(0.0).sqrt();
         // What the parts of a split Gaussian know adds up.
         let sigma_m = alone * gaussians.part[slot];
-        gaussians.sigma_m[slot] = sigma_m;
         let rivalry = account.rivalry / account.looks;
         let relative = gaussians.strongest(slot) / peak;
         gaussians.verdict[slot] = if !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH) {
@@ -190,6 +197,7 @@ pub(crate) fn judge(
     }
     trust_continued(gaussians, &may_continue, voxel_m);
     doubt_strays(gaussians, voxel_m);
+    certainty::tell(gaussians, finding_of, voxel_m);
 }
 
 /// What is nearly sure by itself is so beside a surface that is.

@@ -1,5 +1,6 @@
 //! The map as others see it.
 
+use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::Gaussian;
 
 use crate::spawn::gaussians::{Gaussians, Verdict};
@@ -16,6 +17,12 @@ pub(super) fn intensity_unit(unit_strength: f32) -> f32 {
         .ceil()
         .clamp(-126.0, 127.0)
         .exp2()
+}
+
+/// In the order of [`Gaussian::position_covariance_m2`].
+pub(crate) fn upper_triangle(matrix: &SymmetricMat3) -> [f32; 6] {
+    let (d, m) = (matrix.diagonal, matrix.mixed);
+    [d.x, m.z, m.y, d.y, m.x, d.z]
 }
 
 /// Published Gaussians in order of id. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
@@ -35,6 +42,8 @@ pub(super) fn published(gaussians: &Gaussians, unit: f32) -> Vec<Gaussian> {
                 opacity: product.cbrt(),
                 reflectivity: product.cbrt() * product.cbrt(),
                 sigma_m: gaussians.sigma_m[slot],
+                position_covariance_m2: upper_triangle(&gaussians.position_covariance_m2[slot]),
+                probability: gaussians.probability[slot],
                 standing,
             };
             gaussian.is_sound().then_some(gaussian)

@@ -13,7 +13,8 @@ pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     let published = |slot: usize| matches!(gaussians.verdict[slot], Verdict::Published(_));
     let neighbours = Neighbours::new(gaussians, 2.5 * voxel_m, published);
     let shapes = neighbours.map(|around| {
-        let (axes, variances_m2) = eigen(scatter_around(gaussians, around));
+        let scatter = scatter_of(gaussians, around, |other| gaussians.strongest(other));
+        let (axes, variances_m2) = eigen(scatter);
         let shortest = variances_m2.x.max(0.0).sqrt();
         let middle = variances_m2.y.max(0.0).sqrt();
         let thin = shortest.clamp(0.12 * voxel_m, 0.5 * voxel_m);
@@ -29,12 +30,17 @@ pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     }
 }
 
-fn scatter_around(gaussians: &Gaussians, around: Surroundings<'_>) -> Mat3 {
+/// Scatter of the means around one, each counted with its weight, square metres.
+pub(crate) fn scatter_of(
+    gaussians: &Gaussians,
+    around: Surroundings<'_>,
+    weight_of: impl Fn(usize) -> f32,
+) -> Mat3 {
     let center = gaussians.mean_m[around.slot];
     let (mut weight, mut sum, mut scatter) = (0.0f32, Vec3::ZERO, Mat3::ZERO);
     for other in around.slots() {
         let d = gaussians.mean_m[other] - center;
-        let w = gaussians.strongest(other);
+        let w = weight_of(other);
         weight += w;
         sum += d * w;
         scatter += Mat3::from_cols(d * d.x, d * d.y, d * d.z) * w;

@@ -18,6 +18,7 @@ use echosplat_acoustics::{Beam, Look};
 use echosplat_model::glam::{Quat, Vec2, Vec3};
 use echosplat_model::{Gaussian, GaussianId, Standing, Switch};
 
+use crate::classify::certainty::NEAR_M;
 use crate::detect::profile::{Backdrop, Profile};
 use fan_plane::{FanEnergy, FanPlane};
 use field::{Field, NODE_M, STEP_SIGMA_M};
@@ -319,6 +320,8 @@ impl Seabed {
                     opacity: product.cbrt(),
                     reflectivity: product.cbrt() * product.cbrt(),
                     sigma_m: ground.spread_m,
+                    position_covariance_m2: Gaussian::known_alike_m2(ground.spread_m),
+                    probability: within(NEAR_M, ground.spread_m),
                     standing: Standing::Confident,
                 }
             })
@@ -327,6 +330,11 @@ impl Seabed {
         published.sort_unstable_by_key(|gaussian| gaussian.id);
         published
     }
+}
+
+/// Probability that a normal error of this sigma is at most `near_m`, to 0.01: the logistic curve is as near to it.
+fn within(near_m: f32, sigma_m: f32) -> f32 {
+    (0.851 * near_m / sigma_m).tanh()
 }
 
 /// Bins over one stretch of ground, half-open.

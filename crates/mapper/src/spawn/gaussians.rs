@@ -47,6 +47,10 @@ pub(crate) struct Gaussians {
     /// What part of a whole Gaussian it is: 1, or ⅛ after a split.
     pub(crate) part: Vec<f32>,
     pub(crate) sigma_m: Vec<f32>,
+    /// Of its position; see [`crate::classify::certainty`].
+    pub(crate) position_covariance_m2: Vec<SymmetricMat3>,
+    /// That there is surface beside it.
+    pub(crate) probability: Vec<f32>,
     pub(crate) verdict: Vec<Verdict>,
     pub(crate) stage: Vec<Stage>,
     /// What forgotten pings told.
@@ -87,6 +91,8 @@ impl Gaussians {
         self.known[s] = Sides::default();
         self.part[s] = 1.0;
         self.sigma_m[s] = f32::INFINITY;
+        self.position_covariance_m2[s] = SymmetricMat3::isotropic(f32::INFINITY);
+        self.probability[s] = 0.0;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
         self.stage[s] = Stage::Newborn;
         self.kept[s] = None;
@@ -105,6 +111,8 @@ impl Gaussians {
         self.known[c] = other.known[slot];
         self.part[c] = other.part[slot];
         self.sigma_m[c] = other.sigma_m[slot];
+        self.position_covariance_m2[c] = other.position_covariance_m2[slot];
+        self.probability[c] = other.probability[slot];
         self.verdict[c] = other.verdict[slot];
         self.stage[c] = stage;
         copy
@@ -142,6 +150,9 @@ impl Gaussians {
         self.known.push(Sides::default());
         self.part.push(1.0);
         self.sigma_m.push(f32::INFINITY);
+        self.position_covariance_m2
+            .push(SymmetricMat3::isotropic(f32::INFINITY));
+        self.probability.push(0.0);
         self.verdict.push(Verdict::ExplainedAway);
         self.stage.push(Stage::Newborn);
         self.kept.push(None);

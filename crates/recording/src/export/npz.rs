@@ -13,7 +13,8 @@ const MAGIC: &[u8; 8] = b"\x93NUMPY\x01\x00";
 const ALIGNED_TO: usize = 64;
 
 /// Writes the arrays `position` (f8, shape `[n, 3]`, world, metres), `sigma_m` (f4, `[n]`, may be
-/// infinite), `confident` (bool, `[n]`), `opacity` (f4, `[n]`), `scale` (f4, `[n, 3]`, one sigma,
+/// infinite), `position_covariance_m2` (f4, `[n, 6]`: xx xy xz yy yz zz, world axes), `probability` (f4, `[n]`, that there is
+/// surface within 0.10 m), `confident` (bool, `[n]`), `opacity` (f4, `[n]`), `scale` (f4, `[n, 3]`, one sigma,
 /// metres), `rotation` (f4, `[n, 4]`, w x y z), `reflectivity` (f4, `[n]`, linear) and `id` (u4, `[n]`).
 ///
 /// # Errors
@@ -28,6 +29,9 @@ pub fn write_npz(map: &MapFile, writer: impl Write) -> io::Result<()> {
     archive.array("position", "<f8", all().map(world), f64::to_le_bytes)?;
     let single = f32::to_le_bytes;
     archive.array("sigma_m", "<f4", all().map(|g| [g.sigma_m]), single)?;
+    let covariance = all().map(|g| g.position_covariance_m2);
+    archive.array("position_covariance_m2", "<f4", covariance, single)?;
+    archive.array("probability", "<f4", all().map(|g| [g.probability]), single)?;
     let confident = all().map(|g| [g.standing == Standing::Confident]);
     archive.array("confident", "|b1", confident, |is| [u8::from(is)])?;
     archive.array("opacity", "<f4", all().map(|g| [g.opacity]), single)?;
@@ -109,7 +113,7 @@ mod tests {
         let mut bytes = Vec::new();
         write_npz(&super::super::tests::map(), &mut bytes).unwrap();
         let archive = rawzip::ZipArchive::from_slice(&bytes).unwrap();
-        assert_eq!(archive.entries_hint(), 8);
+        assert_eq!(archive.entries_hint(), 10);
         let at = |needle: &[u8]| bytes.windows(needle.len()).any(|w| w == needle);
         assert!(at(b"'shape': (1, 3)") && at(&1_000_001.0_f64.to_le_bytes()));
     }

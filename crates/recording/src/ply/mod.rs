@@ -3,7 +3,9 @@
 //!
 //! `opacity` is a logit, `scale_*` are natural logarithms of metres, `rot_*` is w x y z, the colour
 //! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels; `nx ny nz` is the shortest axis.
-//! `reflectivity` (linear) and `sigma` (metres, may be infinite) come last. Added to x y z, the
+//! Last come `reflectivity` (linear), `sigma` (one sigma of the position along its least known direction, metres, may be
+//! infinite), the position's covariance `cov_*` (square metres, world axes) and `probability`, that there is surface
+//! within 0.10 m. Added to x y z, the
 //! header's `comment origin_m X Y Z` gives the world's coordinates; times opacity, reflectivity and
 //! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it. Where
 //! pings were kept from the map to judge it by, `comment held_out_every N` says which.
@@ -25,7 +27,7 @@ pub use read::{PlyError, read};
 pub use write::write;
 
 /// The properties of a vertex in the order they are written.
-pub const PROPERTIES: [&str; 19] = [
+pub const PROPERTIES: [&str; 26] = [
     "x",
     "y",
     "z",
@@ -45,6 +47,13 @@ pub const PROPERTIES: [&str; 19] = [
     "rot_3",
     "reflectivity",
     "sigma",
+    "cov_xx",
+    "cov_xy",
+    "cov_xz",
+    "cov_yy",
+    "cov_yz",
+    "cov_zz",
+    "probability",
 ];
 
 /// What a map's header says besides where its Gaussians are.

@@ -14,6 +14,9 @@ const ROWS_AT_ONCE: u64 = 1024;
 /// Longest row taken; a 3DGS file with every harmonic has 248 bytes.
 const MAX_ROW_BYTES: usize = 4096;
 
+/// The position's covariance, in the order of [`Gaussian::position_covariance_m2`].
+const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"];
+
 /// Why a map was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum PlyError {
@@ -59,8 +62,8 @@ pub enum PlyError {
     Io(#[from] io::Error),
 }
 
-/// Reads one map file. Properties may come in any order and among others; `reflectivity` and
-/// `sigma` may be missing, as in maps of other programs (then 1 and infinite).
+/// Reads one map file. Properties may come in any order and among others; `reflectivity`, `sigma`, `cov_*` and
+/// `probability` may be missing, as in maps of other programs (then 1, infinite, as `sigma` in all directions, and 1).
 ///
 /// # Errors
 /// Says what is wrong, and where.
@@ -123,6 +126,8 @@ struct Columns {
     rotation: [usize; 4],
     reflectivity: Option<usize>,
     sigma: Option<usize>,
+    covariance: Option<[usize; 6]>,
+    probability: Option<usize>,
 }
 
 impl Columns {
@@ -135,6 +140,8 @@ impl Columns {
             rotation: [at("rot_0")?, at("rot_1")?, at("rot_2")?, at("rot_3")?],
             reflectivity: header.find("reflectivity")?,
             sigma: header.find("sigma")?,
+            covariance: covariance(header)?,
+            probability: header.find("probability")?,
         })
     }
 
@@ -147,6 +154,7 @@ impl Columns {
         if !(length > 1e-6 && length.is_finite()) {
             return Err(wrong("rot_0..3 is not a quaternion with a length"));
         }
+        let sigma_m = self.sigma.map_or(f32::INFINITY, |at| float(row, at));
         let gaussian = Gaussian {
             id,
             mean_m: Vec3::from_array(self.mean.map(|at| float(row, at))),
@@ -158,7 +166,12 @@ impl Columns {
             scale_m: Vec3::from_array(self.scale.map(|at| float(row, at).exp())),
             opacity: sigmoid(float(row, self.opacity)),
             reflectivity: self.reflectivity.map_or(1.0, |at| float(row, at)),
-            sigma_m: self.sigma.map_or(f32::INFINITY, |at| float(row, at)),
+            sigma_m,
+            position_covariance_m2: match self.covariance {
+                Some(places) => places.map(|at| float(row, at)),
+                None => Gaussian::known_alike_m2(sigma_m),
+            },
+            probability: self.probability.map_or(1.0, |at| float(row, at)),
             standing: Standing::Confident,
         };
         if !gaussian.is_sound() {
@@ -166,6 +179,18 @@ impl Columns {
         }
         Ok(gaussian)
     }
+}
+
+/// Where the covariance is: all six numbers or none.
+fn covariance(header: &Header) -> Result<Option<[usize; 6]>, PlyError> {
+    let mut places = [0; 6];
+    for (place, name) in places.iter_mut().zip(COVARIANCE) {
+        match header.find(name)? {
+            Some(at) => *place = at,
+            None => return Ok(None),
+        }
+    }
+    Ok(Some(places))
 }
 
 /// `at` comes from the header, whose row length the row has.

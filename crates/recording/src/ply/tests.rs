@@ -11,6 +11,8 @@ fn gaussian(id: u32, mean_m: Vec3) -> Gaussian {
         opacity: 0.7,
         reflectivity: 0.01,
         sigma_m: 0.05,
+        position_covariance_m2: [4e-4, 1e-5, -1e-5, 9e-4, 2e-5, 25e-4],
+        probability: 0.75,
         standing: Standing::Confident,
     }
 }
@@ -42,6 +44,8 @@ fn assert_close(a: &Gaussian, b: &Gaussian) {
     assert!(near(a.opacity, b.opacity), "{} {}", a.opacity, b.opacity);
     assert_eq!(a.reflectivity.to_bits(), b.reflectivity.to_bits());
     assert_eq!(a.sigma_m.to_bits(), b.sigma_m.to_bits());
+    assert_eq!(a.position_covariance_m2, b.position_covariance_m2);
+    assert!((a.probability - b.probability).abs() < 1e-6);
 }
 
 /// A file with the given header lines and rows of floats.
@@ -64,9 +68,10 @@ fn the_header_is_the_documented_one() {
         "ply\nformat binary_little_endian 1.0\ncomment origin_m 500000.125 -6000000.1 1e-17\n\
          comment intensity_unit 0.0003\nelement vertex 1\nproperty float x\nproperty float y\n"
     ));
-    let end = b"property float reflectivity\nproperty float sigma\nend_header\n";
+    let end = b"property float sigma\nproperty float cov_xx\nproperty float cov_xy\nproperty float cov_xz\n\
+          property float cov_yy\nproperty float cov_yz\nproperty float cov_zz\nproperty float probability\nend_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
-    assert_eq!(bytes.len() - at - end.len(), 19 * 4);
+    assert_eq!(bytes.len() - at - end.len(), 26 * 4);
 }
 
 #[test]
@@ -76,14 +81,15 @@ fn a_row_holds_logit_logarithms_and_w_first() {
     one.scale_m = Vec3::new(1.0, 0.5, 2.0);
     one.rotation = Quat::IDENTITY;
     let bytes = bytes_of(&map(vec![one]));
-    let row: Vec<f32> = bytes[bytes.len() - 76..]
+    let row: Vec<f32> = bytes[bytes.len() - 104..]
         .chunks_exact(4)
         .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
         .collect();
     assert_eq!(row[..6], [1.0, 2.0, 3.0, 0.0, 1.0, 0.0]);
     assert_eq!(row[9..11], [0.0, 0.0]);
     assert_eq!(row[13..17], [1.0, 0.0, 0.0, 0.0]);
-    assert_eq!(row[17..], [0.01, 0.05]);
+    assert_eq!(row[17..19], [0.01, 0.05]);
+    assert_eq!(row[19..], [4e-4, 1e-5, -1e-5, 9e-4, 2e-5, 25e-4, 0.75]);
 }
 
 #[test]

@@ -75,6 +75,7 @@ fn row(gaussian: &Gaussian) -> [f32; PROPERTIES.len()] {
     let f_dc = color_of_reflectivity(gaussian.reflectivity).map(|c| (c - 0.5) / HARMONIC_0);
     let scale = gaussian.scale_m.to_array().map(f32::ln);
     let q = gaussian.rotation;
+    let [xx, xy, xz, yy, yz, zz] = gaussian.position_covariance_m2;
     [
         mean.x,
         mean.y,
@@ -95,6 +96,13 @@ fn row(gaussian: &Gaussian) -> [f32; PROPERTIES.len()] {
         q.z,
         gaussian.reflectivity,
         gaussian.sigma_m,
+        xx,
+        xy,
+        xz,
+        yy,
+        yz,
+        zz,
+        gaussian.probability,
     ]
 }
 

@@ -1,0 +1,171 @@
+//! How sure a Gaussian's place is: its own pings, the surface around it, and what its poses have in common.
+//!
+//! And how likely there is surface beside it at all.
+//!
+//! Pings whose poses are off alike agree, and what they agree on is off as well: however many there are, the place is no
+//! surer than their poses.
+
+use echosplat_acoustics::SymmetricMat3;
+use echosplat_acoustics::packed::Row;
+use echosplat_model::Standing;
+use echosplat_model::glam::{DMat3, DVec3, Mat3};
+
+use crate::accumulate::finding::{Account, Finding};
+use crate::accumulate::history::PoseBlur;
+use crate::refine::shape::{eigen, scatter_of};
+use crate::spawn::gaussians::{Gaussians, Verdict};
+use crate::spawn::neighbours::Neighbours;
+
+/// What is not known at all is known to a ping's range.
+const REACH_M: f64 = 10.0;
+/// A surface goes on within so many voxels.
+const SURFACE_VOXELS: f32 = 1.5;
+
+/// Surface is looked for this near.
+pub(crate) const NEAR_M: f32 = 0.10;
+/// Of places that the map says nothing for, this part has surface so near by chance: those it holds lie about the
+/// structure.
+const BY_CHANCE: f32 = 0.125;
+/// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M`; what they grow by
+/// with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by with the logarithm
+/// of sigma. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
+const EVEN_ODDS: f32 = 1.0;
+const PER_RIVALRY: f32 = 1.5;
+const PER_SIGMA: f32 = 0.7;
+const LEAST_TOLD: f32 = -3.0;
+const MOST_TOLD: f32 = 1.0;
+
+/// What an error of the sensor's pose makes of a place, square metres: of its position alike in all directions, of its
+/// attitude across the line of sight.
+pub(super) fn of_pose(row: &Row, error: PoseBlur) -> SymmetricMat3 {
+    let (away, range_m) = (row.splat.range_axis, row.splat.range_m);
+    let turned_m2 = error.azimuth_variance_rad2 * range_m * range_m;
+    let across = Mat3::IDENTITY - Mat3::from_cols(away * away.x, away * away.y, away * away.z);
+    SymmetricMat3::of(Mat3::IDENTITY * error.range_variance_m2 + across * turned_m2)
+}
+
+/// Sets covariance, sigma and probability of every Gaussian that there is a finding for.
+pub(super) fn tell(
+    gaussians: &mut Gaussians,
+    finding_of: impl Fn(usize) -> Option<Finding> + Sync,
+    voxel_m: f32,
+) {
+    let slots = gaussians.slots().filter(|&slot| finding_of(slot).is_some());
+    let slots: Vec<usize> = slots.collect();
+    let is_confident =
+        |slot: usize| gaussians.verdict[slot] == Verdict::Published(Standing::Confident);
+    let neighbours = Neighbours::new(gaussians, SURFACE_VOXELS * voxel_m, is_confident);
+    let surfaces = neighbours.map(|around| scatter_of(gaussians, around, |_| 1.0));
+    let mut surface_of = vec![None; gaussians.slot_count()];
+    for (slot, scatter) in surfaces {
+        surface_of[slot] = Some(scatter);
+    }
+    for slot in slots {
+        let Some(finding) = finding_of(slot) else {
+            continue;
+        };
+        let part = gaussians.part[slot];
+        let covariance_m2 = covariance_m2(&finding, part, surface_of[slot], voxel_m);
+        let (_, variances_m2) = eigen(covariance_m2);
+        gaussians.position_covariance_m2[slot] = SymmetricMat3::of(covariance_m2);
+        gaussians.sigma_m[slot] = variances_m2.z.max(0.0).sqrt();
+        let across_m = variances_m2.x.max(0.0).sqrt();
+        gaussians.probability[slot] = probability(&finding.account, across_m);
+    }
+}
+
+/// `(H + P⁻¹)⁻¹ + C`: information `H` of its own pings, the place `P` that the surface around leaves it (the scatter of its
+/// neighbours, and as much as a voxel is wide) or any within reach, and the error `C` of the poses. What the parts of a
+/// split Gaussian know adds up.
+fn covariance_m2(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f32) -> Mat3 {
+    let information = finding.information.to_mat3().as_dmat3() * f64::from(part).powi(-2);
+    let prior = match surface {
+        Some(scatter) => {
+            let within_voxel_m2 = f64::from(voxel_m).powi(2) / 12.0;
+            let place = scatter.as_dmat3() + DMat3::from_diagonal(DVec3::splat(within_voxel_m2));
+            place.inverse()
+        }
+        None => DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2))),
+    };
+    let own_m2 = (information + prior).inverse();
+    let told = finding.information.diagonal.element_sum();
+    let of_poses_m2 = match told > 0.0 {
+        true => finding.pose_m2.to_mat3() * told.recip(),
+        false => Mat3::ZERO,
+    };
+    own_m2.as_mat3() + of_poses_m2
+}
+
+/// That there is surface within [`NEAR_M`] of a place with this sigma across the surface.
+fn probability(account: &Account, across_m: f32) -> f32 {
+    let explains = account.rivalry / account.looks;
+    let told = (explains / (1.0 - explains)).ln();
+    if told.is_nan() {
+        return BY_CHANCE;
+    }
+    let odds = EVEN_ODDS + PER_RIVALRY * told.clamp(LEAST_TOLD, MOST_TOLD)
+        - PER_SIGMA * (across_m / NEAR_M).ln();
+    BY_CHANCE + (1.0 - BY_CHANCE) / (1.0 + (-odds).exp())
+}
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::glam::Vec3;
+
+    use super::*;
+
+    const VOXEL_M: f32 = 0.05;
+
+    fn finding(information: Vec3, pose_m2: f32) -> Finding {
+        let pose = SymmetricMat3::isotropic(pose_m2.sqrt());
+        let mut finding = Finding {
+            information: SymmetricMat3::of(Mat3::from_diagonal(information)),
+            pose_m2: pose,
+            ..Finding::default()
+        };
+        finding.weigh_pose();
+        finding
+    }
+
+    #[test]
+    fn however_many_looks_there_are_a_place_is_no_surer_than_their_poses() {
+        let looks = |count: f32| {
+            let finding = finding(Vec3::splat(1e4), 4e-4).times(count);
+            covariance_m2(&finding, 1.0, None, VOXEL_M).x_axis.x
+        };
+        assert!((looks(1.0) - 5e-4).abs() < 1e-6, "{}", looks(1.0));
+        assert!((looks(1e6) - 4e-4).abs() < 1e-6, "{}", looks(1e6));
+    }
+
+    #[test]
+    fn the_surface_around_says_what_looks_leave_open() {
+        let told = finding(Vec3::new(1e4, 1e4, 0.0), 0.0);
+        let alone = covariance_m2(&told, 1.0, None, VOXEL_M);
+        assert!((alone.z_axis.z.sqrt() - REACH_M as f32).abs() < 0.1);
+        let plane = Mat3::from_diagonal(Vec3::new(1e-3, 1e-3, 0.0));
+        let on_a_plane = covariance_m2(&told, 1.0, Some(plane), VOXEL_M);
+        assert!((on_a_plane.z_axis.z.sqrt() - VOXEL_M / 12f32.sqrt()).abs() < 1e-4);
+    }
+
+    #[test]
+    fn nothing_told_is_nothing_known_and_finite() {
+        let nothing = covariance_m2(&Finding::default(), 0.125, None, VOXEL_M);
+        assert!((nothing.x_axis.x.sqrt() - REACH_M as f32).abs() < 0.1);
+        assert!((probability(&Account::default(), 10.0) - BY_CHANCE).abs() < 1e-6);
+    }
+
+    #[test]
+    fn the_more_a_place_explains_and_the_surer_it_is_the_likelier_is_surface() {
+        let of = |rivalry: f32, across_m: f32| {
+            let account = Account {
+                looks: 10.0,
+                rivalry,
+                ..Account::default()
+            };
+            probability(&account, across_m)
+        };
+        assert!(of(9.0, 0.03) > of(5.0, 0.03) && of(5.0, 0.03) > of(5.0, 0.3));
+        assert!(of(10.0, 0.03) > 0.95 && of(10.0, 1e-9) <= 1.0);
+        assert!(of(0.0, 1.0) < 0.2 && of(0.0, 1.0) >= BY_CHANCE);
+    }
+}
