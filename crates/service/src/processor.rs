@@ -1,12 +1,12 @@
 //! What the kernel says this process has used.
 
 /// The most memory the process ever held, `VmHWM` of `/proc/self/status`; 0 where there is none.
-pub(crate) fn peak_memory_bytes() -> u64 {
+pub fn peak_memory_bytes() -> u64 {
     status_bytes("VmHWM:")
 }
 
 /// The memory the process holds now, `VmRSS`.
-pub(crate) fn memory_bytes() -> u64 {
+pub fn memory_bytes() -> u64 {
     status_bytes("VmRSS:")
 }
 
@@ -52,19 +52,19 @@ fn ticks_of(stat: &str, prefix: &str) -> Option<u64> {
 
 /// Processor seconds of the whole process so far, in steps of 10 ms; 0 where the kernel does not
 /// say.
-pub(crate) fn process_seconds() -> f64 {
+pub fn process_seconds() -> f64 {
     let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
     ticks_of(&stat, "").unwrap_or(0) as f64 / TICKS_PER_SECOND
 }
 
 /// Lets [`peak_memory_bytes`] count anew from what is held now, where the kernel allows it.
-pub(crate) fn forget_peak_memory() {
+pub fn forget_peak_memory() {
     // A kernel without it keeps the peak of the whole process, which is no less.
     let _ = std::fs::write("/proc/self/clear_refs", "5");
 }
 
 /// The processor's own name.
-pub(crate) fn model_name() -> String {
+pub fn model_name() -> String {
     let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
     let named = info
         .lines()
@@ -75,7 +75,7 @@ pub(crate) fn model_name() -> String {
 }
 
 /// Threads it runs at once.
-pub(crate) fn core_count() -> usize {
+pub fn core_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 

@@ -12,12 +12,12 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use clap::ValueEnum;
-use echosplat_evaluation::MapRenderer;
-use echosplat_evaluation::held_back::{Pair, score};
 use echosplat_join::ArrivedPose;
 use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing};
 use echosplat_pose::PoseSource;
+use echosplat_prediction::held_back::{Pair, score};
+use echosplat_prediction::{MapRenderer, pair_of};
 use serde::Serialize;
 use serde_json::json;
 
@@ -26,7 +26,7 @@ use crate::config::Config;
 use crate::exit::{Finish, Usage};
 use crate::logging;
 use crate::logs::{self, Thinned};
-use crate::pipeline::{Patience, Poses, pair_of};
+use crate::pipeline::{Patience, Poses};
 
 /// Most pings of a dive that are looked at.
 const MOST_PINGS: usize = 6144;

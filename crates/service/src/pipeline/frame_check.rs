@@ -17,11 +17,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 use crossbeam_channel::{Receiver, Sender, bounded};
-use echosplat_evaluation::frame_check::{FrameReading, FrameVerdict, VehiclePing, judge};
 use echosplat_liveness::Heartbeat;
 use echosplat_mapper::MapperConfig;
 use echosplat_model::glam::DQuat;
 use echosplat_model::{Pose, PosedPing, Timestamp};
+use echosplat_prediction::frame_check::{FrameReading, FrameVerdict, VehiclePing, judge};
 
 /// Name of the thread; its time is not the mapper's.
 const THREAD_NAME: &str = "frame-check";

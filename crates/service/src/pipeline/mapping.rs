@@ -19,7 +19,7 @@ use super::{Feed, Gate, Observer, Outlet, Poses, start_worker};
 use crate::config::Config;
 
 /// A map under way.
-pub(crate) struct Mapping {
+pub struct Mapping {
     events: Sender<DriverEvent>,
     shared: Arc<Shared>,
     thread: JoinHandle<Option<Arc<Snapshot>>>,
@@ -28,7 +28,7 @@ pub(crate) struct Mapping {
 impl Mapping {
     /// # Errors
     /// If the mapper cannot be started.
-    pub(crate) fn start(
+    pub fn start(
         config: &Config,
         poses: Poses,
         observer: Option<Observer>,
@@ -57,7 +57,7 @@ impl Mapping {
     ///
     /// # Errors
     /// If the mapper's thread has ended.
-    pub(crate) fn take(&self, ping: Arc<Ping>) -> anyhow::Result<()> {
+    pub fn take(&self, ping: Arc<Ping>) -> anyhow::Result<()> {
         let frame = Bytes::new();
         let event = DriverEvent::Ping { ping, frame };
         self.events.send(event).map_err(|_| ended())
@@ -67,7 +67,7 @@ impl Mapping {
     ///
     /// # Errors
     /// If the mapper's thread panicked.
-    pub(crate) fn finish(self) -> anyhow::Result<(Arc<Snapshot>, MapperReport)> {
+    pub fn finish(self) -> anyhow::Result<(Arc<Snapshot>, MapperReport)> {
         drop(self.events);
         let snapshot = self.thread.join().ok().flatten().ok_or_else(ended)?;
         Ok((snapshot, self.shared.report()))

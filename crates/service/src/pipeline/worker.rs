@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use echosplat_driver::DriverEvent;
-use echosplat_evaluation::held_back::is_held_back;
 use echosplat_liveness::Heartbeat;
 use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
+use echosplat_prediction::held_back::is_held_back;
 
 use super::earlier::EarlierMaps;
 use super::frame_check::FrameCheck;
