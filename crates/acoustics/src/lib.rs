@@ -61,14 +61,12 @@ pub mod lanes;
 mod normal;
 pub mod online;
 pub mod packed;
-pub mod paper;
 mod parameters;
 mod ping_view;
 mod projector;
 mod real;
 pub mod reference;
 pub mod sample;
-pub mod sample_paper;
 mod spatial_index;
 mod triple;
 

@@ -9,5 +9,5 @@ mod check;
 mod report;
 
 pub(crate) use cases::{Case, PARTS, Part, State, Variant, cases, omissions, specs, variants};
-pub(crate) use check::{Check, Standard, check};
+pub(crate) use check::check;
 pub(crate) use report::{Row, case_section, check_section, rows, text};

@@ -5,4 +5,4 @@
 mod carving;
 mod voxels;
 
-pub(crate) use carving::{Carved, Carving};
+pub(crate) use carving::Carving;

@@ -8,8 +8,8 @@ mod cases;
 mod report;
 mod sweeps;
 
-pub(crate) use cases::{Case, Line, cases, omissions};
+pub(crate) use cases::{Case, cases, omissions};
 pub(crate) use report::{
     Endings, Omission, case_section, endings, omissions_section, sweep_section, text,
 };
-pub(crate) use sweeps::{Point, Sweep, sweeps};
+pub(crate) use sweeps::{Sweep, sweeps};

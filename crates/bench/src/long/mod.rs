@@ -8,6 +8,6 @@ mod found;
 mod report;
 mod voyage;
 
-pub(crate) use found::{Asked, Errors, Found, Reading, Tenth};
+pub(crate) use found::{Asked, Errors, Found, Reading};
 pub(crate) use report::{section, text};
-pub(crate) use voyage::{Voyage, VoyageError, VoyagePlan};
+pub(crate) use voyage::{Voyage, VoyagePlan};

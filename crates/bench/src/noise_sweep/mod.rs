@@ -8,4 +8,4 @@ mod levels;
 mod report;
 
 pub(crate) use levels::{Level, levels};
-pub(crate) use report::{CD_LIMIT, FALSE_LIMIT, Row, Verdict, failures, rows, section, text};
+pub(crate) use report::{Row, failures, rows, section, text};

@@ -1,9 +1,10 @@
 //! The paper's renderer where its formulas are singular or stiff.
 
-use echosplat_acoustics::paper::{PaperRenderer, PaperView, Transmittance};
 use echosplat_acoustics::reference::online::numbers_of;
-use echosplat_acoustics::reference::paper as twin;
-use echosplat_acoustics::{GaussianArrays, GradientArrays, Parameters, sample_paper};
+use echosplat_acoustics::{GaussianArrays, GradientArrays, Parameters};
+use echosplat_paper::rendering::{PaperRenderer, PaperView, Transmittance};
+use echosplat_paper::scenes;
+use echosplat_paper::twin;
 use glam::{Mat3, Vec3};
 
 use super::Row;
@@ -39,7 +40,7 @@ pub(super) fn view() -> PaperView {
     PaperView {
         position_m: Vec3::ZERO,
         axes: Mat3::IDENTITY,
-        ..sample_paper::paper_scene_of(0, 0).view
+        ..scenes::paper_scene_of(0, 0).view
     }
 }
 

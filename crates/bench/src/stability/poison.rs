@@ -1,7 +1,7 @@
 //! Numbers that are none, in every field of a Gaussian: nothing of them may reach the others.
 
-use echosplat_acoustics::paper::{PaperRenderer, Transmittance};
 use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters};
+use echosplat_paper::rendering::{PaperRenderer, Transmittance};
 use glam::Vec3;
 
 use super::Row;

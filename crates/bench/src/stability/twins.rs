@@ -1,9 +1,9 @@
 //! The kernels against their twins, and gradients against differences.
 
-use echosplat_acoustics::paper::{PaperRenderer, Transmittance};
 use echosplat_acoustics::reference::online::{Cutoffs, numbers_of};
-use echosplat_acoustics::reference::paper as twin;
 use echosplat_acoustics::{GradientArrays, PARAMETER_COUNT, Real};
+use echosplat_paper::rendering::{PaperRenderer, Transmittance};
+use echosplat_paper::twin;
 
 use super::Row;
 use super::draw::Draw;
@@ -189,7 +189,7 @@ pub(super) fn paper(seed: u64, quick: bool) -> Vec<Row> {
         let mut forward: Option<Comparison> = None;
         let groups = worst_groups(scenes, || {
             next += 1;
-            let scene = echosplat_acoustics::sample_paper::paper_scene_of(next, count);
+            let scene = echosplat_paper::scenes::paper_scene_of(next, count);
             let setting = twin::Setting::new(&scene.view, transmittance);
             let all = scene.all();
             let mut renderer = PaperRenderer::new();

@@ -11,6 +11,6 @@ mod report;
 mod sections;
 
 pub(crate) use cases::{Case, cases};
-pub(crate) use limit::{Limit, Row, Target, Unit, Verdict};
+pub(crate) use limit::{Row, Verdict};
 pub(crate) use report::{sections, text};
 pub(crate) use sections::Section;

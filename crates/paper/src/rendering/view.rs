@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn a_view_that_is_not_sound_has_no_pixels() {
-        let sound = crate::sample_paper::paper_scene(0).view;
+        let sound = crate::scenes::paper_scene(0).view;
         assert_eq!(sound.pixel_count(), 64 * 500);
         let views = [
             PaperView {

@@ -3,9 +3,9 @@
 use fearless_simd::Level;
 
 use super::{PaperRenderer, PaperView, Transmittance};
-use crate::reference::paper::{self, Row, Setting};
-use crate::sample_paper::{Noise, PaperScene, paper_scene, paper_scene_of};
-use crate::{GaussianArrays, GradientArrays};
+use crate::scenes::{Noise, PaperScene, paper_scene, paper_scene_of};
+use crate::twin::{self, Row, Setting};
+use echosplat_acoustics::{GaussianArrays, GradientArrays};
 
 pub(super) const KINDS: [Transmittance; 3] = [
     Transmittance::None,
@@ -81,13 +81,13 @@ pub(super) fn errors_of(
     let setting = Setting::new(&scene.view, kind);
     let fast = render(scene, kind, &mut renderer);
     let rows = rows(&scene.gaussians);
-    let image = image_error(&fast, &paper::forward(&setting, &rows));
+    let image = image_error(&fast, &twin::forward(&setting, &rows));
     let d_image = slopes(fast.len(), 5);
     let mut gradients = GradientArrays::zeros(rows.len());
     renderer.backward(&scene.gaussians, &d_image, &mut gradients);
     assert_eq!(renderer.dropped_gradient_count(), 0);
     let d_image: Vec<f64> = d_image.into_iter().map(f64::from).collect();
-    let exact = paper::backward(&setting, &rows, &d_image);
+    let exact = twin::backward(&setting, &rows, &d_image);
     let errors = gradient_errors(&gradients, &exact, share);
     let at = |part: f64| errors[((errors.len() - 1) as f64 * part) as usize];
     [image, at(0.5), at(0.99), at(1.0)]

@@ -7,8 +7,8 @@ use super::projection::{
     lanes_of, on_axis, project,
 };
 use super::stroke::{MOMENTS, Moments};
-use crate::lanes::{LANES, exp};
-use crate::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
+use echosplat_acoustics::lanes::{LANES, exp};
+use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
 
 /// What the pixels say of eight Gaussians: slopes to (21), (24) and to ln α, ln ρ.
 struct PixelGradient<S: Simd> {

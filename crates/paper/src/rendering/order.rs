@@ -65,7 +65,7 @@ fn digit(key: u64, pass: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample_paper::Noise;
+    use crate::scenes::Noise;
 
     #[test]
     fn it_sorts_as_a_stable_sort_does() {

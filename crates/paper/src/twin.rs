@@ -2,13 +2,13 @@
 
 use echosplat_model::glam::Vec3;
 
-use crate::paper::{
+use crate::rendering::{
     COVARIANCE_MAX, LEAST_AXIS_RATIO, LEAST_RANGE_M, LEAST_TRANSMITTANCE, PaperView,
     QUATERNION_LENGTHS, REACH_SIGMAS, REFLECTIVITY_MAX, Transmittance,
 };
-use crate::{PARAMETER_COUNT, Real, opacity_of, opacity_slope};
+use echosplat_acoustics::{PARAMETER_COUNT, Real, opacity_of, opacity_slope};
 
-/// One Gaussian, or the gradient of one, in the order of [`crate::Parameters::to_array`].
+/// One Gaussian, or the gradient of one, in the order of [`echosplat_acoustics::Parameters::to_array`].
 pub type Row<R> = [R; PARAMETER_COUNT];
 
 /// A matrix as its rows.
@@ -494,7 +494,7 @@ impl<'a, R: Real> Chain<'a, R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::sample_paper::Noise;
+    use crate::scenes::Noise;
     use echosplat_model::glam::{Mat3, Quat, Vec3};
 
     /// Five overlapping Gaussians before a sensor with few, large pixels.

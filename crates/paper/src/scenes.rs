@@ -2,8 +2,8 @@
 
 use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
 
-use crate::paper::PaperView;
-use crate::{GaussianArrays, Parameters};
+use crate::rendering::PaperView;
+use echosplat_acoustics::{GaussianArrays, Parameters};
 
 /// Numbers that look random: `SplitMix64`.
 #[derive(Debug, Clone)]

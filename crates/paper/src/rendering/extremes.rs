@@ -4,8 +4,8 @@ use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
 
 use super::tests::{KINDS, errors, errors_of, render, slopes};
 use super::{PaperRenderer, PaperView, Transmittance};
-use crate::sample_paper::{Noise, PaperScene, paper_scene_of};
-use crate::{GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters};
+use crate::scenes::{Noise, PaperScene, paper_scene_of};
+use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters};
 
 fn view() -> PaperView {
     PaperView {
