@@ -1,13 +1,17 @@
 //! Points of a file: PLY vertices (text or binary), or lines of `x y z`.
 
+use echosplat_ply::{Header, Kind, PlyError, Reader, Scalar};
 use glam::DVec3;
 
 /// Why a point file was refused.
 #[derive(Debug, thiserror::Error)]
 pub enum PointFileError {
-    /// The PLY header.
-    #[error("PLY header: {0}")]
-    Header(String),
+    /// A PLY that cannot be read.
+    #[error("PLY: {0}")]
+    Ply(#[from] PlyError),
+    /// A PLY without points.
+    #[error("PLY: it has no element `vertex` with float or double x, y and z")]
+    NoPlaces,
     /// A line that is no point.
     #[error("line {line}: expected `x y z`, three finite numbers")]
     Line {
@@ -15,12 +19,10 @@ pub enum PointFileError {
         line: usize,
     },
     /// A vertex that is no point.
-    #[error("vertex {vertex} of {count} is missing, cut off or not finite")]
+    #[error("vertex {vertex} is not finite")]
     Vertex {
         /// Counted from 0.
-        vertex: usize,
-        /// As the header says.
-        count: usize,
+        vertex: u64,
     },
     /// The file could not be read.
     #[error("{0}")]
@@ -29,7 +31,8 @@ pub enum PointFileError {
 
 /// Whether it is a PLY with triangles.
 pub(crate) fn has_faces(bytes: &[u8]) -> bool {
-    Header::parse(bytes).is_ok_and(|header| header.face_count > 0)
+    let header = Header::read(&mut { bytes });
+    header.is_ok_and(|header| header.element("face").is_some_and(|face| face.count > 0))
 }
 
 /// Reads all points.
@@ -37,13 +40,7 @@ pub(crate) fn parse(bytes: &[u8]) -> Result<Vec<DVec3>, PointFileError> {
     if !bytes.starts_with(b"ply") {
         return lines(bytes);
     }
-    let header = Header::parse(bytes)?;
-    let body = &bytes[header.byte_count..];
-    if header.is_text {
-        text_rows(&header, body)
-    } else {
-        binary_rows(&header, body)
-    }
+    vertices(bytes)
 }
 
 fn lines(bytes: &[u8]) -> Result<Vec<DVec3>, PointFileError> {
@@ -70,143 +67,30 @@ fn point_of(numbers: &[f64]) -> Option<DVec3> {
     point.is_finite().then_some(point)
 }
 
-/// What a PLY's header says of its vertices, which come first.
-struct Header {
-    byte_count: usize,
-    is_text: bool,
-    vertex_count: usize,
-    face_count: usize,
-    /// Type and byte offset of each property of a vertex.
-    kinds: Vec<(Kind, usize)>,
-    /// Places of x, y and z among the properties.
-    places: [usize; 3],
-    row_byte_count: usize,
-}
-
-#[derive(Clone, Copy)]
-enum Kind {
-    F32,
-    F64,
-    Other,
-}
-
-impl Header {
-    fn parse(bytes: &[u8]) -> Result<Self, PointFileError> {
-        let wrong = |what: &str| PointFileError::Header(what.to_owned());
-        let end = b"end_header";
-        let limit = bytes.len().min(1 << 16);
-        let found = bytes[..limit].windows(end.len()).position(|w| w == end);
-        let end_at = found.ok_or_else(|| wrong("no `end_header`"))?;
-        let rest = &bytes[end_at..];
-        let line_end = rest.iter().position(|b| *b == b'\n');
-        let byte_count = end_at + line_end.ok_or_else(|| wrong("cut off"))? + 1;
-        let mut header = Self {
-            byte_count,
-            is_text: false,
-            vertex_count: 0,
-            face_count: 0,
-            kinds: Vec::new(),
-            places: [usize::MAX; 3],
-            row_byte_count: 0,
-        };
-        let text = String::from_utf8_lossy(&bytes[..end_at]).into_owned();
-        header.take_lines(&text)?;
-        if header.places.contains(&usize::MAX) {
-            return Err(wrong("no element `vertex` with float or double x, y and z"));
-        }
-        Ok(header)
-    }
-
-    fn take_lines(&mut self, text: &str) -> Result<(), PointFileError> {
-        let wrong = |line: &str| {
-            let line: String = line.chars().take(60).collect();
-            PointFileError::Header(format!("line `{line}` is not understood"))
-        };
-        let mut in_vertex = false;
-        for line in text.lines().skip(1) {
-            match line.split_whitespace().collect::<Vec<_>>()[..] {
-                ["format", "ascii", _] => self.is_text = true,
-                ["format", "binary_little_endian", _] | [] | ["comment" | "obj_info", ..] => {}
-                ["element", name, count] => {
-                    let count = count.parse().map_err(|_| wrong(line))?;
-                    in_vertex = name == "vertex";
-                    match name {
-                        "vertex" => self.vertex_count = count,
-                        "face" => self.face_count = count,
-                        _ if self.vertex_count == 0 => return Err(wrong(line)),
-                        _ => {}
-                    }
-                }
-                ["property", kind, name] if in_vertex => {
-                    self.property(kind, name).ok_or_else(|| wrong(line))?;
-                }
-                ["property", ..] if !in_vertex => {}
-                _ => return Err(wrong(line)),
-            }
-        }
-        Ok(())
-    }
-
-    fn property(&mut self, kind: &str, name: &str) -> Option<()> {
-        let (kind, size) = match kind {
-            "char" | "uchar" | "int8" | "uint8" => (Kind::Other, 1),
-            "short" | "ushort" | "int16" | "uint16" => (Kind::Other, 2),
-            "int" | "uint" | "int32" | "uint32" => (Kind::Other, 4),
-            "float" | "float32" => (Kind::F32, 4),
-            "double" | "float64" => (Kind::F64, 8),
-            _ => return None,
-        };
-        let axis = ["x", "y", "z"].iter().position(|axis| *axis == name);
-        if let (Some(axis), Kind::F32 | Kind::F64) = (axis, kind) {
-            self.places[axis] = self.kinds.len();
-        }
-        self.kinds.push((kind, self.row_byte_count));
-        self.row_byte_count += size;
-        Some(())
-    }
-
-    fn vertex_error(&self, vertex: usize) -> PointFileError {
-        PointFileError::Vertex {
-            vertex,
-            count: self.vertex_count,
-        }
-    }
-}
-
-fn text_rows(header: &Header, body: &[u8]) -> Result<Vec<DVec3>, PointFileError> {
-    let text = String::from_utf8_lossy(body);
-    let mut rows = text.lines().filter(|line| !line.trim().is_empty());
+/// The vertices.
+fn vertices(bytes: &[u8]) -> Result<Vec<DVec3>, PointFileError> {
+    let mut reader = Reader::new(bytes)?;
+    let vertex = reader.header().element("vertex");
+    let axis = |name| match vertex?.find(name)? {
+        (at, Kind::Scalar(Scalar::F32 | Scalar::F64)) => Some(at),
+        _ => None,
+    };
+    let (Some(x), Some(y), Some(z)) = (axis("x"), axis("y"), axis("z")) else {
+        return Err(PointFileError::NoPlaces);
+    };
     let mut points = Vec::new();
-    for vertex in 0..header.vertex_count {
-        let fields: Vec<&str> = rows.next().unwrap_or("").split_whitespace().collect();
-        let number = |place: usize| fields.get(place).and_then(|f| f.parse().ok());
-        let numbers: Vec<f64> = header.places.iter().map_while(|&p| number(p)).collect();
-        points.push(point_of(&numbers).ok_or_else(|| header.vertex_error(vertex))?);
-    }
-    Ok(points)
-}
-
-fn binary_rows(header: &Header, body: &[u8]) -> Result<Vec<DVec3>, PointFileError> {
-    let mut rows = body.chunks_exact(header.row_byte_count);
-    let mut points = Vec::new();
-    for vertex in 0..header.vertex_count {
-        let row = rows.next().unwrap_or(&[]);
-        let number = |&place: &usize| {
-            let (kind, offset) = header.kinds[place];
-            match kind {
-                Kind::F32 => Some(f64::from(f32::from_le_bytes(bytes_at(row, offset)?))),
-                Kind::F64 => Some(f64::from_le_bytes(bytes_at(row, offset)?)),
-                Kind::Other => None,
+    loop {
+        let element = reader.next_element(|element, vertex, row| {
+            if element.name == "vertex" {
+                let numbers = [x, y, z].map(|at| row.value(at));
+                points.push(point_of(&numbers).ok_or(PointFileError::Vertex { vertex })?);
             }
-        };
-        let numbers: Vec<f64> = header.places.iter().map_while(number).collect();
-        points.push(point_of(&numbers).ok_or_else(|| header.vertex_error(vertex))?);
+            Ok::<_, PointFileError>(())
+        })?;
+        if element.is_none_or(|element| element.name == "vertex") {
+            return Ok(points);
+        }
     }
-    Ok(points)
-}
-
-fn bytes_at<const N: usize>(row: &[u8], offset: usize) -> Option<[u8; N]> {
-    row.get(offset..offset + N)?.try_into().ok()
 }
 
 #[cfg(test)]
@@ -244,7 +128,7 @@ mod tests {
         assert_eq!(parse(text.as_bytes()).unwrap(), expected);
         assert_eq!(parse(&binary).unwrap(), expected);
         let cut = parse(&binary[..binary.len() - 1]).unwrap_err();
-        assert!(cut.to_string().starts_with("vertex 1 of 2"));
+        assert!(cut.to_string().contains("cut off"), "{cut}");
         assert!(!has_faces(&binary));
     }
 

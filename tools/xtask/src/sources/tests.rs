@@ -122,3 +122,16 @@ fn paths_of_one_machine_are_found_in_any_file() {
         );
     }
 }
+
+#[test]
+fn what_runs_in_the_service_judges_by_no_truth() {
+    let text = "use echosplat_metrics::Truth;";
+    assert_broken(
+        "crates/service/src/pipeline/worker.rs",
+        text,
+        "crates/service/src/pipeline/worker.rs:1: echosplat_metrics is for",
+    );
+    assert_sound("crates/service/src/commands/replay.rs", text);
+    assert_sound("crates/service/src/truth.rs", text);
+    assert_sound("crates/bench/src/commands/long.rs", text);
+}
