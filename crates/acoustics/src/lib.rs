@@ -58,7 +58,6 @@
 
 mod beam;
 pub mod lanes;
-mod normal;
 pub mod online;
 pub mod packed;
 mod parameters;
@@ -66,12 +65,12 @@ mod ping_view;
 mod projector;
 mod real;
 pub mod reference;
+#[cfg(any(test, feature = "sample"))]
 pub mod sample;
 mod spatial_index;
 mod triple;
 
 pub use beam::{Beam, BeamError};
-pub use normal::normal_cdf;
 pub use online::{OnlineOptions, OnlineRenderer, OnlineRow};
 pub use parameters::{
     Clamped, GaussianArrays, GradientArrays, LOG_SCALE_LIMITS, LOG_SCALE_SPREAD,

@@ -247,7 +247,7 @@ pub(crate) fn parsed(bench: &str, more: &[&str]) -> Bench {
         #[command(flatten)]
         arguments: BenchArguments,
     }
-    let words = ["bench", bench].iter().chain(more);
+    let words = [&["bench", bench], more].concat();
     Line::try_parse_from(words).unwrap().arguments.bench
 }
 

@@ -4,33 +4,26 @@ use std::fmt;
 use std::hash::Hasher;
 
 use echosplat_model::{Snapshot, Standing};
+use fnv::FnvHasher;
 
 /// FNV-1a of 64 bits, shown in hexadecimal: the same on every machine and in every release, and
 /// no proof against anyone who wants two things to have the same name.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct Fingerprint(u64);
-
-impl Default for Fingerprint {
-    fn default() -> Self {
-        Self(0xcbf2_9ce4_8422_2325)
-    }
-}
+#[derive(Default)]
+pub(crate) struct Fingerprint(FnvHasher);
 
 impl Hasher for Fingerprint {
     fn write(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.0 = (self.0 ^ u64::from(*byte)).wrapping_mul(0x0000_0100_0000_01b3);
-        }
+        self.0.write(bytes);
     }
 
     fn finish(&self) -> u64 {
-        self.0
+        self.0.finish()
     }
 }
 
 impl fmt::Display for Fingerprint {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{:016x}", self.0)
+        write!(f, "{:016x}", self.finish())
     }
 }
 

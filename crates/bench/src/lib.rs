@@ -12,6 +12,7 @@ mod ablation;
 mod arguments;
 mod baselines;
 mod commands;
+mod draw;
 mod error_time;
 mod fingerprint;
 mod front;

@@ -2,30 +2,9 @@
 
 use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
 
+use crate::random::Random;
 use crate::rendering::PaperView;
 use echosplat_acoustics::{GaussianArrays, Parameters};
-
-/// Numbers that look random: `SplitMix64`.
-#[derive(Debug, Clone)]
-pub struct Noise(u64);
-
-impl Noise {
-    /// The sequence of `seed`.
-    #[must_use]
-    pub fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// An even draw, `low` to `high`.
-    pub fn between(&mut self, low: f32, high: f32) -> f32 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        let unit = ((z ^ (z >> 31)) >> 40) as f32 / (1u64 << 24) as f32;
-        low + (high - low) * unit
-    }
-}
 
 /// One image and what is before it.
 #[derive(Debug, Clone)]
@@ -54,7 +33,7 @@ pub fn paper_scene(seed: u64) -> PaperScene {
 /// [`paper_scene`] with another number of Gaussians.
 #[must_use]
 pub fn paper_scene_of(seed: u64, count: usize) -> PaperScene {
-    let mut noise = Noise::new(seed);
+    let mut noise = Random::new(seed);
     let turn = Quat::from_euler(EulerRot::ZYX, noise.between(-3.0, 3.0), 0.2, -0.1);
     let view = PaperView {
         position_m: Vec3::new(noise.between(-5.0, 5.0), noise.between(-5.0, 5.0), 2.0),
@@ -73,7 +52,7 @@ pub fn paper_scene_of(seed: u64, count: usize) -> PaperScene {
     PaperScene { view, gaussians }
 }
 
-fn in_view(view: &PaperView, noise: &mut Noise) -> Parameters {
+fn in_view(view: &PaperView, noise: &mut Random) -> Parameters {
     let range_m = view.range_min_m + view.range_step_m * noise.between(0.0, view.range_bins as f32);
     let azimuth = noise.between(-0.5, 0.5) * view.fov_rad;
     let elevation = noise.between(-0.4, 0.4);

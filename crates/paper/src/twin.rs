@@ -494,11 +494,11 @@ impl<'a, R: Real> Chain<'a, R> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenes::Noise;
+    use crate::random::Random;
     use echosplat_model::glam::{Mat3, Quat, Vec3};
 
     /// Five overlapping Gaussians before a sensor with few, large pixels.
-    fn small_scene(noise: &mut Noise) -> (PaperView, Vec<Row<f64>>) {
+    fn small_scene(noise: &mut Random) -> (PaperView, Vec<Row<f64>>) {
         let turn = Quat::from_euler(
             glam::EulerRot::XYZ,
             noise.between(-3.0, 3.0),
@@ -519,7 +519,7 @@ mod tests {
         (view, rows)
     }
 
-    fn row(view: &PaperView, noise: &mut Noise) -> Row<f64> {
+    fn row(view: &PaperView, noise: &mut Random) -> Row<f64> {
         let (range, azimuth, elevation) = (
             noise.between(1.5, 2.7),
             noise.between(-0.25, 0.25),
@@ -601,7 +601,7 @@ mod tests {
 
     #[test]
     fn gradients_agree_with_central_differences() {
-        let mut noise = Noise::new(7);
+        let mut noise = Random::new(7);
         for kind in [
             Transmittance::None,
             Transmittance::Exact,

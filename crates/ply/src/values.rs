@@ -96,7 +96,7 @@ impl<R: BufRead> Values<R> {
         }
         self.at_line_start = false;
         let word = String::from_utf8_lossy(&word);
-        let wrong = || NoValue::Wrong(format!("`{}` where a number belongs", shown(&word)));
-        word.parse().map_err(|_| wrong())
+        let number = word.parse().ok().filter(|_| word.len() <= MAX_WORD_BYTES);
+        number.ok_or_else(|| NoValue::Wrong(format!("`{}` where a number belongs", shown(&word))))
     }
 }

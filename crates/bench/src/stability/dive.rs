@@ -8,7 +8,7 @@ use echosplat_model::{Ping, Pose, PosedPing, Snapshot, Timestamp, Twist};
 use echosplat_session::{Session, SessionConfig, SessionEvent};
 use glam::DVec3;
 
-use super::draw::Draw;
+use crate::draw::Draw;
 use echosplat_metrics::{MapPoints, distance_between};
 
 /// Where the only target is, from the dive's middle.

@@ -6,11 +6,11 @@ use glam::{DVec3, Mat3, Vec3};
 
 use super::Row;
 use super::dive::{chamfer_m, of_target};
-use super::draw::Draw;
 use super::naive;
 use super::row::{Comparison, Label};
 use super::scene::{Scene, plain, usual};
 use super::whole::differing_bits;
+use crate::draw::Draw;
 
 const FAR: Label = Label {
     case: "far origins",

@@ -8,10 +8,10 @@ use echosplat_paper::twin;
 use glam::{Mat3, Vec3};
 
 use super::Row;
-use super::draw::Draw;
 use super::naive;
 use super::row::{Comparison, Label};
 use super::scene::plain;
+use crate::draw::Draw;
 
 const QUANTITY: &str = "value of the worst pixel, errors relative to the largest";
 

@@ -6,11 +6,11 @@
 
 mod crowds;
 mod dive;
-mod draw;
 mod frames;
 mod images;
 mod limits;
 mod naive;
+mod normal;
 mod pings;
 mod poison;
 mod report;

@@ -1,9 +1,11 @@
 //! Single precision as one would write it down first: (10), (18), (19) term by term, determinants
 //! by their formula, opacities as a running product. Correct on paper, and in f32 on easy input.
 
-use echosplat_acoustics::{GaussianArrays, Look, Parameters, normal_cdf};
+use echosplat_acoustics::{GaussianArrays, Look, Parameters};
 use echosplat_paper::rendering::PaperView;
 use glam::{Mat3, Vec3};
+
+use super::normal::normal_cdf;
 
 /// Intensity per bin of one Gaussian, shape `[bin_count]`. Azimuth is taken as it comes.
 pub(super) fn profile(look: &Look, gaussian: &Parameters) -> Vec<f32> {

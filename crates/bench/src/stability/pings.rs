@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::Row;
 use super::dive::{Dive, Heard, TARGET_M, heard, noise, of_target, power, water};
-use super::draw::Draw;
 use super::row::{Comparison, Label};
+use crate::draw::Draw;
 use echosplat_metrics::FALSE_BEYOND_M;
 
 const NOTHING: Label = Label {

@@ -8,7 +8,7 @@ use echosplat_acoustics::{
 };
 use glam::{Mat3, Quat, Vec3};
 
-use super::draw::Draw;
+use crate::draw::Draw;
 
 /// Gradient or value of one Gaussian's parameters.
 pub(super) type Numbers<R> = [R; PARAMETER_COUNT];

@@ -5,10 +5,10 @@ use echosplat_acoustics::reference::online::Cutoffs;
 use glam::Vec3;
 
 use super::Row;
-use super::draw::Draw;
 use super::naive;
 use super::row::{Comparison, Label};
 use super::scene::{Scene, plain};
+use crate::draw::Draw;
 
 const THROUGH: Label = Label {
     case: "transmittance",

@@ -4,10 +4,10 @@ use echosplat_acoustics::Parameters;
 use glam::Vec3;
 
 use super::Row;
-use super::draw::Draw;
 use super::naive;
 use super::row::{Comparison, Figure, Label};
 use super::scene::{Scene, plain};
+use crate::draw::Draw;
 
 const CONDITION: Label = Label {
     case: "covariance condition",

@@ -6,9 +6,9 @@ use echosplat_mapper::damped_step;
 use glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 
 use super::Row;
-use super::draw::Draw;
 use super::row::{Comparison, Figure, Label};
 use super::scene::{look, plain};
+use crate::draw::Draw;
 use echosplat_report::Plot;
 
 const POSITION: Label = Label {

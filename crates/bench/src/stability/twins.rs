@@ -6,9 +6,9 @@ use echosplat_paper::rendering::{PaperRenderer, Transmittance};
 use echosplat_paper::twin;
 
 use super::Row;
-use super::draw::Draw;
 use super::row::{Comparison, Label};
 use super::scene::{Numbers, Scene};
+use crate::draw::Draw;
 
 const FORWARD: Label = Label {
     case: "kernels against twins",

@@ -4,7 +4,8 @@ use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
 
 use super::tests::{KINDS, errors, errors_of, render, slopes};
 use super::{PaperRenderer, PaperView, Transmittance};
-use crate::scenes::{Noise, PaperScene, paper_scene_of};
+use crate::random::Random;
+use crate::scenes::{PaperScene, paper_scene_of};
 use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters};
 
 fn view() -> PaperView {
@@ -61,7 +62,7 @@ fn check(scene: &PaperScene, image_limit: f64, gradient_limit: f64) {
 
 #[test]
 fn pixel_covariances_of_any_condition() {
-    let mut noise = Noise::new(1);
+    let mut noise = Random::new(1);
     for decade in 2..=12 {
         let stretch = 10f32.powf(0.5 * decade as f32);
         for least_pixel_variance in [0.0, 0.3] {
@@ -152,7 +153,7 @@ fn a_hundred_thousand_along_a_ray() {
 
 #[test]
 fn nearly_opaque_ones_on_the_way_back() {
-    let mut noise = Noise::new(9);
+    let mut noise = Random::new(9);
     for logit in [6.0, 6.8, 6.9, 9.0, 60.0] {
         let all = (0..60).map(|_| {
             let mean = at(noise.between(1.0, 1.6), noise.between(-0.3, 0.3), 0.1);

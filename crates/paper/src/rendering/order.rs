@@ -65,11 +65,11 @@ fn digit(key: u64, pass: usize) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::scenes::Noise;
+    use crate::random::Random;
 
     #[test]
     fn it_sorts_as_a_stable_sort_does() {
-        let mut noise = Noise::new(3);
+        let mut noise = Random::new(3);
         let mut ranges: Vec<f32> = (0..3000).map(|_| noise.between(0.05, 90.0)).collect();
         for i in (0..3000).step_by(7) {
             ranges[i] = ranges[i / 2];

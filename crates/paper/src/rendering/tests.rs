@@ -3,7 +3,8 @@
 use fearless_simd::Level;
 
 use super::{PaperRenderer, PaperView, Transmittance};
-use crate::scenes::{Noise, PaperScene, paper_scene, paper_scene_of};
+use crate::random::Random;
+use crate::scenes::{PaperScene, paper_scene, paper_scene_of};
 use crate::twin::{self, Row, Setting};
 use echosplat_acoustics::{GaussianArrays, GradientArrays};
 
@@ -20,7 +21,7 @@ fn rows(gaussians: &GaussianArrays) -> Vec<Row<f64>> {
 
 /// Slopes of the image like those of an L1 loss.
 pub(super) fn slopes(count: usize, seed: u64) -> Vec<f32> {
-    let mut noise = Noise::new(seed);
+    let mut noise = Random::new(seed);
     (0..count)
         .map(|_| noise.between(-1.0, 1.0).signum())
         .collect()

@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 
 use anyhow::Context;
 
-use super::draw::Draw;
 use super::outcome::Outcome;
 use super::sonar::SonarFault;
 use super::trial::{Link, Plan, Setup, Trial};
 use super::vehicle::PoseFault;
+use crate::draw::Draw;
 
 const FAMILY: &str = "hostile";
 const LASTS: Duration = Duration::from_secs(8);

@@ -4,10 +4,10 @@ use std::collections::HashSet;
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
-use super::draw::Draw;
 use super::outcome::Outcome;
 use super::recorded::recorded_pings;
 use super::trial::{Link, Plan, Setup, Trial};
+use crate::draw::Draw;
 
 const FAMILY: &str = "kills";
 /// After the first pings in the map, seconds.
@@ -47,7 +47,7 @@ fn killed(setup: &Setup, index: usize, kill: &mut Kill) -> anyhow::Result<()> {
     kill.outcome
         .expect(begins, || "the service does not begin to map".to_owned());
     let mut draw = Draw::new(setup.seed, 100 + index as u64);
-    let moment_s = draw.between(EARLIEST_S, LATEST_S);
+    let moment_s = draw.finely_between(EARLIEST_S, LATEST_S);
     trial.pass(Duration::from_secs_f64(moment_s));
     let killed_at = Instant::now();
     trial.program.kill();

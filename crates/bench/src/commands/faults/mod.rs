@@ -5,7 +5,6 @@
 
 mod clock;
 mod disk;
-mod draw;
 mod grid;
 mod hostile;
 mod kills;

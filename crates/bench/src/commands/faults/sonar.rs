@@ -9,7 +9,7 @@ use echosplat_firmware_protocol::{Decoder, Event, Message, OsMonoProfile};
 use echosplat_model::Timestamp;
 use echosplat_simulator::{SimulatedDevice, SimulatedSonar};
 
-use super::draw::Draw;
+use crate::draw::Draw;
 use echosplat_service::clock;
 
 /// One profile in so many comes through when it is slow.

@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use super::draw::Draw;
 use super::outcome::Outcome;
 use super::trial::{Link, Plan, Setup, Trial};
+use crate::draw::Draw;
 
 /// Mapping goes on within so long after the link is back.
 const BACK_WITHIN_S: f64 = 1.0;
@@ -34,7 +34,7 @@ fn unplugged(setup: &Setup, link: Link, count: usize, outcome: &mut Outcome) -> 
     let (mut longest_s, mut sum_s, mut late) = (0.0_f64, 0.0, 0);
     for _ in 0..count {
         trial.unplug();
-        let mut lasts = |(low, high)| Duration::from_secs_f64(draw.between(low, high));
+        let mut lasts = |(low, high)| Duration::from_secs_f64(draw.finely_between(low, high));
         let (away, there) = (lasts(AWAY_S), lasts(THERE_S));
         trial.pass(away);
         trial.plug_in()?;

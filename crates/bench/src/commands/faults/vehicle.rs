@@ -12,8 +12,8 @@ use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{Pose, StampedPose, Timestamp};
 use echosplat_simulator::Dive;
 
-use super::draw::Draw;
 use super::sonar::Sonar;
+use crate::draw::Draw;
 use echosplat_service::clock;
 
 const HOUR_S: f64 = 3600.0;

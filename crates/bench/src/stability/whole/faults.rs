@@ -7,8 +7,8 @@ use glam::{DQuat, DVec3};
 
 use super::Base;
 use super::voyage::settings;
+use crate::draw::Draw;
 use crate::stability::Row;
-use crate::stability::draw::Draw;
 use crate::stability::row::{Comparison, Label};
 
 const LEFT_OUT: Label = Label {

@@ -5,8 +5,8 @@ use glam::DVec3;
 
 use super::Base;
 use super::faults::silenced;
+use crate::draw::Draw;
 use crate::stability::Row;
-use crate::stability::draw::Draw;
 use crate::stability::row::Label;
 
 const ORDER: Label = Label {

@@ -14,7 +14,7 @@ use echosplat_simulator::{Scene, echoes_at_rest};
 use glam::DVec3;
 use rayon::prelude::*;
 
-use crate::stability::draw::Draw;
+use crate::draw::Draw;
 use echosplat_metrics::{MapPoints, Truth, distance_between, evaluate_raw};
 
 /// Two rods and a bar between them.

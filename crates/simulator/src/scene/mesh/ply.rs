@@ -8,7 +8,6 @@ use super::{Triangle, push_polygon};
 pub(super) fn parse(bytes: &[u8]) -> Result<Vec<Triangle>, String> {
     let mut reader = Reader::new(bytes).map_err(|error| error.to_string())?;
     let mut mesh = Mesh::default();
-    let mut mesh = Mesh::default();
     loop {
         let element = reader.next_element(|element, _, row| mesh.take(element, row));
         if element.map_err(|Wrong(what)| what)?.is_none() {

@@ -1,17 +1,10 @@
-//! `echosplat calibrate LOG`: whether time offset and mount fit the dive, and what fits better.
-//!
-//! The dive is mapped anew with one of them shifted; the map wins that makes pings likeliest that
-//! were kept from it. What a dive does not tell, such as the roll where the sonar never rolls, is said to
-//! be open.
-//!
-//! Cost: four to eight maps of at most 6,144 pings for each of them, and again if one was off.
+//! The dive mapped with one parameter shifted, and how likely that makes the pings kept from the map.
 
 use std::collections::HashMap;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use clap::ValueEnum;
 use echosplat_join::ArrivedPose;
 use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing};
@@ -19,14 +12,12 @@ use echosplat_pose::PoseSource;
 use echosplat_prediction::held_back::{Pair, score};
 use echosplat_prediction::{MapRenderer, pair_of};
 use serde::Serialize;
-use serde_json::json;
 
-use crate::arguments::{CalibrateArguments, Parameter};
+use crate::arguments::Parameter;
 use crate::config::Config;
-use crate::exit::{Finish, Usage};
-use crate::logging;
+use crate::exit::Usage;
 use crate::logs::{self, Thinned};
-use crate::pipeline::{Patience, Poses};
+use crate::pipeline::Poses;
 
 /// Most pings of a dive that are looked at.
 const MOST_PINGS: usize = 6144;
@@ -41,114 +32,11 @@ const TELLING_ERRORS: f64 = 4.0;
 /// How often the search goes twice as far out, and how often in between.
 const STEPS_OUT: usize = 3;
 const STEPS_IN: usize = 2;
-/// Most times that all are gone through.
-const ROUNDS: usize = 2;
-
-impl Parameter {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Time => "time offset",
-            Self::Yaw => "mount's yaw",
-            Self::Pitch => "mount's pitch",
-            Self::Roll => "mount's roll",
-        }
-    }
-
-    /// Place in `yaw_pitch_roll_deg`.
-    fn angle(self) -> Option<usize> {
-        match self {
-            Self::Time => None,
-            Self::Yaw => Some(0),
-            Self::Pitch => Some(1),
-            Self::Roll => Some(2),
-        }
-    }
-
-    /// What is tried first, to both sides, seconds or degrees.
-    fn step(self) -> f64 {
-        match self {
-            Self::Time => 0.1,
-            Self::Yaw | Self::Pitch => 1.0,
-            Self::Roll => 2.0,
-        }
-    }
-
-    fn show(self, value: f64) -> String {
-        match self {
-            Self::Time => format!("{value:.3} s"),
-            _ => format!("{value:.2}°"),
-        }
-    }
-
-    fn of(self, config: &Config) -> f64 {
-        match self.angle() {
-            Some(angle) => config.pose.vehicle_from_sensor.yaw_pitch_roll_deg[angle],
-            None => config.pose.time_offset_s,
-        }
-    }
-
-    fn shifted(self, config: &Config, shift: f64) -> Config {
-        let mut config = config.clone();
-        match self.angle() {
-            Some(angle) => config.pose.vehicle_from_sensor.yaw_pitch_roll_deg[angle] += shift,
-            None => config.pose.time_offset_s += shift,
-        }
-        config
-    }
-}
-
-/// # Errors
-/// If a file cannot be read, or too few pings have a pose.
-pub(super) fn run(arguments: &CalibrateArguments) -> anyhow::Result<Finish> {
-    let configured = match &arguments.config {
-        Some(file) => Config::load(file)?,
-        None => Config::default(),
-    };
-    let dive = Dive::read(&arguments.log, arguments.poses.as_deref(), &configured)?;
-    let all = Parameter::value_variants().iter().copied();
-    let is_chosen = |p: &Parameter| arguments.only.is_empty() || arguments.only.contains(p);
-    let parameters: Vec<Parameter> = all.filter(is_chosen).collect();
-    let mut best = dive.trial(&configured)?;
-    let mut verdicts = vec![Verdict::Open; parameters.len()];
-    for _ in 0..ROUNDS {
-        let mut is_settled = true;
-        for (parameter, verdict) in parameters.iter().zip(&mut verdicts) {
-            let found = dive.search(*parameter, &best)?;
-            let fits = parameter.of(&found.best.config);
-            tracing::info!("{} {}", parameter.name(), parameter.show(fits));
-            is_settled &= found.verdict != Verdict::Off;
-            // Once off, it stays so when the rest has followed.
-            *verdict = match *verdict {
-                Verdict::Off => Verdict::Off,
-                _ => found.verdict,
-            };
-            best = found.best;
-        }
-        if is_settled {
-            break;
-        }
-    }
-    let answers: Vec<Answer> = parameters
-        .iter()
-        .zip(verdicts)
-        .map(|(parameter, verdict)| Answer {
-            parameter: *parameter,
-            configured: parameter.of(&configured),
-            fits: parameter.of(&best.config),
-            verdict,
-        })
-        .collect();
-    match arguments.json {
-        true => logging::print(&json!({ "parameters": answers }).to_string()),
-        false => logging::print(&account(&answers, &best.config)),
-    }
-    Ok(Finish::Done)
-}
 
 /// What a dive says of a parameter.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
-enum Verdict {
+pub(super) enum Verdict {
     /// As it is set.
     Fits,
     /// Another value makes the dive likelier.
@@ -157,44 +45,8 @@ enum Verdict {
     Open,
 }
 
-#[derive(Debug, Serialize)]
-struct Answer {
-    parameter: Parameter,
-    configured: f64,
-    fits: f64,
-    verdict: Verdict,
-}
-
-fn account(answers: &[Answer], best: &Config) -> String {
-    let line = |answer: &Answer| {
-        let Answer {
-            parameter, verdict, ..
-        } = answer;
-        let (name, configured) = (parameter.name(), parameter.show(answer.configured));
-        match verdict {
-            Verdict::Fits => format!("{name}: {configured} fits\n"),
-            Verdict::Off => {
-                let fits = parameter.show(answer.fits);
-                format!("{name}: {configured} is off, {fits} fits\n")
-            }
-            Verdict::Open => format!("{name}: {configured}; this dive does not tell\n"),
-        }
-    };
-    let mut text: String = answers.iter().map(line).collect();
-    if answers.iter().any(|answer| answer.verdict == Verdict::Off) {
-        let [yaw, pitch, roll] = best.pose.vehicle_from_sensor.yaw_pitch_roll_deg;
-        text += &format!(
-            "In the configuration:\n\
-             [pose]\ntime_offset_s = {:.3}\n\
-             [pose.vehicle_from_sensor]\nyaw_pitch_roll_deg = [{yaw:.2}, {pitch:.2}, {roll:.2}]\n",
-            best.pose.time_offset_s
-        );
-    }
-    text.trim_end().to_owned()
-}
-
 /// A log in memory, thinned.
-struct Dive {
+pub(super) struct Dive {
     pings: Vec<Arc<Ping>>,
     poses: Vec<ArrivedPose>,
     /// What becomes of a ping, by its number.
@@ -219,20 +71,20 @@ fn role(index: usize) -> Role {
 
 /// What a configuration makes of a dive.
 #[derive(Debug, Clone)]
-struct Trial {
-    config: Config,
+pub(super) struct Trial {
+    pub(super) config: Config,
     /// Log likelihood per bin of each held-back ping, by its number.
     pings: Vec<(u64, f64)>,
 }
 
 /// What was found of one parameter.
-struct Found {
-    best: Trial,
-    verdict: Verdict,
+pub(super) struct Found {
+    pub(super) best: Trial,
+    pub(super) verdict: Verdict,
 }
 
 impl Dive {
-    fn read(log: &Path, poses: Option<&Path>, config: &Config) -> anyhow::Result<Self> {
+    pub(super) fn read(log: &Path, poses: Option<&Path>, config: &Config) -> anyhow::Result<Self> {
         let mut kept = Thinned::new(MOST_PINGS);
         logs::pings(log, config, |ping| kept.push(|| ping))?;
         let pings: Vec<Arc<Ping>> = kept.into_kept();
@@ -248,7 +100,7 @@ impl Dive {
 
     fn posed(&self, config: &Config) -> anyhow::Result<Vec<PosedPing>> {
         let source = PoseSource::recorded(self.poses.clone());
-        let mut poses = Poses::new(&config.pose, source, Patience::HoldBack, None)?;
+        let mut poses = Poses::waited_for(&config.pose, source)?;
         let mut posed = Vec::new();
         for ping in &self.pings {
             poses.push(Arc::clone(ping), Instant::now());
@@ -263,7 +115,7 @@ impl Dive {
         Ok(posed)
     }
 
-    fn trial(&self, config: &Config) -> anyhow::Result<Trial> {
+    pub(super) fn trial(&self, config: &Config) -> anyhow::Result<Trial> {
         let posed = self.posed(config)?;
         let role = |ping: &PosedPing| self.roles.get(&ping.ping.sequence()).copied();
         let of_role = |wanted: Role| posed.iter().filter(move |p| role(p) == Some(wanted));
@@ -298,7 +150,7 @@ impl Dive {
     }
 
     /// Looks further and further out until the best lies in between, and there more closely.
-    fn search(&self, parameter: Parameter, from: &Trial) -> anyhow::Result<Found> {
+    pub(super) fn search(&self, parameter: Parameter, from: &Trial) -> anyhow::Result<Found> {
         let step = parameter.step();
         let at = |shift: f64| self.trial(&parameter.shifted(&from.config, shift));
         let (below, above) = rayon::join(|| at(-step), || at(step));

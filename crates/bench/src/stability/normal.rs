@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use crate::reference;
+use echosplat_acoustics::reference;
 
 /// Beyond this Φ is 0 or 1 within 3·10⁻⁷.
 const REACH: f32 = 5.0;
@@ -21,8 +21,7 @@ static TABLE: LazyLock<Box<[f32]>> = LazyLock::new(|| {
 /// Φ(x), the standard normal distribution function, by linear interpolation in a table: absolute
 /// error below 4·10⁻⁷, of which 1.2·10⁻⁷ is the chord's and the rest rounding and the cut.
 #[inline]
-#[must_use]
-pub fn normal_cdf(x: f32) -> f32 {
+pub(crate) fn normal_cdf(x: f32) -> f32 {
     let table = &*TABLE;
     let position = (x.clamp(-REACH, REACH) + REACH) * STEPS_PER_UNIT;
     let step = position as usize;
