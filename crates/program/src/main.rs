@@ -27,7 +27,7 @@ enum Command {
     Product(arguments::Command),
     /// Measures the program: speed, stiff and extreme cases, the paper's method
     #[cfg(feature = "bench")]
-    #[command(display_order = 10)]
+    #[command(display_order = 12)]
     Bench(echosplat_bench::BenchArguments),
     /// Prints what a shell needs to complete our commands
     Completions {

@@ -15,7 +15,7 @@ use echosplat_model::{Ping, Snapshot};
 use super::earlier::EarlierMaps;
 use super::shared::{MapperReport, Shared};
 use super::worker::THREAD_NAME;
-use super::{Feed, Gate, Observer, Outlet, Poses, start_worker};
+use super::{Gate, Observer, Outlet, Poses, Wiring, start_worker};
 use crate::config::Config;
 
 /// A map under way.
@@ -35,7 +35,7 @@ impl Mapping {
     ) -> anyhow::Result<Self> {
         let (events, taken) = bounded(config.pipeline.queue_pings);
         let shared = Arc::new(Shared::new());
-        let feed = Feed {
+        let wiring = Wiring {
             events: taken,
             inputs_left: 1,
             poses,
@@ -45,7 +45,7 @@ impl Mapping {
             earlier: EarlierMaps::default(),
             frame_check: None,
         };
-        let thread = start_worker(config, feed, &shared, Heartbeat::new(THREAD_NAME))?;
+        let thread = start_worker(config, wiring, &shared, Heartbeat::new(THREAD_NAME))?;
         Ok(Self {
             events,
             shared,

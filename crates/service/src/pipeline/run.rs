@@ -25,7 +25,7 @@ use super::shared::{Phase, Shared};
 use super::status::RateMeter;
 use super::telling::other_service;
 use super::worker::THREAD_NAME;
-use super::{Feed, Hooks, Observer, Outlet, Setup, start_worker};
+use super::{Hooks, Observer, Outlet, Setup, Wiring, start_worker};
 use crate::clock;
 use crate::config::Config;
 use crate::exit::Usage;
@@ -88,7 +88,7 @@ impl Run {
         let outlet = outlet(&mut setup, publisher.clone(), keeps, helpers.prediction);
         let (sender, events) = bounded(config.pipeline.queue_pings);
         let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
-        let feed = Feed {
+        let wiring = Wiring {
             events,
             inputs_left: drivers.count(),
             poses: setup.poses,
@@ -100,7 +100,7 @@ impl Run {
         };
         let mapper = Heartbeat::new(THREAD_NAME);
         supervisor.watch(&mapper, Policy::Needed);
-        let worker = start_worker(config, feed, &shared, mapper)?;
+        let worker = start_worker(config, wiring, &shared, mapper)?;
         let begin = Instant::now();
         let run = Self {
             shared,

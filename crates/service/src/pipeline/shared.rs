@@ -53,9 +53,9 @@ pub struct MapperReport {
     pub dive_s: f64,
     /// All that was done so far.
     #[serde(flatten)]
-    pub work: Work,
+    pub work: Spent,
     /// All that was done when the finish began.
-    pub before_finish: Work,
+    pub before_finish: Spent,
     /// Of the live map.
     pub(crate) latency_s: LatencyReport,
     /// How well the map predicts pings that are kept from it, if some are.
@@ -74,7 +74,7 @@ pub struct MapperReport {
 
 /// What the mapper had done at some moment; maps made only to be judged do not count.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub struct Work {
+pub struct Spent {
     /// Processor seconds of its threads.
     pub compute_s: f64,
     /// Gaussian–bin pairs.

@@ -76,7 +76,7 @@ fn files_are_opened_only_where_files_are_read() {
         assert_broken(&path, "use std::fs::File;", &format!("{path}:1: "));
         assert_broken(&path, "use std::{fs, io};", &format!("{path}:1: "));
     }
-    for folder in ["recording", "simulator", "evaluation", "service"] {
+    for folder in ["recording", "simulator", "metrics", "service"] {
         assert_sound(&format!("crates/{folder}/src/lib.rs"), "use std::{fs, io};");
     }
 }

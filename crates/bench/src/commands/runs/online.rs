@@ -16,7 +16,7 @@ use rayon::prelude::*;
 use super::held_out;
 use crate::fingerprint::Fingerprint;
 use echosplat_service::config::Config;
-use echosplat_service::pipeline::{Mapping, Observed, Observer, Poses, Schedule, Work as Spent};
+use echosplat_service::pipeline::{Mapping, Observed, Observer, Poses, Schedule, Spent};
 use echosplat_service::{maps, processor, truth};
 
 /// Pings made together.
