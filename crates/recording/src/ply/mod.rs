@@ -167,9 +167,9 @@ pub fn is_worth_keeping(path: &Path) -> bool {
         return false;
     };
     match Header::read(&mut BufReader::new(file)) {
-        Ok(header) => !header
+        Ok(header) => header
             .element("vertex")
-            .is_some_and(|vertex| vertex.count == 0),
+            .is_none_or(|vertex| vertex.count > 0),
         Err(PlyError::Empty) => false,
         Err(_) => true,
     }

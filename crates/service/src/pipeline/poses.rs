@@ -204,7 +204,7 @@ impl Poses {
     }
 
     /// The next ping that has its pose; those that will never have one are counted.
-    pub fn next(&mut self) -> Option<Joined> {
+    pub fn pop(&mut self) -> Option<Joined> {
         if self.source.is_live() {
             self.take_what_came();
         }
@@ -360,7 +360,7 @@ mod tests {
         for seconds in [0.5, 1.1, 1.2, 2.0] {
             poses.push(ping(seconds), Instant::now());
         }
-        let mapped = std::iter::from_fn(|| poses.next()).count();
+        let mapped = std::iter::from_fn(|| poses.pop()).count();
         let report = poses.report();
         assert_eq!((mapped, report.waiting), (2, 0));
         assert_eq!(report.join.pings_without_pose(), 2);
@@ -376,7 +376,7 @@ mod tests {
         let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         poses.push(ping(0.0), Instant::now());
         assert!(!poses.holds_back());
-        assert!(poses.next().is_none());
+        assert!(poses.pop().is_none());
         assert_eq!(poses.report().join.pings_pose_never_came, 1);
     }
 }

@@ -184,7 +184,7 @@ impl Worker {
     }
 
     fn map_what_is_posed(&mut self) {
-        while let Some(joined) = self.poses.next() {
+        while let Some(joined) = self.poses.pop() {
             self.heartbeat.beat();
             self.map(&joined);
         }

@@ -61,7 +61,7 @@ fn pairs(
     let mut pairs = Vec::new();
     for ping in pings {
         poses.push(ping, Instant::now());
-        while let Some(joined) = poses.next() {
+        while let Some(joined) = poses.pop() {
             pairs.push(pair_of(&mut renderer, &joined.posed, &config.mapper));
         }
     }

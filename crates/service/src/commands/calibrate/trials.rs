@@ -104,12 +104,12 @@ impl Dive {
         let mut posed = Vec::new();
         for ping in &self.pings {
             poses.push(Arc::clone(ping), Instant::now());
-            while let Some(joined) = poses.next() {
+            while let Some(joined) = poses.pop() {
                 posed.push(joined.posed);
             }
         }
         poses.finish();
-        while let Some(joined) = poses.next() {
+        while let Some(joined) = poses.pop() {
             posed.push(joined.posed);
         }
         Ok(posed)
