@@ -24,7 +24,7 @@ struct Arguments {
 #[derive(Debug, Subcommand)]
 enum Command {
     #[command(flatten)]
-    Product(arguments::Command),
+    Product(Box<arguments::Command>),
     /// Measures the program: speed, stiff and extreme cases, the paper's method
     #[cfg(feature = "bench")]
     #[command(display_order = 12)]
@@ -41,7 +41,7 @@ fn main() -> ExitCode {
     let arguments = Arguments::parse();
     logging::start(&arguments.logging);
     let done = match arguments.command {
-        Command::Product(command) => commands::run(command),
+        Command::Product(command) => commands::run(*command),
         #[cfg(feature = "bench")]
         Command::Bench(arguments) => echosplat_bench::run(&arguments),
         Command::Completions { shell } => {

@@ -113,7 +113,7 @@ fn program() -> anyhow::Result<String> {
     let bytes = std::fs::read(&path).with_context(|| format!("cannot read {}", path.display()))?;
     let mut bits = Fingerprint::default();
     bits.write(&bytes);
-    Ok(format!("{}-{bits}", COMMIT))
+    Ok(format!("{COMMIT}-{bits}"))
 }
 
 #[cfg(test)]
