@@ -6,8 +6,10 @@ const SQUARE: &str = "comment a square\nelement empty 18446744073709551615\nelem
     property double x\nproperty uchar red\nelement face 1\n\
     property list uchar int vertex_indices\nend_header\n";
 
-/// Numbers of all rows, by element.
-fn rows(bytes: &[u8]) -> Result<Vec<(String, Vec<Vec<f64>>)>, PlyError> {
+/// An element's name, and the numbers of each of its rows.
+type Rows = (String, Vec<Vec<f64>>);
+
+fn rows(bytes: &[u8]) -> Result<Vec<Rows>, PlyError> {
     let mut reader = Reader::new(bytes)?;
     let mut all = Vec::new();
     loop {
@@ -30,9 +32,20 @@ fn square(format: Format) -> Vec<u8> {
         bytes.extend(b"1 255 7 not read\n\n-2.5\r\n0\r\n3e2 1\n3 0 1 2\n");
         return bytes;
     }
-    let (double, int): (fn(f64) -> [u8; 8], fn(i32) -> [u8; 4]) = match format {
-        Format::BigEndian => (f64::to_be_bytes, i32::to_be_bytes),
-        _ => (f64::to_le_bytes, i32::to_le_bytes),
+    let is_big = format == Format::BigEndian;
+    let double = |value: f64| {
+        if is_big {
+            value.to_be_bytes()
+        } else {
+            value.to_le_bytes()
+        }
+    };
+    let int = |value: i32| {
+        if is_big {
+            value.to_be_bytes()
+        } else {
+            value.to_le_bytes()
+        }
     };
     for (x, red) in [(1.0, 255), (-2.5, 0), (300.0, 1)] {
         bytes.extend(double(x));
