@@ -5,12 +5,14 @@ mod harness;
 mod python;
 mod web_client;
 
+#[cfg(feature = "bench")]
 mod bench;
 mod browser;
 mod calibrate;
 mod device;
 mod dive;
 mod fake_sonar;
+#[cfg(feature = "bench")]
 mod faults;
 mod files;
 mod link;

@@ -58,22 +58,19 @@
 
 mod beam;
 pub mod lanes;
-mod normal;
 pub mod online;
 pub mod packed;
-pub mod paper;
 mod parameters;
 mod ping_view;
 mod projector;
 mod real;
 pub mod reference;
+#[cfg(any(test, feature = "sample"))]
 pub mod sample;
-pub mod sample_paper;
 mod spatial_index;
 mod triple;
 
 pub use beam::{Beam, BeamError};
-pub use normal::normal_cdf;
 pub use online::{OnlineOptions, OnlineRenderer, OnlineRow};
 pub use parameters::{
     Clamped, GaussianArrays, GradientArrays, LOG_SCALE_LIMITS, LOG_SCALE_SPREAD,

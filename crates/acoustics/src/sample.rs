@@ -1,30 +1,28 @@
 //! Scenes to try and to measure on: the same for the same seed on every machine.
 
 use echosplat_model::glam::{Mat3, Quat, Vec3};
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use crate::{Beam, GaussianArrays, Look, LookPose, Parameters};
 
 /// Gaussians in view in [`bench_scene`].
 pub const BENCH_GAUSSIANS: usize = 2_000;
 
-/// A small generator of even numbers (Steele, Lea and Flood 2014, `SplitMix64`): samples need no
-/// better one.
+/// A sequence of even numbers: samples need no better generator.
 #[derive(Debug, Clone)]
-pub struct Numbers(u64);
+pub struct Numbers(SplitMix64);
 
 impl Numbers {
     /// A sequence of its own for every seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
-        Self(seed)
+        Self(SplitMix64::seed_from_u64(seed))
     }
 
     /// 64 even bits.
     pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.0.next_u64()
     }
 
     /// Even between `low` and `high`.

@@ -9,7 +9,7 @@ use std::error::Error;
 use std::sync::Arc;
 use std::time::Instant;
 
-use echosplat_evaluation::{MapPoints, Truth, evaluate};
+use echosplat_metrics::{MapPoints, Truth, evaluate};
 use echosplat_model::PosedPing;
 use echosplat_paper::{
     ASSERTED_IN_FENCE_FIGURE, ASSERTED_IN_TRUSS_FIGURE, Choices, Images, PaperMethod,

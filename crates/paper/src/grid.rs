@@ -108,7 +108,7 @@ mod tests {
     #[test]
     fn it_finds_what_looking_at_all_finds() {
         let mut random = Random::new(3);
-        let mut draw = || random.unit() * 4.0 - 2.0;
+        let mut draw = || random.between(-2.0, 2.0);
         let mut points: Vec<Vec3> = (0..500)
             .map(|_| Vec3::new(draw(), draw(), draw()))
             .collect();

@@ -1,6 +1,6 @@
 //! Sonar images I(r, θ) made of pings: one image per view, beams side by side.
 
-use echosplat_acoustics::paper::PaperView;
+use crate::rendering::PaperView;
 use echosplat_model::{PosedPing, Timestamp};
 use glam::{DMat3, DQuat, DVec3};
 

@@ -2,7 +2,7 @@
 //! mapper is measured against.
 //!
 //! Batch, over images: candidates on elevation arcs (11), support from several views (12), the first
-//! Gaussians (13), view tags, the renderer (14) to (30) of `echosplat-acoustics`, L1 (31), (32),
+//! Gaussians (13), view tags, the renderer (14) to (30) of [`rendering`] beside its plain [`twin`], L1 (31), (32),
 //! regularisers (33) to (42), Adam, opacity gradient alignment (43) to (46), pruning (47) to (49).
 //! A fair opponent: where the paper is silent, [`Choices`] makes it work well, once for both of its
 //! cases, and says why in one table.
@@ -37,11 +37,14 @@ mod method;
 mod pruning;
 mod random;
 mod regularisers;
+pub mod rendering;
 #[cfg(test)]
 mod sample;
+pub mod scenes;
 mod start;
 mod support;
 mod tags;
+pub mod twin;
 
 pub use candidates::CandidateCounts;
 pub use choices::{ASSERTED_IN_FENCE_FIGURE, ASSERTED_IN_TRUSS_FIGURE, Choice, Choices, Shadowing};

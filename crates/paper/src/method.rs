@@ -1,6 +1,6 @@
 //! The method in the paper's order.
 
-use echosplat_acoustics::paper::PaperRenderer;
+use crate::rendering::PaperRenderer;
 use echosplat_acoustics::{GaussianArrays, GradientArrays, opacity_of, opacity_slope};
 use echosplat_model::{Gaussian, GaussianId, Snapshot};
 use glam::Vec3;

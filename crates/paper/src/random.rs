@@ -1,33 +1,27 @@
-//! A small integer generator (`SplitMix64`), for the order of views.
+//! Numbers drawn from a seed, for the order of views and for made-up scenes.
+
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 /// A stream that depends on nothing but its seed.
-pub(crate) struct Random {
-    state: u64,
-}
+#[derive(Debug, Clone)]
+pub(crate) struct Random(SplitMix64);
 
 impl Random {
     pub(crate) fn new(seed: u64) -> Self {
-        Self { state: seed }
+        Self(SplitMix64::seed_from_u64(seed))
     }
 
-    fn next(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+    /// In [low, high).
+    pub(crate) fn between(&mut self, low: f32, high: f32) -> f32 {
+        let unit = (self.0.next_u64() >> 40) as f32 / (1u64 << 24) as f32;
+        low + (high - low) * unit
     }
 
-    /// 0 to 1.
-    #[cfg(test)]
-    pub(crate) fn unit(&mut self) -> f32 {
-        (self.next() >> 40) as f32 / (1u32 << 24) as f32
-    }
-
-    /// Fisher and Yates.
+    /// Fisher and Yates; written out, so that no release of a library changes the order of views.
     pub(crate) fn shuffle<T>(&mut self, values: &mut [T]) {
         for last in (1..values.len()).rev() {
-            let other = (u128::from(self.next()) * (last as u128 + 1)) >> 64;
+            let other = (u128::from(self.0.next_u64()) * (last as u128 + 1)) >> 64;
             values.swap(last, other as usize);
         }
     }

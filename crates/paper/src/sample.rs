@@ -1,6 +1,6 @@
 //! Small scenes for tests.
 
-use echosplat_acoustics::paper::PaperView;
+use crate::rendering::PaperView;
 use echosplat_acoustics::{GaussianArrays, Parameters};
 use echosplat_model::Timestamp;
 use glam::{DVec3, Mat3, Quat, Vec3};

@@ -5,7 +5,7 @@ use std::time::{SystemTime, UNIX_EPOCH};
 use echosplat_model::Timestamp;
 
 /// Host time as Unix time; a clock before 1970 reads as 1970.
-pub(crate) fn now() -> Timestamp {
+pub fn now() -> Timestamp {
     let since = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default();

@@ -30,10 +30,7 @@ pub(crate) fn scene(name_or_path: &str) -> anyhow::Result<Scene> {
 ///
 /// # Errors
 /// If there is no such scene, or the dive cannot be made in it.
-pub(crate) fn sonar(
-    arguments: &DiveArguments,
-    duration_s: Option<f64>,
-) -> anyhow::Result<SimulatedSonar> {
+pub fn sonar(arguments: &DiveArguments, duration_s: Option<f64>) -> anyhow::Result<SimulatedSonar> {
     sonar_with_poses(arguments, duration_s, arguments.noise)
 }
 
@@ -41,7 +38,7 @@ pub(crate) fn sonar(
 ///
 /// # Errors
 /// As [`sonar`].
-pub(crate) fn sonar_with_poses(
+pub fn sonar_with_poses(
     arguments: &DiveArguments,
     duration_s: Option<f64>,
     pose_noise: NoiseLevel,

@@ -2,9 +2,11 @@
 
 use std::process::ExitCode;
 
+use crate::logging;
+
 /// How a command ended that did not fail.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Finish {
+pub enum Finish {
     /// Done, nothing missing.
     Done,
     /// Done, but what came in was damaged, cut, or left out by more than 1 %.
@@ -13,7 +15,8 @@ pub(crate) enum Finish {
 
 impl Finish {
     /// 0 or 3.
-    pub(crate) fn code(self) -> ExitCode {
+    #[must_use]
+    pub fn code(self) -> ExitCode {
         match self {
             Self::Done => ExitCode::SUCCESS,
             Self::Lossy => ExitCode::from(3),
@@ -23,14 +26,14 @@ impl Finish {
 
 /// The user asked for what cannot be: exit code 2.
 #[derive(Debug)]
-pub(crate) struct Usage {
+pub struct Usage {
     /// One line each, at least one.
     faults: Vec<String>,
 }
 
 impl Usage {
     /// `message` is one line that says what was wrong, where, and what would be right.
-    pub(crate) fn error(message: impl std::fmt::Display) -> anyhow::Error {
+    pub fn error(message: impl std::fmt::Display) -> anyhow::Error {
         Self::faults(vec![message.to_string()])
     }
 
@@ -48,8 +51,18 @@ impl std::fmt::Display for Usage {
 
 impl std::error::Error for Usage {}
 
+/// Says what stopped a command, on standard error, and gives its exit code.
+#[must_use]
+pub fn report(error: &anyhow::Error) -> ExitCode {
+    tracing::debug!(?error, "failed");
+    for line in lines(error) {
+        logging::complain(&line);
+    }
+    code_of(error)
+}
+
 /// 2 for what the user must change, 1 for everything else.
-pub(crate) fn code_of(error: &anyhow::Error) -> ExitCode {
+fn code_of(error: &anyhow::Error) -> ExitCode {
     match error.downcast_ref::<Usage>().is_some() {
         true => ExitCode::from(2),
         false => ExitCode::FAILURE,

@@ -13,7 +13,7 @@ use crate::arguments::{LogFormat, LoggingArguments};
 static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
 
 /// Starts the log. `RUST_LOG` wins over `--verbose`.
-pub(crate) fn start(arguments: &LoggingArguments) {
+pub fn start(arguments: &LoggingArguments) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
         EnvFilter::new(match arguments.verbose {
             // A session that finds itself while it looks for others says so as an error.
@@ -47,7 +47,7 @@ fn refuses_color(no_color: Option<&OsStr>) -> bool {
 }
 
 /// A bar over `length` units; drawn only on a terminal.
-pub(crate) fn progress_bar(length: u64, template: &str) -> ProgressBar {
+pub fn progress_bar(length: u64, template: &str) -> ProgressBar {
     let bar = BARS.add(ProgressBar::new(length));
     if let Ok(style) = ProgressStyle::with_template(template) {
         bar.set_style(style.progress_chars("=> "));
@@ -65,7 +65,7 @@ pub(crate) fn figures_line() -> ProgressBar {
 }
 
 /// Prints to standard output, above any bar. A closed pipe is the reader's choice, not an error.
-pub(crate) fn print(text: &str) {
+pub fn print(text: &str) {
     BARS.suspend(|| {
         let mut out = io::stdout().lock();
         let _ = out.write_all(text.as_bytes());

@@ -34,20 +34,20 @@ pub(crate) fn posed_pings(
         DriverEvent::ClockStepped => poses.clock_stepped(),
         DriverEvent::Mark(count) => {
             poses.take_through(count);
-            while let Some(joined) = poses.next() {
+            while let Some(joined) = poses.pop() {
                 take(joined.posed);
             }
         }
         DriverEvent::Ping { ping, .. } if !shed.contains(&ping.sequence()) => {
             poses.push(ping, Instant::now());
-            while let Some(joined) = poses.next() {
+            while let Some(joined) = poses.pop() {
                 take(joined.posed);
             }
         }
         _ => {}
     })?;
     poses.finish();
-    while let Some(joined) = poses.next() {
+    while let Some(joined) = poses.pop() {
         take(joined.posed);
     }
     Ok(poses.report().join)

@@ -9,15 +9,15 @@ use echosplat_recording::ply::{self, MapFile, ambiguous_path, is_worth_keeping};
 use crate::exit::Usage;
 use crate::files;
 
-pub(crate) use echosplat_recording::ply::MapNotes;
+pub use echosplat_recording::ply::MapNotes;
 
 /// Where a map went.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Written {
+pub struct Written {
     /// The file of what it asserts; `None` if an earlier map was worth more.
-    pub(crate) path: Option<PathBuf>,
+    pub path: Option<PathBuf>,
     /// Whether an earlier map stands at the place asked for.
-    pub(crate) earlier_kept: bool,
+    pub earlier_kept: bool,
 }
 
 /// Refuses a map that could not be written before hours are spent on it.
@@ -34,7 +34,7 @@ pub(crate) fn prepare(map: &Path) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// If one of the two cannot be written; an earlier map is then as it was.
-pub(crate) fn write(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Result<Written> {
+pub fn write(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Result<Written> {
     let sound = || snapshot.gaussians.iter().filter(|g| g.is_sound());
     let asserts = sound().any(|g| g.standing == Standing::Confident);
     if asserts || !is_worth_keeping(map) {
@@ -116,7 +116,7 @@ pub(crate) fn empty() -> Snapshot {
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
-pub(crate) fn read(map: &Path) -> anyhow::Result<MapFile> {
+pub fn read(map: &Path) -> anyhow::Result<MapFile> {
     let refused = |why: String| Usage::error(format!("map {}: {why}", map.display()));
     files::readable(map).map_err(refused)?;
     ply::read_map(map).map_err(|error| refused(error.to_string()))

@@ -1,81 +1,45 @@
-//! What the kernel says this process has used.
+//! What the kernel says this process has used. Where there is no `/proc`, it says nothing.
 
-/// The most memory the process ever held, `VmHWM` of `/proc/self/status`; 0 where there is none.
-pub(crate) fn peak_memory_bytes() -> u64 {
-    status_bytes("VmHWM:")
+/// The most memory the process ever held; 0 where the kernel does not say.
+#[must_use]
+pub fn peak_memory_bytes() -> u64 {
+    kernel::memory_kib().map_or(0, |[_, peak]| 1024 * peak)
 }
 
-/// The memory the process holds now, `VmRSS`.
-pub(crate) fn memory_bytes() -> u64 {
-    status_bytes("VmRSS:")
-}
-
-fn status_bytes(field: &str) -> u64 {
-    std::fs::read_to_string("/proc/self/status")
-        .ok()
-        .and_then(|status| kibibytes(&status, field))
-        .map_or(0, |kib| kib * 1024)
-}
-
-fn kibibytes(status: &str, field: &str) -> Option<u64> {
-    let line = status.lines().find(|line| line.starts_with(field))?;
-    line.split_whitespace().nth(1)?.parse().ok()
+/// The memory the process holds now; 0 where the kernel does not say.
+#[must_use]
+pub fn memory_bytes() -> u64 {
+    kernel::memory_kib().map_or(0, |[now, _]| 1024 * now)
 }
 
 /// Processor seconds of all threads whose name starts with `prefix`, in steps of 10 ms.
 /// `None` where the kernel does not say.
 pub(crate) fn thread_seconds(prefix: &str) -> Option<f64> {
-    let tasks = std::fs::read_dir("/proc/self/task").ok()?;
-    let ticks: u64 = tasks
-        .flatten()
-        .filter_map(|task| std::fs::read_to_string(task.path().join("stat")).ok())
-        .filter_map(|stat| ticks_of(&stat, prefix))
-        .sum();
-    Some(ticks as f64 / TICKS_PER_SECOND)
-}
-
-/// `USER_HZ`, the same on every Linux architecture in use.
-const TICKS_PER_SECOND: f64 = 100.0;
-
-/// User plus system time: fields 14 and 15 of proc(5), counted behind the name in brackets.
-fn ticks_of(stat: &str, prefix: &str) -> Option<u64> {
-    let (head, tail) = stat.rsplit_once(')')?;
-    let (_, name) = head.split_once('(')?;
-    if !name.starts_with(prefix) {
-        return None;
-    }
-    let mut fields = tail.split_whitespace().skip(11);
-    let user: u64 = fields.next()?.parse().ok()?;
-    let system: u64 = fields.next()?.parse().ok()?;
-    Some(user + system)
+    kernel::thread_seconds(prefix)
 }
 
 /// Processor seconds of the whole process so far, in steps of 10 ms; 0 where the kernel does not
 /// say.
-pub(crate) fn process_seconds() -> f64 {
-    let stat = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    ticks_of(&stat, "").unwrap_or(0) as f64 / TICKS_PER_SECOND
+#[must_use]
+pub fn process_seconds() -> f64 {
+    kernel::process_seconds().unwrap_or(0.0)
 }
 
-/// Lets [`peak_memory_bytes`] count anew from what is held now, where the kernel allows it.
-pub(crate) fn forget_peak_memory() {
-    // A kernel without it keeps the peak of the whole process, which is no less.
-    let _ = std::fs::write("/proc/self/clear_refs", "5");
+/// Lets [`peak_memory_bytes`] count anew from what is held now, where the kernel allows it: one
+/// without that keeps the peak of the whole process, which is no less.
+pub fn forget_peak_memory() {
+    kernel::forget_peak_memory();
 }
 
 /// The processor's own name.
-pub(crate) fn model_name() -> String {
-    let info = std::fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let named = info
-        .lines()
-        .find_map(|line| line.strip_prefix("model name")?.split_once(':'));
-    named
-        .map_or("unknown", |(_, model)| model.trim())
-        .to_owned()
+#[must_use]
+pub fn model_name() -> String {
+    kernel::model_name().unwrap_or_else(|| "unknown".to_owned())
 }
 
 /// Threads it runs at once.
-pub(crate) fn core_count() -> usize {
+#[must_use]
+pub fn core_count() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
@@ -90,22 +54,91 @@ pub(crate) fn description() -> Vec<(String, String)> {
     ]
 }
 
+#[cfg(target_os = "linux")]
+mod kernel {
+    use procfs::process::{ClearRefs, Process, Stat};
+    use procfs::{CpuInfo, Current};
+
+    /// Held now, and the most so far.
+    pub(super) fn memory_kib() -> Option<[u64; 2]> {
+        let status = Process::myself().ok()?.status().ok()?;
+        Some([status.vmrss?, status.vmhwm?])
+    }
+
+    pub(super) fn thread_seconds(prefix: &str) -> Option<f64> {
+        let tasks = Process::myself().ok()?.tasks().ok()?;
+        // One that has ended meanwhile has none.
+        let stats = tasks.flatten().filter_map(|task| task.stat().ok());
+        let named = stats.filter(|stat| stat.comm.starts_with(prefix));
+        Some(named.map(|stat| seconds(&stat)).sum())
+    }
+
+    pub(super) fn process_seconds() -> Option<f64> {
+        Some(seconds(&Process::myself().ok()?.stat().ok()?))
+    }
+
+    pub(super) fn forget_peak_memory() {
+        let _ = Process::myself().and_then(|process| process.clear_refs(ClearRefs::PeakRSS));
+    }
+
+    pub(super) fn model_name() -> Option<String> {
+        Some(CpuInfo::current().ok()?.model_name(0)?.to_owned())
+    }
+
+    /// User plus system time.
+    fn seconds(stat: &Stat) -> f64 {
+        (stat.utime + stat.stime) as f64 / procfs::ticks_per_second() as f64
+    }
+}
+
+#[cfg(not(target_os = "linux"))]
+mod kernel {
+    pub(super) fn memory_kib() -> Option<[u64; 2]> {
+        None
+    }
+
+    pub(super) fn thread_seconds(_prefix: &str) -> Option<f64> {
+        None
+    }
+
+    pub(super) fn process_seconds() -> Option<f64> {
+        None
+    }
+
+    pub(super) fn forget_peak_memory() {}
+
+    pub(super) fn model_name() -> Option<String> {
+        None
+    }
+}
+
 #[cfg(test)]
+#[cfg(target_os = "linux")]
 mod tests {
     use super::*;
 
-    #[test]
-    fn ticks_are_read_behind_a_name_with_brackets() {
-        let stat = "7 (mapper (1)) R 1 1 1 0 -1 0 5 0 0 0 12 30 0 0 20 0 2 0 9";
-        assert_eq!(ticks_of(stat, "mapper"), Some(42));
-        assert_eq!(ticks_of(stat, "sonar"), None);
-        assert_eq!(ticks_of("7 (mapper) R 1", "mapper"), None);
+    /// Keeps a thread of this name at work until it has been seen to be.
+    fn busy(name: &str, is_seen: impl Fn() -> bool + Send + 'static) {
+        let thread = std::thread::Builder::new().name(name.to_owned());
+        let work = move || (0..1_000_000).any(|_| is_seen());
+        let seen = thread.spawn(work).unwrap().join().unwrap();
+        assert!(seen, "{name}");
     }
 
     #[test]
-    fn kibibytes_are_read_by_name() {
-        let status = "Name:\tx\nVmHWM:\t    1968 kB\n";
-        assert_eq!(kibibytes(status, "VmHWM:"), Some(1968));
-        assert_eq!(kibibytes(status, "VmRSS:"), None);
+    fn time_is_that_of_the_threads_of_a_name() {
+        let before_s = process_seconds();
+        busy("busy (1) of", || {
+            thread_seconds("busy (1)").is_some_and(|seconds| seconds > 0.0)
+        });
+        assert_eq!(thread_seconds("no such thread"), Some(0.0));
+        assert!(process_seconds() > before_s);
+    }
+
+    #[test]
+    fn memory_held_now_is_no_more_than_the_most() {
+        let (now, peak) = (memory_bytes(), peak_memory_bytes());
+        assert!(now > 1 << 20 && peak >= now, "{now} {peak}");
+        assert!(core_count() >= 1 && !model_name().is_empty());
     }
 }

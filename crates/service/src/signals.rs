@@ -27,7 +27,7 @@ pub(crate) type LastWill = Box<dyn FnOnce() + Send>;
 
 /// Whether the program shall end; cheap to copy and to ask.
 #[derive(Clone, Default)]
-pub(crate) struct Stop(Arc<Shared>);
+pub struct Stop(Arc<Shared>);
 
 #[derive(Default)]
 struct Shared {
@@ -54,7 +54,7 @@ impl Stop {
     ///
     /// # Errors
     /// If the handlers cannot be installed, or there is no thread to attend to them.
-    pub(crate) fn on_signals() -> anyhow::Result<Self> {
+    pub fn on_signals() -> anyhow::Result<Self> {
         let stop = Self::default();
         for signal in [SIGINT, SIGTERM, SIGHUP] {
             let number = usize::try_from(signal).unwrap_or(1);
@@ -70,7 +70,7 @@ impl Stop {
     }
 
     /// Whether to end; to be asked now and then.
-    pub(crate) fn is_set(&self) -> bool {
+    pub fn is_set(&self) -> bool {
         self.0.asked.load(Ordering::Relaxed)
     }
 

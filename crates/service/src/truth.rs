@@ -4,7 +4,7 @@ use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context;
-use echosplat_evaluation::Truth;
+use echosplat_metrics::Truth;
 use echosplat_simulator::{BUILT_IN_SCENES, Dive, Scene, SurfacePoint, seen_surface};
 
 use crate::dives;
@@ -59,7 +59,7 @@ fn of_dive(directory: &Path) -> anyhow::Result<Truth> {
 }
 
 /// What a dive's map is judged by, without a detour over files.
-pub(crate) fn of_simulated(scene: &Arc<Scene>, dive: &Dive) -> Truth {
+pub fn of_simulated(scene: &Arc<Scene>, dive: &Dive) -> Truth {
     Truth::from_scene(scene, Some(seen_surface(scene, dive)))
 }
 

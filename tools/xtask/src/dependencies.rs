@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use crate::crates::{DRIVER, Kind, MAPPER, SERVICE, kind_of};
+use crate::crates::{BENCH, DRIVER, Kind, MAPPER, PROGRAM, Purpose, SERVICE, kind_of, purpose_of};
 use crate::graph::DependencyGraph;
 
 /// Libraries that open sockets, ports or runtimes. A name stands for its family too: `zenoh` for
@@ -38,13 +38,44 @@ fn of_crate(name: &str, kind: Kind, graph: &DependencyGraph) -> Vec<String> {
     if let Kind::Pure { .. } = kind {
         broken.extend(pure_reaches_io(name, graph));
     }
-    if name != SERVICE {
+    if ![SERVICE, BENCH, PROGRAM].contains(&name) {
         broken.extend(reaches(graph, SERVICE, || {
-            format!("{name} reaches {SERVICE}, which only starts programs")
+            format!("{name} reaches {SERVICE}, which is there for {PROGRAM} and {BENCH}")
         }));
         broken.extend(driver_meets_mapper(name, graph));
     }
+    broken.extend(product_reaches_proof(name, graph));
     broken
+}
+
+/// Invariant: the product does without its proof, and but for the service's commands without what
+/// judges maps.
+fn product_reaches_proof(name: &str, graph: &DependencyGraph) -> Vec<String> {
+    let mut refused = Vec::new();
+    if purpose_of(name) != Purpose::Proof && name != PROGRAM {
+        refused.push((Purpose::Proof, "the product's proof"));
+    }
+    if purpose_of(name) == Purpose::Product && ![SERVICE, PROGRAM].contains(&name) {
+        refused.push((Purpose::Judgement, "what judges maps by a truth"));
+    }
+    let found = refused.into_iter().filter_map(|(purpose, what)| {
+        let chain = chain_to_purpose(graph, purpose)?;
+        Some(format!("{name} must not reach {what}: {chain}"))
+    });
+    found.collect()
+}
+
+/// What is wrong with the program as it is built for a vehicle, without its default features.
+pub(crate) fn violations_on_a_vehicle(graph: &DependencyGraph) -> Option<String> {
+    let chain = chain_to_purpose(graph, Purpose::Proof)?;
+    Some(format!(
+        "{PROGRAM} without its default features must not reach the product's proof: {chain}"
+    ))
+}
+
+fn chain_to_purpose(graph: &DependencyGraph, purpose: Purpose) -> Option<String> {
+    let is_wanted = |name: &str| kind_of(name).is_some() && purpose_of(name) == purpose;
+    Some(graph.chain_to(is_wanted)?.join(" → "))
 }
 
 /// Invariant: bytes and time come in as arguments.
@@ -136,10 +167,10 @@ mod tests {
 
     #[test]
     fn a_pure_crate_reaches_no_io_crate_of_ours() {
-        let broken = violations_of("echosplat-evaluation", "1 echosplat-bus v0.1.0\n");
+        let broken = violations_of("echosplat-metrics", "1 echosplat-bus v0.1.0\n");
         assert_eq!(broken.len(), 1);
         assert!(
-            broken[0].ends_with("echosplat-evaluation → echosplat-bus"),
+            broken[0].ends_with("echosplat-metrics → echosplat-bus"),
             "{broken:?}"
         );
     }
@@ -167,6 +198,37 @@ mod tests {
     fn nothing_reaches_the_service() {
         let broken = violations_of("echosplat-web", "1 echosplat-service v0.1.0\n");
         assert_eq!(broken.len(), 1);
+    }
+
+    #[test]
+    fn the_product_reaches_neither_its_proof_nor_what_judges_maps() {
+        let service = violations_of(SERVICE, "1 echosplat-metrics v0.1.0\n");
+        assert!(service.is_empty(), "{service:?}");
+        for name in [SERVICE, "echosplat-prediction", "echosplat-report"] {
+            for proof in [BENCH, "echosplat-paper"] {
+                let broken = violations_of(name, &format!("1 between v1.0.0\n2 {proof} v0.1.0\n"));
+                let chain = format!("proof: {name} → between → {proof}");
+                assert!(
+                    broken.iter().any(|line| line.ends_with(&chain)),
+                    "{broken:?}"
+                );
+            }
+        }
+        for name in [MAPPER, "echosplat-prediction", "echosplat-web"] {
+            let broken = violations_of(name, "1 echosplat-report v0.1.0\n");
+            assert_eq!(broken.len(), 1, "{broken:?}");
+        }
+    }
+
+    #[test]
+    fn a_vehicles_program_has_no_benches() {
+        let with = format!("0 {PROGRAM} v0.1.0\n1 {BENCH} v0.1.0\n2 {SERVICE} v0.1.0\n");
+        assert!(violations_of(PROGRAM, with.split_once('\n').unwrap().1).is_empty());
+        let graph = DependencyGraph::parse(&with).unwrap();
+        assert!(violations_on_a_vehicle(&graph).is_some());
+        let without = format!("0 {PROGRAM} v0.1.0\n1 {SERVICE} v0.1.0\n");
+        let graph = DependencyGraph::parse(&without).unwrap();
+        assert_eq!(violations_on_a_vehicle(&graph), None);
     }
 
     #[test]

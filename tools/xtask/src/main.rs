@@ -45,6 +45,9 @@ fn check() -> anyhow::Result<Vec<String>> {
         files.len()
     );
     let mut broken = dependencies::violations(&graphs);
+    broken.extend(dependencies::violations_on_a_vehicle(
+        &workspace.vehicle_graph()?,
+    ));
     broken.extend(sources::violations(&files));
     Ok(broken)
 }

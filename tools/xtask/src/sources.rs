@@ -50,8 +50,28 @@ fn of_file(file: &SourceFile) -> Vec<String> {
             let code = without_tests(&code);
             broken.extend(located(file, &code, impure(name, files, &code)));
         }
+        if runs_without_a_truth(&file.path) {
+            broken.extend(located(file, &code, judging(&code)));
+        }
     }
     broken
+}
+
+/// Whether it is of the service and no command: what runs has no truth to compare with.
+fn runs_without_a_truth(path: &str) -> bool {
+    let of_service = path.strip_prefix("crates/service/src/");
+    of_service.is_some_and(|path| !path.starts_with("commands/") && path != "truth.rs")
+}
+
+/// Invariant: only commands that are given a truth judge by it.
+fn judging(code: &str) -> Vec<Finding> {
+    let crates = ["echosplat_metrics", "echosplat_report"].into_iter();
+    let found = crates.flat_map(|name| {
+        complaints(code, name, move || {
+            format!("{name} is for the service's commands alone")
+        })
+    });
+    found.collect()
 }
 
 fn located(file: &SourceFile, searched: &str, findings: Vec<Finding>) -> Vec<String> {

@@ -6,6 +6,7 @@ use std::process::Command;
 
 use anyhow::{Context, bail};
 
+use crate::crates::PROGRAM;
 use crate::graph::DependencyGraph;
 use crate::sources::SourceFile;
 
@@ -45,6 +46,12 @@ impl Workspace {
                 Ok((name.to_owned(), graph))
             })
             .collect()
+    }
+
+    /// What the program depends on as it is built for a vehicle.
+    pub(crate) fn vehicle_graph(&self) -> anyhow::Result<DependencyGraph> {
+        let tree = self.cargo_tree("depth", &["--package", PROGRAM, "--no-default-features"])?;
+        DependencyGraph::parse(&tree).context("cargo tree of the program for a vehicle")
     }
 
     fn cargo_tree(&self, prefix: &str, arguments: &[&str]) -> anyhow::Result<String> {

@@ -3,8 +3,6 @@
 pub mod online;
 mod vector;
 
-pub mod paper;
-
 use echosplat_model::glam::{DMat3, DVec3};
 
 use crate::Look;

@@ -1,6 +1,6 @@
 //! Every choice the paper leaves open, made once for both of its cases.
 
-use echosplat_acoustics::paper::Transmittance;
+use crate::rendering::Transmittance;
 use serde::{Deserialize, Serialize};
 
 mod table;

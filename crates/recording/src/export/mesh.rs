@@ -3,9 +3,14 @@
 use std::io::{self, Write};
 
 use echosplat_model::glam::DVec3;
+use echosplat_ply::{Element, Format, Header, write_floats, write_list};
 use echosplat_surface::{Surface, Vertex};
 
 use super::{SINGLE_PRECISION_M, world_of};
+use crate::ply::notes;
+
+/// Of a vertex.
+const PROPERTIES: [&str; 7] = ["x", "y", "z", "nx", "ny", "nz", "sigma"];
 
 /// Writes PLY, binary little-endian: `x y z` (metres), `nx ny nz` (unit) and `sigma` (metres, may be
 /// infinite) of each vertex, and triangles as `vertex_indices`. In world coordinates, unless `origin_m`
@@ -24,36 +29,26 @@ pub fn write_mesh_ply(
         true => (origin_m, DVec3::ZERO),
         false => (DVec3::ZERO, origin_m),
     };
-    let (x, y, z) = left_m.into();
-    writeln!(
-        writer,
-        "ply\nformat binary_little_endian 1.0\ncomment origin_m {x:?} {y:?} {z:?}\n\
-         element vertex {}",
-        surface.vertices.len()
-    )?;
-    for property in ["x", "y", "z", "nx", "ny", "nz", "sigma"] {
-        writeln!(writer, "property float {property}")?;
-    }
-    writeln!(
-        writer,
-        "element face {}\nproperty list uchar int vertex_indices\nend_header",
-        surface.triangles.len()
-    )?;
+    let [vertices, faces] = [surface.vertices.len(), surface.triangles.len()];
+    let header = Header {
+        format: Format::LittleEndian,
+        comments: vec![notes::origin(left_m)],
+        elements: vec![
+            Element::of_floats("vertex", vertices, &PROPERTIES),
+            Element::of_lists("face", faces, "vertex_indices"),
+        ],
+    };
+    header.write(&mut writer)?;
     for vertex in &surface.vertices {
-        for value in row(vertex, added_m) {
-            writer.write_all(&value.to_le_bytes())?;
-        }
+        write_floats(&mut writer, &row(vertex, added_m))?;
     }
     for triangle in &surface.triangles {
-        writer.write_all(&[3])?;
-        for number in triangle {
-            writer.write_all(&number.to_le_bytes())?;
-        }
+        write_list(&mut writer, triangle)?;
     }
     writer.flush()
 }
 
-fn row(vertex: &Vertex, origin_m: DVec3) -> [f32; 7] {
+fn row(vertex: &Vertex, origin_m: DVec3) -> [f32; PROPERTIES.len()] {
     let [x, y, z] = world_of(origin_m, vertex.position_m).as_vec3().to_array();
     let [nx, ny, nz] = vertex.normal.to_array();
     [x, y, z, nx, ny, nz, vertex.sigma_m]

@@ -10,7 +10,7 @@
 //! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it. Where
 //! pings were kept from the map to judge it by, `comment held_out_every N` says which.
 
-mod header;
+pub(crate) mod notes;
 mod read;
 mod write;
 
@@ -20,10 +20,10 @@ use std::path::{Path, PathBuf};
 
 use echosplat_model::glam::DVec3;
 use echosplat_model::{Gaussian, Standing};
+use echosplat_ply::{Header, PlyError};
 
 use crate::replace::Replacement;
-use header::Header;
-pub use read::{PlyError, read};
+pub use read::{MapFileError, read};
 pub use write::write;
 
 /// The properties of a vertex in the order they are written.
@@ -147,7 +147,7 @@ pub fn write_map(
 ///
 /// # Errors
 /// Says what in which file is wrong.
-pub fn read_map(path: &Path) -> Result<MapFile, PlyError> {
+pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
     let mut map = read(BufReader::new(File::open(path)?))?;
     let beside = match File::open(ambiguous_path(path)) {
         Ok(file) => read(BufReader::new(file))?,
@@ -176,7 +176,9 @@ pub fn is_worth_keeping(path: &Path) -> bool {
         return false;
     };
     match Header::read(&mut BufReader::new(file)) {
-        Ok(header) => header.vertex_count > 0,
+        Ok(header) => header
+            .element("vertex")
+            .is_none_or(|vertex| vertex.count > 0),
         Err(PlyError::Empty) => false,
         Err(_) => true,
     }

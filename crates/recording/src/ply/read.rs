@@ -1,53 +1,44 @@
 //! Rows of floats to Gaussians, whatever the order of their properties.
 
-use std::io::{self, Read};
+use std::io::{BufRead, BufReader, Read};
 
 use echosplat_model::glam::{Quat, Vec3};
 use echosplat_model::{Gaussian, Standing};
+use echosplat_ply::{Element, Format, Kind, PlyError, Reader, Row, Scalar};
 
-use super::header::Header;
-use super::{MapFile, MapNotes};
-
-/// Rows taken at a time; memory grows with the bytes that came, not with the header's word.
-const ROWS_AT_ONCE: u64 = 1024;
-
-/// Longest row taken; a 3DGS file with every harmonic has 248 bytes.
-const MAX_ROW_BYTES: usize = 4096;
+use super::{MapFile, notes};
 
 /// The position's covariance, in the order of [`Gaussian::position_covariance_m2`].
 const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"];
 
 /// Why a map was refused.
 #[derive(Debug, thiserror::Error)]
-pub enum PlyError {
-    /// No bytes at all.
-    #[error("the file is empty")]
-    Empty,
-    /// Something else than PLY.
-    #[error("not a PLY: starts with `{found}`, expected `ply`")]
-    NotPly {
-        /// The first characters.
-        found: String,
-    },
+pub enum MapFileError {
+    /// No PLY, or one that cannot be read.
+    #[error(transparent)]
+    Ply(#[from] PlyError),
     /// PLY, in an encoding maps do not have.
-    #[error("format is {0}, expected binary_little_endian")]
-    Format(String),
-    /// The header says something that cannot be.
+    #[error("format is {}, expected binary_little_endian", .0.name())]
+    Format(Format),
+    /// A comment that maps have says something that cannot be.
     #[error("header: {0}")]
-    Header(String),
+    Comment(&'static str),
+    /// No vertices.
+    #[error("header: no `element vertex`")]
+    NoVertices,
     /// A property every map has.
     #[error("vertices have no property `{name}`, which a map of Gaussians needs")]
     Missing {
         /// Its name.
         name: &'static str,
     },
-    /// Fewer rows than the header says.
-    #[error("cut off: the header says {expected} vertices, {found} are there")]
-    Cut {
-        /// By the header.
-        expected: u64,
-        /// Whole rows present.
-        found: u64,
+    /// A property of another type than maps have.
+    #[error("header: property `{name}` is of type {kind}, expected float")]
+    NoFloat {
+        /// Its name.
+        name: &'static str,
+        /// Its type.
+        kind: Kind,
     },
     /// A row that is no Gaussian.
     #[error("vertex {vertex}: {what}")]
@@ -59,7 +50,7 @@ pub enum PlyError {
     },
     /// The file could not be read.
     #[error("reading the map: {0}")]
-    Io(#[from] io::Error),
+    Io(#[from] std::io::Error),
 }
 
 /// Reads one map file. Properties may come in any order and among others; `reflectivity`, `sigma`, `cov_*` and
@@ -67,55 +58,31 @@ pub enum PlyError {
 ///
 /// # Errors
 /// Says what is wrong, and where.
-pub fn read(mut reader: impl Read) -> Result<MapFile, PlyError> {
-    let header = Header::read(&mut reader)?;
-    let columns = Columns::of(&header)?;
-    if header.row_byte_count > MAX_ROW_BYTES {
-        return Err(PlyError::Header(format!(
-            "a vertex has {} bytes, at most {MAX_ROW_BYTES} are taken",
-            header.row_byte_count
-        )));
-    }
-    let skipped = (&mut reader).take(header.skipped_byte_count);
-    io::copy(&mut { skipped }, &mut io::sink())?;
-    let mut map = MapFile {
-        origin_m: header.origin_m,
-        intensity_unit: header.intensity_unit,
-        notes: MapNotes {
-            held_out_every: header.held_out_every,
-            ..MapNotes::default()
-        },
-        gaussians: Vec::new(),
-    };
-    let mut rows = Vec::new();
-    while (map.gaussians.len() as u64) < header.vertex_count {
-        read_some_rows(&mut reader, &header, &columns, &mut rows, &mut map)?;
-    }
-    Ok(map)
+pub fn read(reader: impl Read) -> Result<MapFile, MapFileError> {
+    read_from(Reader::new(BufReader::new(reader))?)
 }
 
-fn read_some_rows(
-    reader: &mut impl Read,
-    header: &Header,
-    columns: &Columns,
-    rows: &mut Vec<u8>,
-    map: &mut MapFile,
-) -> Result<(), PlyError> {
-    let done = map.gaussians.len() as u64;
-    let wanted = ROWS_AT_ONCE.min(header.vertex_count - done);
-    let wanted_bytes = wanted * header.row_byte_count as u64;
-    rows.clear();
-    reader.take(wanted_bytes).read_to_end(rows)?;
-    for (vertex, row) in (done..).zip(rows.chunks_exact(header.row_byte_count)) {
-        map.gaussians.push(columns.gaussian(vertex, row)?);
+fn read_from(mut reader: Reader<impl BufRead>) -> Result<MapFile, MapFileError> {
+    let header = reader.header();
+    if header.format != Format::LittleEndian {
+        return Err(MapFileError::Format(header.format));
     }
-    if (rows.len() as u64) < wanted_bytes {
-        return Err(PlyError::Cut {
-            expected: header.vertex_count,
-            found: map.gaussians.len() as u64,
-        });
+    let mut map = notes::read(&header.comments)?;
+    let vertex = header.element("vertex").ok_or(MapFileError::NoVertices)?;
+    let columns = Columns::of(vertex)?;
+    let gaussians = &mut map.gaussians;
+    // What comes after the vertices is not looked at.
+    loop {
+        let element = reader.next_element(|element, number, row| {
+            if element.name == "vertex" {
+                gaussians.push(columns.gaussian(number, row)?);
+            }
+            Ok::<_, MapFileError>(())
+        })?;
+        if element.is_none_or(|element| element.name == "vertex") {
+            return Ok(map);
+        }
     }
-    Ok(())
 }
 
 /// Where in a row each number lies.
@@ -131,47 +98,53 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(header: &Header) -> Result<Self, PlyError> {
-        let at = |name| header.offset_of(name);
+    fn of(vertex: &Element) -> Result<Self, MapFileError> {
+        let find = |name| match vertex.find(name) {
+            None => Ok(None),
+            Some((at, Kind::Scalar(Scalar::F32))) => Ok(Some(at)),
+            Some((_, kind)) => Err(MapFileError::NoFloat { name, kind }),
+        };
+        let at = |name| find(name)?.ok_or(MapFileError::Missing { name });
         Ok(Self {
             mean: [at("x")?, at("y")?, at("z")?],
             opacity: at("opacity")?,
             scale: [at("scale_0")?, at("scale_1")?, at("scale_2")?],
             rotation: [at("rot_0")?, at("rot_1")?, at("rot_2")?, at("rot_3")?],
-            reflectivity: header.find("reflectivity")?,
-            sigma: header.find("sigma")?,
-            covariance: covariance(header)?,
-            probability: header.find("probability")?,
+            reflectivity: find("reflectivity")?,
+            sigma: find("sigma")?,
+            covariance: covariance(find)?,
+            probability: find("probability")?,
         })
     }
 
-    fn gaussian(&self, vertex: u64, row: &[u8]) -> Result<Gaussian, PlyError> {
-        let wrong = |what| PlyError::Vertex { vertex, what };
+    fn gaussian(&self, vertex: u64, row: &Row) -> Result<Gaussian, MapFileError> {
+        let wrong = |what| MapFileError::Vertex { vertex, what };
+        let float = |at| row.value(at) as f32;
         let id = u32::try_from(vertex).map_err(|_| wrong("more vertices than have a number"))?;
-        let [w, x, y, z] = self.rotation.map(|at| float(row, at));
+        let [w, x, y, z] = self.rotation.map(float);
         let rotation = Quat::from_xyzw(x, y, z, w);
         let length = rotation.length();
         if !(length > 1e-6 && length.is_finite()) {
             return Err(wrong("rot_0..3 is not a quaternion with a length"));
         }
-        let sigma_m = self.sigma.map_or(f32::INFINITY, |at| float(row, at));
+        let sigma_m = self.sigma.map_or(f32::INFINITY, float);
         let gaussian = Gaussian {
             id,
-            mean_m: Vec3::from_array(self.mean.map(|at| float(row, at))),
+            mean_m: Vec3::from_array(self.mean.map(float)),
             rotation: if (length - 1.0).abs() < 1e-6 {
                 rotation
             } else {
                 rotation / length
             },
-            scale_m: Vec3::from_array(self.scale.map(|at| float(row, at).exp())),
-            opacity: sigmoid(float(row, self.opacity)),
-            reflectivity: self.reflectivity.map_or(1.0, |at| float(row, at)),
+            scale_m: Vec3::from_array(self.scale.map(|at| float(at).exp())),
+            opacity: sigmoid(float(self.opacity)),
+            reflectivity: self.reflectivity.map_or(1.0, float),
             sigma_m,
             position_covariance_m2: match self.covariance {
-                Some(places) => places.map(|at| float(row, at)),
+                Some(places) => places.map(float),
                 None => Gaussian::known_alike_m2(sigma_m),
             },
-            probability: self.probability.map_or(1.0, |at| float(row, at)),
+            probability: self.probability.map_or(1.0, float),
             standing: Standing::Confident,
         };
         if !gaussian.is_sound() {
@@ -182,21 +155,17 @@ impl Columns {
 }
 
 /// Where the covariance is: all six numbers or none.
-fn covariance(header: &Header) -> Result<Option<[usize; 6]>, PlyError> {
+fn covariance(
+    find: impl Fn(&'static str) -> Result<Option<usize>, MapFileError>,
+) -> Result<Option<[usize; 6]>, MapFileError> {
     let mut places = [0; 6];
     for (place, name) in places.iter_mut().zip(COVARIANCE) {
-        match header.find(name)? {
+        match find(name)? {
             Some(at) => *place = at,
             None => return Ok(None),
         }
     }
     Ok(Some(places))
-}
-
-/// `at` comes from the header, whose row length the row has.
-fn float(row: &[u8], at: usize) -> f32 {
-    let bytes = row.get(at..at + 4).and_then(|b| b.try_into().ok());
-    f32::from_le_bytes(bytes.unwrap_or(f32::NAN.to_le_bytes()))
 }
 
 fn sigmoid(logit: f32) -> f32 {

@@ -158,7 +158,10 @@ fn a_claimed_size_is_not_believed() {
     let at = bytes.windows(8).position(|w| w == b"vertex 1").unwrap();
     bytes.splice(at + 7..at + 8, b"18446744073709551615".iter().copied());
     let error = read(&bytes[..]).unwrap_err();
-    assert!(matches!(error, PlyError::Cut { found: 1, .. }), "{error}");
+    assert!(
+        matches!(error, MapFileError::Ply(PlyError::Cut { found: 1, .. })),
+        "{error}"
+    );
 }
 
 #[test]

@@ -2,11 +2,13 @@
 
 use std::path::Path;
 
-use echosplat_evaluation::held_back::{HeldBack, Pair, is_held_back, score};
-use echosplat_evaluation::report::{Column, Panel, SonarImage};
-use echosplat_evaluation::{MapPoints, MapRenderer, evaluate, evaluate_mesh, mesh_places, table};
+use echosplat_metrics::{MapPoints, evaluate, evaluate_mesh, mesh_places};
 use echosplat_model::PosedPing;
+use echosplat_prediction::held_back::{HeldBack, Pair, is_fitted_on, is_held_back, score};
+use echosplat_prediction::{MapRenderer, blank_bins, pair_of};
 use echosplat_recording::ply::MapFile;
+use echosplat_report::table;
+use echosplat_report::{Column, Panel, SonarImage};
 use serde_json::{Map, Value};
 
 use crate::arguments::EvaluateArguments;
@@ -14,7 +16,6 @@ use crate::commands::render::write_picture;
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
 use crate::logs::{self, Thinned};
-use crate::pipeline::{blank_bins, is_fitted_on, pair_of};
 use crate::{logging, maps, truth};
 
 /// Most held-back pings scored, and most others the fit is made on.

@@ -7,9 +7,10 @@ use std::thread::JoinHandle;
 
 use anyhow::{Context, anyhow};
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
-use echosplat_evaluation::curve::{Curve, Sample};
-use echosplat_evaluation::report::{Picture, Section, Table};
-use echosplat_evaluation::{MapPoints, Metrics, Truth, evaluate, evaluate_raw, table};
+use echosplat_metrics::curve::{Curve, Sample};
+use echosplat_metrics::{MapPoints, Metrics, Truth, evaluate, evaluate_raw};
+use echosplat_report::table;
+use echosplat_report::{Picture, Section, Table};
 use echosplat_web::Feed;
 use serde_json::Value;
 

@@ -1,9 +1,7 @@
 //! One file per command.
 
-mod bench;
 mod calibrate;
 mod check;
-mod completions;
 mod demo;
 mod emulate;
 mod evaluate;
@@ -21,8 +19,9 @@ mod watch;
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use echosplat_evaluation::{MapPoints, evaluate, table};
+use echosplat_metrics::{MapPoints, evaluate};
 use echosplat_model::Snapshot;
+use echosplat_report::table;
 use serde_json::Value;
 
 use crate::arguments::Command;
@@ -31,9 +30,11 @@ use crate::exit::Finish;
 use crate::pipeline::{OnStatus, Phase, Status};
 use crate::{logging, truth};
 
+/// Runs one of the commands.
+///
 /// # Errors
-/// What stopped the command; `exit::code_of` gives its exit code.
-pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
+/// What stopped the command; [`crate::exit::report`] gives its exit code.
+pub fn run(command: Command) -> anyhow::Result<Finish> {
     match command {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
@@ -45,7 +46,6 @@ pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
         Command::Evaluate(arguments) => evaluate::run(&arguments),
         Command::Calibrate(arguments) => calibrate::run(&arguments),
         Command::Render(arguments) => render::run(&arguments),
-        Command::Bench(arguments) => bench::run(&arguments),
         Command::Info(arguments) => info::run(&arguments),
         Command::Recover(arguments) => recover::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
@@ -55,7 +55,6 @@ pub(crate) fn run(command: Command) -> anyhow::Result<Finish> {
             Ok(Finish::Done)
         }
         Command::Check { file } => check::run(&file),
-        Command::Completions { shell } => Ok(completions::run(shell)),
     }
 }
 

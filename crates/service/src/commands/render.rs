@@ -5,13 +5,13 @@ use std::path::Path;
 use std::sync::Arc;
 
 use echosplat_acoustics::Look;
-use echosplat_evaluation::MapRenderer;
-use echosplat_evaluation::report::{Column, Panel, SonarImage};
 use echosplat_join::StampClock;
 use echosplat_mapper::look_of;
 use echosplat_model::{Ping, PingSettings, PosedPing, StampedPose, Timestamp, Twist};
 use echosplat_model::{Trajectory, TrajectoryLimits};
 use echosplat_pose::{PoseSource, PoseUrl};
+use echosplat_prediction::MapRenderer;
+use echosplat_report::{Column, Panel, SonarImage};
 use serde_json::{Value, json};
 
 use crate::arguments::RenderArguments;

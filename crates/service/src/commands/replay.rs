@@ -3,9 +3,9 @@
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use echosplat_evaluation::report::Report;
-use echosplat_evaluation::table;
 use echosplat_pose::PoseUrl;
+use echosplat_report::Report;
+use echosplat_report::table;
 use serde_json::Value;
 
 use crate::arguments::ReplayArguments;

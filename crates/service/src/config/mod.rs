@@ -36,12 +36,15 @@ const MAX_FILE_BYTES: u64 = 1 << 20;
 /// Everything that can be set.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct Config {
+pub struct Config {
     pub(crate) sonar: SonarConfig,
     pub(crate) session: SessionConfig,
-    pub(crate) pose: PoseConfig,
-    pub(crate) mapper: MapperConfig,
-    pub(crate) pipeline: PipelineConfig,
+    /// Where poses come from, and how they belong to pings.
+    pub pose: PoseConfig,
+    /// How the map is made.
+    pub mapper: MapperConfig,
+    /// What happens between them.
+    pub pipeline: PipelineConfig,
     pub(crate) output: OutputConfig,
     pub(crate) bus: BusConfig,
     pub(crate) web: WebConfig,
@@ -81,11 +84,11 @@ impl Default for SonarConfig {
 /// Where poses come from, and how they belong to pings.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct PoseConfig {
+pub struct PoseConfig {
     /// Where poses come from.
     pub(crate) url: PoseUrl,
     /// Added to the pings' times before poses are looked up.
-    pub(crate) time_offset_s: f64,
+    pub time_offset_s: f64,
     /// Longest time between two poses that is interpolated across.
     pub(crate) max_pose_gap_s: f64,
     /// How long a ping waits for later poses, to tell their jitter from motion; 0 interpolates.
@@ -139,11 +142,11 @@ impl MountConfig {
 /// What waits, and what is shown when.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub(crate) struct PipelineConfig {
+pub struct PipelineConfig {
     /// Pings between the sonar's thread and the mapper's.
     pub(crate) queue_pings: usize,
     /// Time between two published states of the map, on the pings' clock.
-    pub(crate) snapshot_interval_s: f64,
+    pub snapshot_interval_s: f64,
     /// Every so many-th ping is left out of the map, to judge it by; 0 leaves out none.
     pub(crate) hold_back_every: u64,
     /// Longest that a part of the service may work without a sign of life.

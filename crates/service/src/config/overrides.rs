@@ -81,7 +81,7 @@ impl Config {
     ///
     /// # Errors
     /// If there is no such key, or a value is none of its kind or out of range.
-    pub(crate) fn of_settings(settings: &BTreeMap<String, String>) -> anyhow::Result<Self> {
+    pub fn of_settings(settings: &BTreeMap<String, String>) -> anyhow::Result<Self> {
         let mut text = String::new();
         for (key, value) in settings {
             let line = format!("{key} = {value}\n");

@@ -15,11 +15,11 @@ use echosplat_model::{Ping, Snapshot};
 use super::earlier::EarlierMaps;
 use super::shared::{MapperReport, Shared};
 use super::worker::THREAD_NAME;
-use super::{Feed, Gate, Observer, Outlet, Poses, start_worker};
+use super::{Gate, Observer, Outlet, Poses, Wiring, start_worker};
 use crate::config::Config;
 
 /// A map under way.
-pub(crate) struct Mapping {
+pub struct Mapping {
     events: Sender<DriverEvent>,
     shared: Arc<Shared>,
     thread: JoinHandle<Option<Arc<Snapshot>>>,
@@ -28,14 +28,14 @@ pub(crate) struct Mapping {
 impl Mapping {
     /// # Errors
     /// If the mapper cannot be started.
-    pub(crate) fn start(
+    pub fn start(
         config: &Config,
         poses: Poses,
         observer: Option<Observer>,
     ) -> anyhow::Result<Self> {
         let (events, taken) = bounded(config.pipeline.queue_pings);
         let shared = Arc::new(Shared::new());
-        let feed = Feed {
+        let wiring = Wiring {
             events: taken,
             inputs_left: 1,
             poses,
@@ -45,7 +45,7 @@ impl Mapping {
             earlier: EarlierMaps::default(),
             frame_check: None,
         };
-        let thread = start_worker(config, feed, &shared, Heartbeat::new(THREAD_NAME))?;
+        let thread = start_worker(config, wiring, &shared, Heartbeat::new(THREAD_NAME))?;
         Ok(Self {
             events,
             shared,
@@ -57,7 +57,7 @@ impl Mapping {
     ///
     /// # Errors
     /// If the mapper's thread has ended.
-    pub(crate) fn take(&self, ping: Arc<Ping>) -> anyhow::Result<()> {
+    pub fn take(&self, ping: Arc<Ping>) -> anyhow::Result<()> {
         let frame = Bytes::new();
         let event = DriverEvent::Ping { ping, frame };
         self.events.send(event).map_err(|_| ended())
@@ -67,7 +67,7 @@ impl Mapping {
     ///
     /// # Errors
     /// If the mapper's thread panicked.
-    pub(crate) fn finish(self) -> anyhow::Result<(Arc<Snapshot>, MapperReport)> {
+    pub fn finish(self) -> anyhow::Result<(Arc<Snapshot>, MapperReport)> {
         drop(self.events);
         let snapshot = self.thread.join().ok().flatten().ok_or_else(ended)?;
         Ok((snapshot, self.shared.report()))

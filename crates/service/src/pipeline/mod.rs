@@ -36,7 +36,7 @@ use echosplat_driver::{DriverEvent, DriverStatus};
 use echosplat_liveness::{Drill, Heartbeat};
 use echosplat_mapper::Mapper;
 use echosplat_model::Snapshot;
-use echosplat_web::Feed as PageFeed;
+use echosplat_web::Feed;
 
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
@@ -51,15 +51,16 @@ use earlier::EarlierMaps;
 use ending::Ending;
 use frame_check::FrameCheck;
 pub(crate) use gate::Gate;
-pub(crate) use mapping::Mapping;
+pub use mapping::Mapping;
 pub(crate) use notices::Finding;
 use outlet::Outlet;
-pub(crate) use outlet::{Observed, Observer, Schedule};
-pub(crate) use poses::{Patience, Poses, Span};
-pub(crate) use prediction::{blank_bins, is_fitted_on, pair_of};
+pub use outlet::{Moment, Observed, Observer, Schedule};
+pub use poses::{Joined, Poses};
+pub(crate) use poses::{Patience, Span};
 use run::Run;
+pub(crate) use shared::Phase;
 use shared::Shared;
-pub(crate) use shared::{Phase, Work};
+pub use shared::{MapperReport, Spent};
 pub(crate) use status::Status;
 use worker::{THREAD_NAME, Worker};
 
@@ -94,7 +95,7 @@ pub(crate) struct Hooks {
     /// Called with the final map once it is published, while others can still ask for it.
     pub(crate) on_final: Option<OnFinal>,
     /// Shows what there is to show.
-    pub(crate) page: Option<PageFeed>,
+    pub(crate) page: Option<Feed>,
     /// Of the threads of the page, which the run goes on without.
     pub(crate) page_heartbeats: Vec<Heartbeat>,
 }
@@ -155,7 +156,7 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
 }
 
 /// What the mapper's thread takes from, and gives to.
-struct Feed {
+struct Wiring {
     events: Receiver<DriverEvent>,
     inputs_left: usize,
     poses: Poses,
@@ -169,21 +170,21 @@ struct Feed {
 /// Starts the mapper and its thread, which gives the finished map unless it panicked.
 fn start_worker(
     config: &Config,
-    feed: Feed,
+    wiring: Wiring,
     shared: &Arc<Shared>,
     heartbeat: Heartbeat,
 ) -> anyhow::Result<JoinHandle<Option<Arc<Snapshot>>>> {
     let worker = Worker {
-        events: feed.events,
-        inputs_left: feed.inputs_left,
-        poses: feed.poses,
+        events: wiring.events,
+        inputs_left: wiring.inputs_left,
+        poses: wiring.poses,
         mapper: Mapper::new(config.mapper.clone())?,
         mapper_config: config.mapper.clone(),
-        earlier: feed.earlier,
-        frame_check: feed.frame_check,
-        shed: feed.shed,
-        gate: feed.gate,
-        outlet: feed.outlet,
+        earlier: wiring.earlier,
+        frame_check: wiring.frame_check,
+        shed: wiring.shed,
+        gate: wiring.gate,
+        outlet: wiring.outlet,
         shared: Arc::clone(shared),
         heartbeat: heartbeat.clone(),
         snapshot_interval_s: config.pipeline.snapshot_interval_s,

@@ -13,29 +13,31 @@ use crate::clock;
 
 /// When in the dive a map was made, and what had been spent on it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Moment {
+pub struct Moment {
     /// Since the first ping, on the pings' clock.
-    pub(crate) dive_s: f64,
+    pub dive_s: f64,
     /// Processor seconds of mapping so far.
-    pub(crate) compute_s: f64,
+    pub compute_s: f64,
     /// Gaussian–bin pairs so far.
-    pub(crate) pairs: u64,
+    pub pairs: u64,
     /// Voxel looks so far.
-    pub(crate) voxel_looks: u64,
+    pub voxel_looks: u64,
     /// Pings so far.
-    pub(crate) pings: u64,
+    pub pings: u64,
 }
 
 /// A map to be judged, with what it had cost.
 #[derive(Debug, Clone)]
-pub(crate) struct Observed {
-    pub(crate) snapshot: Arc<Snapshot>,
-    pub(crate) moment: Moment,
+pub struct Observed {
+    /// The map.
+    pub snapshot: Arc<Snapshot>,
+    /// When it was, and what it had taken.
+    pub moment: Moment,
 }
 
 /// When maps are wanted, in seconds on the pings' clock since the first ping.
 #[derive(Debug, Clone, PartialEq)]
-pub(crate) enum Schedule {
+pub enum Schedule {
     /// At the first ping, and so long after each map.
     Every(f64),
     /// At these times, in order.
@@ -67,9 +69,11 @@ impl Schedule {
 }
 
 /// Takes maps at some moments of the dive; on the mapper's thread, so it must be quick.
-pub(crate) struct Observer {
-    pub(crate) schedule: Schedule,
-    pub(crate) take: Box<dyn FnMut(Observed) + Send>,
+pub struct Observer {
+    /// When maps are wanted.
+    pub schedule: Schedule,
+    /// Called with each, on the mapper's thread.
+    pub take: Box<dyn FnMut(Observed) + Send>,
 }
 
 /// Where pings and maps go.

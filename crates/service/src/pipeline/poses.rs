@@ -66,15 +66,16 @@ pub(crate) struct PoseReport {
 }
 
 /// A ping with its pose.
-pub(crate) struct Joined {
-    pub(crate) posed: PosedPing,
+pub struct Joined {
+    /// The ping with its pose.
+    pub posed: PosedPing,
     pub(crate) arrived: Instant,
     /// Of the pose; poses of two epochs make two maps.
     pub(crate) epoch: u32,
 }
 
 /// Pings in, posed pings out, in the order they came.
-pub(crate) struct Poses {
+pub struct Poses {
     source: PoseSource,
     /// `None` for a file, which holds one track by its nature.
     guard: Option<PoseGuard>,
@@ -94,6 +95,14 @@ pub(crate) struct Poses {
 }
 
 impl Poses {
+    /// Poses that are all there already, for pings that wait for them.
+    ///
+    /// # Errors
+    /// Names the setting that is out of range.
+    pub fn waited_for(config: &PoseConfig, source: PoseSource) -> anyhow::Result<Self> {
+        Self::new(config, source, Patience::HoldBack, None)
+    }
+
     /// # Errors
     /// Names the setting that is out of range.
     pub(crate) fn new(
@@ -156,7 +165,7 @@ impl Poses {
     }
 
     /// A ping to be posed; one too many is dropped, counted and recorded as such.
-    pub(crate) fn push(&mut self, ping: Arc<Ping>, arrived: Instant) {
+    pub fn push(&mut self, ping: Arc<Ping>, arrived: Instant) {
         self.ping_times = Span::extended(self.ping_times, ping.transmit_time());
         let sequence = ping.sequence();
         if self.join.push_ping(ping) {
@@ -195,7 +204,7 @@ impl Poses {
     }
 
     /// The next ping that has its pose; those that will never have one are counted.
-    pub(crate) fn next(&mut self) -> Option<Joined> {
+    pub fn pop(&mut self) -> Option<Joined> {
         if self.source.is_live() {
             self.take_what_came();
         }
@@ -351,7 +360,7 @@ mod tests {
         for seconds in [0.5, 1.1, 1.2, 2.0] {
             poses.push(ping(seconds), Instant::now());
         }
-        let mapped = std::iter::from_fn(|| poses.next()).count();
+        let mapped = std::iter::from_fn(|| poses.pop()).count();
         let report = poses.report();
         assert_eq!((mapped, report.waiting), (2, 0));
         assert_eq!(report.join.pings_without_pose(), 2);
@@ -367,7 +376,7 @@ mod tests {
         let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         poses.push(ping(0.0), Instant::now());
         assert!(!poses.holds_back());
-        assert!(poses.next().is_none());
+        assert!(poses.pop().is_none());
         assert_eq!(poses.report().join.pings_pose_never_came, 1);
     }
 }

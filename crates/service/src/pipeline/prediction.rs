@@ -10,11 +10,11 @@ use std::thread::JoinHandle;
 
 use anyhow::Context;
 use crossbeam_channel::{Receiver, Sender, bounded};
-use echosplat_evaluation::MapRenderer;
-use echosplat_evaluation::held_back::{Pair, is_held_back, score};
 use echosplat_liveness::Heartbeat;
-use echosplat_mapper::{MapperConfig, look_of};
-use echosplat_model::{PingSettings, PosedPing, Snapshot};
+use echosplat_mapper::MapperConfig;
+use echosplat_model::{PosedPing, Snapshot};
+use echosplat_prediction::held_back::{Pair, is_fitted_on, is_held_back, score};
+use echosplat_prediction::{MapRenderer, pair_of};
 use serde::Serialize;
 
 use crate::logs::Thinned;
@@ -133,11 +133,6 @@ impl Prediction {
     }
 }
 
-/// Of the map's own pings as many, halfway between those held back.
-pub(crate) fn is_fitted_on(sequence: u64, every: u64) -> bool {
-    !is_held_back(sequence, every) && sequence % every.max(1) == every.saturating_sub(1) / 2
-}
-
 fn predict_all(
     news: &Receiver<News>,
     every: u64,
@@ -180,40 +175,4 @@ fn predict(
         log_likelihood_per_bin: found.map.log_likelihood_per_bin,
         gain_per_bin: found.gain_per_bin,
     })
-}
-
-/// Bins within the blanking.
-pub(crate) fn blank_bins(settings: &PingSettings, config: &MapperConfig) -> usize {
-    let blank_m = config.blanking_m - settings.range_start_m;
-    let blank = (blank_m / settings.bin_length_m()).ceil().max(0.0) as usize;
-    blank.min(settings.bin_count)
-}
-
-/// A ping beside what a map says of it, without its blanked bins.
-pub(crate) fn pair_of(
-    renderer: &mut MapRenderer,
-    posed: &PosedPing,
-    config: &MapperConfig,
-) -> Pair {
-    let look = look_of(posed, renderer.origin_m(), config);
-    let blank = blank_bins(posed.ping.settings(), config);
-    Pair {
-        measured: posed.ping.intensity()[blank..].to_vec(),
-        rendered: renderer.ping(&look)[blank..].to_vec(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn pings_to_fit_on_are_as_many_as_those_held_back_and_none_is_both() {
-        for every in [1, 2, 5, 10] {
-            let held = (0..100).filter(|&s| is_held_back(s, every)).count();
-            let fit = (0..100).filter(|&s| is_fitted_on(s, every)).count();
-            assert_eq!(held, 100 / every as usize);
-            assert_eq!(fit, if every == 1 { 0 } else { held });
-        }
-    }
 }

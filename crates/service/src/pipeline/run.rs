@@ -25,7 +25,7 @@ use super::shared::{Phase, Shared};
 use super::status::RateMeter;
 use super::telling::other_service;
 use super::worker::THREAD_NAME;
-use super::{Feed, Hooks, Outlet, Setup, start_worker};
+use super::{Hooks, Observer, Outlet, Setup, Wiring, start_worker};
 use crate::clock;
 use crate::config::Config;
 use crate::exit::Usage;
@@ -75,10 +75,7 @@ impl Run {
     pub(super) fn start(config: &Config, mut setup: Setup) -> anyhow::Result<Self> {
         let shared = Arc::new(Shared::new());
         let (publisher, alive) = publish(&setup)?;
-        let notes = MapNotes {
-            held_out_every: config.pipeline.hold_back_every,
-            ..MapNotes::default()
-        };
+        let notes = notes(config);
         let place = config.output.map.clone().map(|map| (map, notes.clone()));
         let saving = Saving::new(&shared, setup.recorder.as_ref(), place.clone());
         let album = setup.hooks.album.take();
@@ -86,29 +83,24 @@ impl Run {
         let (album, keeps) = album.unzip();
         let helpers = Helpers::start(config)?;
         let mut supervisor = supervisor(config, &setup, &helpers);
-        let spared = publisher.iter().flat_map(|map| map.heartbeats());
-        for heartbeat in spared.chain(album.iter().map(AlbumWriter::heartbeat)) {
-            supervisor.watch(heartbeat, Policy::Spared);
-        }
-        let observers = setup.hooks.observer.take().into_iter().chain(keeps);
-        let outlet = Outlet::new(setup.bus.clone(), publisher.clone(), observers)
-            .predicting(helpers.prediction)
-            .shown_on(setup.hooks.page.clone());
+        supervisor.spare(publisher.iter().flat_map(|map| map.heartbeats()));
+        supervisor.spare(album.iter().map(AlbumWriter::heartbeat));
+        let outlet = outlet(&mut setup, publisher.clone(), keeps, helpers.prediction);
         let (sender, events) = bounded(config.pipeline.queue_pings);
         let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
-        let feed = Feed {
+        let wiring = Wiring {
             events,
             inputs_left: drivers.count(),
             poses: setup.poses,
             gate: setup.gate,
-            outlet: outlet.of_epoch(setup.epoch),
+            outlet,
             shed: setup.shed,
             earlier: EarlierMaps::beside(place.clone()),
             frame_check: Some(helpers.frame_check),
         };
         let mapper = Heartbeat::new(THREAD_NAME);
         supervisor.watch(&mapper, Policy::Needed);
-        let worker = start_worker(config, feed, &shared, mapper)?;
+        let worker = start_worker(config, wiring, &shared, mapper)?;
         let begin = Instant::now();
         let run = Self {
             shared,
@@ -279,6 +271,14 @@ impl Helpers {
     }
 }
 
+/// What is said in every map.
+fn notes(config: &Config) -> MapNotes {
+    MapNotes {
+        held_out_every: config.pipeline.hold_back_every,
+        ..MapNotes::default()
+    }
+}
+
 fn own_heartbeat(config: &Config) -> Heartbeat {
     let heartbeat = Heartbeat::new("run");
     heartbeat.set_limit(Duration::from_secs_f64(config.pipeline.hang_limit_s));
@@ -292,13 +292,25 @@ fn supervisor(config: &Config, setup: &Setup, helpers: &Helpers) -> Supervisor {
     let spared = setup.hooks.page_heartbeats.iter();
     let spared = spared.chain(setup.bus.iter().map(|bus| bus.heartbeat()));
     let spared = spared.chain(helpers.prediction.iter().map(Prediction::heartbeat));
-    for heartbeat in spared.chain([helpers.frame_check.heartbeat()]) {
-        supervisor.watch(heartbeat, Policy::Spared);
-    }
+    supervisor.spare(spared.chain([helpers.frame_check.heartbeat()]));
     if let Some(heartbeat) = setup.poses.heartbeat() {
         supervisor.watch(heartbeat, Policy::Source);
     }
     supervisor
+}
+
+/// Where maps and pings go to.
+fn outlet(
+    setup: &mut Setup,
+    publisher: Option<Arc<MapPublisher>>,
+    keeps: Option<Observer>,
+    prediction: Option<Prediction>,
+) -> Outlet {
+    let observers = setup.hooks.observer.take().into_iter().chain(keeps);
+    Outlet::new(setup.bus.clone(), publisher, observers)
+        .predicting(prediction)
+        .shown_on(setup.hooks.page.clone())
+        .of_epoch(setup.epoch)
 }
 
 /// Begins to publish the map, where there is a bus, and to record what is published.

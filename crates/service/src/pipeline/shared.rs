@@ -4,9 +4,9 @@ use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use echosplat_driver::DriverEvent;
-use echosplat_evaluation::frame_check::FrameVerdict;
 use echosplat_mapper::{LeftOut, MapperStatus};
 use echosplat_model::Snapshot;
+use echosplat_prediction::frame_check::FrameVerdict;
 use serde::Serialize;
 
 use super::latency::LatencyReport;
@@ -28,13 +28,13 @@ pub(crate) enum Phase {
 
 /// What the mapper's thread did so far.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
-pub(crate) struct MapperReport {
+pub struct MapperReport {
     /// Pings that this thread took from the sonar's.
     pub(crate) pings_taken: u64,
     /// Pings left out since the recorded dive had no time for them.
     pub(crate) pings_shed: u64,
     /// Pings whose evidence is in the map.
-    pub(crate) pings_mapped: u64,
+    pub pings_mapped: u64,
     /// Pings kept from the map to judge it by.
     pub(crate) pings_held_back: u64,
     /// Pings before `--start`.
@@ -50,12 +50,12 @@ pub(crate) struct MapperReport {
     /// Of the newest map handed on.
     pub(crate) newest_sequence: u64,
     /// From the first ping to the newest map, on the pings' clock.
-    pub(crate) dive_s: f64,
+    pub dive_s: f64,
     /// All that was done so far.
     #[serde(flatten)]
-    pub(crate) work: Work,
+    pub work: Spent,
     /// All that was done when the finish began.
-    pub(crate) before_finish: Work,
+    pub before_finish: Spent,
     /// Of the live map.
     pub(crate) latency_s: LatencyReport,
     /// How well the map predicts pings that are kept from it, if some are.
@@ -69,18 +69,18 @@ pub(crate) struct MapperReport {
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
     /// Parts that the dive so far does not need, and why.
-    pub(crate) left_out: Vec<LeftOut>,
+    pub left_out: Vec<LeftOut>,
 }
 
 /// What the mapper had done at some moment; maps made only to be judged do not count.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Serialize)]
-pub(crate) struct Work {
+pub struct Spent {
     /// Processor seconds of its threads.
-    pub(crate) compute_s: f64,
+    pub compute_s: f64,
     /// Gaussian–bin pairs.
-    pub(crate) pairs: u64,
+    pub pairs: u64,
     /// Voxel looks.
-    pub(crate) voxel_looks: u64,
+    pub voxel_looks: u64,
 }
 
 /// The link to the sonar, as its driver tells of it.

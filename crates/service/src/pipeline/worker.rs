@@ -8,10 +8,10 @@ use std::time::{Duration, Instant};
 use bytes::Bytes;
 use crossbeam_channel::{Receiver, RecvTimeoutError};
 use echosplat_driver::DriverEvent;
-use echosplat_evaluation::held_back::is_held_back;
 use echosplat_liveness::Heartbeat;
 use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
+use echosplat_prediction::held_back::is_held_back;
 
 use super::earlier::EarlierMaps;
 use super::frame_check::FrameCheck;
@@ -20,7 +20,7 @@ use super::latency::Latency;
 use super::listening::Listening;
 use super::outlet::{Moment, Outlet};
 use super::poses::{Joined, Poses};
-use super::shared::{MapperReport, Phase, Shared, Work};
+use super::shared::{MapperReport, Phase, Shared, Spent};
 use crate::processor;
 
 /// Name of the thread; those of the mapper's pool begin with it.
@@ -83,7 +83,7 @@ pub(crate) struct State {
     epoch: Option<u32>,
     /// Of the last map of the epochs before.
     past_sequence: u64,
-    past_work: Work,
+    past_work: Spent,
 }
 
 impl State {
@@ -99,7 +99,7 @@ impl State {
             listening: Listening::default(),
             epoch: None,
             past_sequence: 0,
-            past_work: Work::default(),
+            past_work: Spent::default(),
         }
     }
 }
@@ -184,7 +184,7 @@ impl Worker {
     }
 
     fn map_what_is_posed(&mut self) {
-        while let Some(joined) = self.poses.next() {
+        while let Some(joined) = self.poses.pop() {
             self.heartbeat.beat();
             self.map(&joined);
         }
@@ -298,9 +298,9 @@ impl Worker {
     }
 
     /// Maps made only to be judged do not count.
-    fn work(&self) -> Work {
+    fn work(&self) -> Spent {
         let (status, past) = (self.mapper.status(), self.state.past_work);
-        Work {
+        Spent {
             compute_s: thread_seconds() - self.state.observing_s,
             pairs: past.pairs + status.pairs,
             voxel_looks: past.voxel_looks + status.voxel_looks,

@@ -5,6 +5,7 @@
 //! is still there. While the disk refuses, the record at hand is kept and tried again and the queue
 //! holds what comes; what finds no room is counted and told.
 
+mod progress;
 mod queue;
 mod storage;
 mod syncer;
@@ -29,10 +30,11 @@ use serde_json::Value;
 use crate::clock;
 use crate::exit::Usage;
 use crate::replayed::PING_SHED;
+use progress::Progress;
 use queue::Queue;
 use storage::Folder;
 use syncer::Syncer;
-use worker::{Progress, Worker};
+use worker::Worker;
 
 /// Longest that [`Recorder::finish`] takes.
 const FINISH_LIMIT: Duration = Duration::from_secs(3);

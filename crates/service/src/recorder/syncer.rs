@@ -11,7 +11,7 @@ use std::time::Duration;
 
 use echosplat_liveness::Heartbeat;
 
-use super::worker::Progress;
+use super::progress::Progress;
 
 /// Time between two syncs.
 const SYNC_EVERY: Duration = Duration::from_millis(500);

@@ -2,14 +2,14 @@
 
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
 use echosplat_recording::mcap::{Record, RecordingError};
 
-use super::RecorderCounters;
+use super::progress::Progress;
 use super::queue::{MAX_QUEUED_BYTES, Popped, Queue};
 use super::storage::{Sink, Storage};
 use super::syncer::Syncer;
@@ -22,73 +22,6 @@ const RETRY_EVERY: Duration = Duration::from_millis(200);
 const LAST_TRIES: Duration = Duration::from_millis(2_500);
 /// After another file could not be begun, so long the old one is written on.
 const ROTATE_AGAIN_AFTER: Duration = Duration::from_secs(5);
-
-/// What the thread has done, for those who ask.
-#[derive(Default)]
-pub(super) struct Progress {
-    state: Mutex<State>,
-    ended: Condvar,
-}
-
-#[derive(Default)]
-struct State {
-    counters: RecorderCounters,
-    write_fault: Option<String>,
-    sync_fault: Option<String>,
-    /// Records written when the files were last seen.
-    seen_messages: u64,
-    has_ended: bool,
-}
-
-impl Progress {
-    pub(super) fn counters(&self) -> RecorderCounters {
-        self.lock().counters
-    }
-
-    pub(super) fn fault(&self) -> Option<String> {
-        let state = self.lock();
-        state
-            .write_fault
-            .clone()
-            .or_else(|| state.sync_fault.clone())
-    }
-
-    pub(super) fn seen(&self, messages: u64) {
-        self.lock().seen_messages = messages;
-    }
-
-    /// The outcome of a sync; told when it changes.
-    pub(super) fn synced(&self, failed: Option<String>) {
-        let fault = failed.map(|error| {
-            format!(
-                "the recording is written but may not survive a power cut: {error}; check the disk"
-            )
-        });
-        let before = std::mem::replace(&mut self.lock().sync_fault, fault.clone());
-        match (before, fault) {
-            (None, Some(fault)) => tracing::error!("{fault}"),
-            (Some(_), None) => tracing::warn!("the recording survives a power cut again"),
-            _ => {}
-        }
-    }
-
-    /// Whether the thread ended within the limit.
-    pub(super) fn wait_ended(&self, limit: Duration) -> bool {
-        let waiting = |state: &mut State| !state.has_ended;
-        let waited = self.ended.wait_timeout_while(self.lock(), limit, waiting);
-        let (state, _) = waited.unwrap_or_else(PoisonError::into_inner);
-        state.has_ended
-    }
-
-    fn end(&self) {
-        self.lock().has_ended = true;
-        self.ended.notify_all();
-    }
-
-    fn lock(&self) -> MutexGuard<'_, State> {
-        self.state.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
 
 /// Writes the queue's records.
 pub(super) struct Worker {

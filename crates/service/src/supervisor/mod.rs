@@ -105,6 +105,13 @@ impl Supervisor {
         }
     }
 
+    /// Watches over parts that the run goes on without.
+    pub(crate) fn spare<'a>(&mut self, heartbeats: impl IntoIterator<Item = &'a Heartbeat>) {
+        for heartbeat in heartbeats {
+            self.watch(heartbeat, Policy::Spared);
+        }
+    }
+
     /// Watches over a part from now on; one of the same name is watched no more.
     pub(crate) fn watch(&mut self, heartbeat: &Heartbeat, policy: Policy) {
         let name = heartbeat.name();

@@ -76,7 +76,7 @@ fn files_are_opened_only_where_files_are_read() {
         assert_broken(&path, "use std::fs::File;", &format!("{path}:1: "));
         assert_broken(&path, "use std::{fs, io};", &format!("{path}:1: "));
     }
-    for folder in ["recording", "simulator", "evaluation", "service"] {
+    for folder in ["recording", "simulator", "metrics", "service"] {
         assert_sound(&format!("crates/{folder}/src/lib.rs"), "use std::{fs, io};");
     }
 }
@@ -121,4 +121,17 @@ fn paths_of_one_machine_are_found_in_any_file() {
             &format!("https://example.org{folder}x and ..{folder}"),
         );
     }
+}
+
+#[test]
+fn what_runs_in_the_service_judges_by_no_truth() {
+    let text = "use echosplat_metrics::Truth;";
+    assert_broken(
+        "crates/service/src/pipeline/worker.rs",
+        text,
+        "crates/service/src/pipeline/worker.rs:1: echosplat_metrics is for",
+    );
+    assert_sound("crates/service/src/commands/replay.rs", text);
+    assert_sound("crates/service/src/truth.rs", text);
+    assert_sound("crates/bench/src/commands/long.rs", text);
 }

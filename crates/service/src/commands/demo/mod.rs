@@ -12,10 +12,10 @@ use std::time::Duration;
 use anyhow::{Context, anyhow};
 use echosplat_bus::{Bus, BusConfig, MapSubscriber};
 use echosplat_driver::ListenUrl;
-use echosplat_evaluation::curve::Sample;
-use echosplat_evaluation::table;
 use echosplat_join::StampClock;
+use echosplat_metrics::curve::Sample;
 use echosplat_model::{Gaussian, Snapshot};
+use echosplat_report::table;
 use echosplat_simulator::SimulatedSonar;
 use indicatif::ProgressBar;
 

@@ -1,6 +1,6 @@
 //! The demo's results as one HTML file.
 
-use echosplat_evaluation::report::Report;
+use echosplat_report::Report;
 use serde_json::Value;
 
 use crate::commands::judging::Verdict;

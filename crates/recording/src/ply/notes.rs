@@ -1,0 +1,81 @@
+//! What a map's header says in comments.
+
+use echosplat_model::glam::DVec3;
+
+use super::{MapFile, MapFileError};
+
+/// Comments that say something to a reader of maps, and so are no free text.
+const ORIGIN: &str = "origin_m";
+const INTENSITY_UNIT: &str = "intensity_unit";
+const HELD_OUT_EVERY: &str = "held_out_every";
+
+/// Most comment lines of a header, and the most characters of one: a reader takes 64 KiB of it.
+const MOST_COMMENTS: usize = 32;
+const LONGEST_COMMENT: usize = 256;
+
+/// The header's comments.
+pub(super) fn comments(map: &MapFile) -> Vec<String> {
+    let mut comments = vec![
+        origin(map.origin_m),
+        format!("{INTENSITY_UNIT} {:?}", map.intensity_unit),
+    ];
+    if map.notes.held_out_every > 1 {
+        comments.push(format!("{HELD_OUT_EVERY} {}", map.notes.held_out_every));
+    }
+    let free = map.notes.comments.iter().take(MOST_COMMENTS);
+    comments.extend(free.filter_map(|comment| free_comment(comment)));
+    comments
+}
+
+/// The comment that says what is added to every place.
+pub(crate) fn origin(origin_m: DVec3) -> String {
+    let (x, y, z) = origin_m.into();
+    format!("{ORIGIN} {x:?} {y:?} {z:?}")
+}
+
+/// One line without control characters; `None` if it would be read as one of ours.
+fn free_comment(text: &str) -> Option<String> {
+    let words: Vec<&str> = text.split_whitespace().collect();
+    let is_own = |word: &&str| [ORIGIN, INTENSITY_UNIT, HELD_OUT_EVERY].contains(word);
+    let is_own = words.first().is_some_and(is_own);
+    let line = words.join(" ");
+    let shown = line.chars().filter(|c| !c.is_control());
+    (!is_own && !words.is_empty()).then(|| shown.take(LONGEST_COMMENT).collect())
+}
+
+/// A map without Gaussians that says what the comments do.
+pub(super) fn read(comments: &[String]) -> Result<MapFile, MapFileError> {
+    let mut map = MapFile::default();
+    for comment in comments {
+        match comment.split_whitespace().collect::<Vec<_>>()[..] {
+            [ORIGIN, x, y, z] => map.origin_m = place(x, y, z)?,
+            [INTENSITY_UNIT, unit] => map.intensity_unit = positive(unit)?,
+            [HELD_OUT_EVERY, every] => map.notes.held_out_every = every_nth(every)?,
+            _ => {}
+        }
+    }
+    Ok(map)
+}
+
+fn place(x: &str, y: &str, z: &str) -> Result<DVec3, MapFileError> {
+    let number = |text: &str| text.parse().unwrap_or(f64::NAN);
+    let origin_m = DVec3::new(number(x), number(y), number(z));
+    let wrong = "`comment origin_m` needs three finite numbers";
+    origin_m
+        .is_finite()
+        .then_some(origin_m)
+        .ok_or(MapFileError::Comment(wrong))
+}
+
+fn positive(unit: &str) -> Result<f32, MapFileError> {
+    let unit: f32 = unit.parse().unwrap_or(f32::NAN);
+    let is_unit = unit > 0.0 && unit.is_finite();
+    let wrong = "`comment intensity_unit` needs a positive number";
+    is_unit.then_some(unit).ok_or(MapFileError::Comment(wrong))
+}
+
+fn every_nth(every: &str) -> Result<u64, MapFileError> {
+    let every = every.parse().ok().filter(|every| *every >= 2);
+    let wrong = "`comment held_out_every` needs a whole number of 2 or more";
+    every.ok_or(MapFileError::Comment(wrong))
+}

@@ -1,0 +1,393 @@
+//! What measurements look like: tables for a terminal, and one HTML file that says how a run went, with
+//! curves, tables, and the map beside the truth.
+//!
+//! Self-contained: no script, no font, no picture and no address of another host, so that it can be
+//! mailed and opened at sea. Deliberately absent: files, and what figures mean or must reach.
+
+mod chart;
+mod picture;
+mod sonar_image;
+pub mod table;
+
+use std::fmt::Write;
+
+pub use picture::Picture;
+pub use sonar_image::{Column, Panel, SonarImage};
+
+use chart::{Axis, Chart, Line};
+use echosplat_metrics::Metrics;
+use echosplat_metrics::curve::{Band, Curve, Spread, bands};
+
+const STYLE: &str = include_str!("style.css");
+
+/// Rows of named values.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Table {
+    /// What it shows.
+    pub title: String,
+    /// Names of the columns.
+    pub columns: Vec<String>,
+    /// Cells; the first of a row names it.
+    pub rows: Vec<Vec<String>>,
+    /// Said below it.
+    pub note: String,
+}
+
+/// A cell that says this is drawn as what went wrong.
+pub const FAILED: &str = "failed";
+
+/// A cell longer than this is read as words rather than compared as a value.
+const WORDS_BYTES: usize = 48;
+
+/// Numbers over a number, on logarithmic axes; what has no logarithm is left out.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Plot {
+    /// What is along, with its unit.
+    pub x_label: String,
+    /// What is up, with its unit.
+    pub y_label: String,
+    /// Whether what is along has an even axis, as decibels have.
+    pub x_is_linear: bool,
+    /// Name and points of each line.
+    pub lines: Vec<(String, Vec<(f64, f64)>)>,
+    /// Places with words beside them.
+    pub marks: Vec<Mark>,
+}
+
+/// A place in a plot that is named.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Mark {
+    /// Along and up.
+    pub at: (f64, f64),
+    /// Beside it.
+    pub text: String,
+    /// Whether a ring is drawn around it.
+    pub is_ringed: bool,
+}
+
+/// One scene, or one question.
+#[derive(Debug, Clone, Default)]
+pub struct Section {
+    /// Its heading.
+    pub title: String,
+    /// What was done, in a sentence or two.
+    pub text: String,
+    /// Runs whose error is drawn over time; those of one method become a band over their seeds.
+    pub curves: Vec<Curve>,
+    /// The final map's figures.
+    pub metrics: Option<Metrics>,
+    /// The map beside the truth.
+    pub picture: Option<Picture>,
+    /// Whatever else is worth a curve; their lines share one legend, by name.
+    pub plots: Vec<Plot>,
+    /// More tables.
+    pub tables: Vec<Table>,
+}
+
+/// The whole report.
+#[derive(Debug, Clone, Default)]
+pub struct Report {
+    /// Its heading.
+    pub title: String,
+    /// What was run: the command, or a sentence.
+    pub subtitle: String,
+    /// Figures worth reading first: name and value.
+    pub highlights: Vec<(String, String)>,
+    /// The machine, versions and whatever else a reader needs to repeat it.
+    pub machine: Vec<(String, String)>,
+    /// Seeds of all runs.
+    pub seeds: Vec<u64>,
+    /// What was left out, and other words of caution.
+    pub notes: Vec<String>,
+    /// The rest.
+    pub sections: Vec<Section>,
+}
+
+impl Report {
+    /// As one HTML document.
+    #[must_use]
+    pub fn to_html(&self) -> String {
+        let title = escape(&self.title);
+        let mut html = format!(
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+             <meta name=\"color-scheme\" content=\"light dark\">\
+             <title>{title}</title>\n<style>{STYLE}</style></head>\n<body><main>\n\
+             <header><h1>{title}</h1><p>{}</p></header>\n",
+            escape(&self.subtitle)
+        );
+        html += &highlights(&self.highlights);
+        for section in &self.sections {
+            html += &section.to_html();
+        }
+        html += &self.footer();
+        html + "</main></body></html>\n"
+    }
+
+    fn footer(&self) -> String {
+        let mut html = "<section><h2>How to read this</h2>\n<ul>\n".to_owned();
+        let own = [
+            "CD is half of accuracy (mean distance map → truth) plus completeness (mean distance \
+             seen truth → map), HD the larger of the two directed maxima. Both are raw: nothing \
+             aligned, nothing cropped, no threshold of the evaluator's.",
+            "An empty map has infinite error, which no logarithmic axis can show: it is said below \
+             the curve, not drawn.",
+            "Compute time is CPU time of the mapper on the machine below and compares within this \
+             report only; counted work (Gaussian–bin pairs and voxel looks) compares across machines.",
+            "Confident but false is the share of what is asserted that is further than 0.25 m from \
+             all truth; none at all is drawn at 0.01 %.",
+        ];
+        let judges_maps = |section: &Section| {
+            section.metrics.is_some() || !section.curves.is_empty() || section.picture.is_some()
+        };
+        let own: &[&str] = match self.sections.iter().any(judges_maps) {
+            true => &own,
+            false => &[],
+        };
+        for note in own
+            .iter()
+            .copied()
+            .chain(self.notes.iter().map(String::as_str))
+        {
+            let _ = writeln!(html, "<li>{}</li>", escape(note));
+        }
+        html += "</ul>\n";
+        let mut machine = self.machine.clone();
+        if !self.seeds.is_empty() {
+            let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
+            machine.push(("seeds".into(), seeds.join(", ")));
+        }
+        html += &facts_table(&machine);
+        html + "</section>\n"
+    }
+}
+
+impl Section {
+    fn to_html(&self) -> String {
+        let mut html = format!("<section><h2>{}</h2>\n", escape(&self.title));
+        if !self.text.is_empty() {
+            let _ = writeln!(html, "<p>{}</p>", escape(&self.text));
+        }
+        html += &curves_html(&bands(&self.curves));
+        html += &plots_html(&self.plots);
+        if let Some(picture) = &self.picture {
+            html += &picture.to_html();
+        }
+        if let Some(metrics) = &self.metrics {
+            html += &facts_table(&table::facts(metrics));
+        }
+        html += &samples_html(&self.curves);
+        for table in &self.tables {
+            html += &table.to_html();
+        }
+        html + "</section>\n"
+    }
+}
+
+impl Table {
+    fn to_html(&self) -> String {
+        let mut html = format!("<h3>{}</h3>\n", escape(&self.title));
+        html += "<div class=\"wide\"><table><thead><tr>";
+        for column in &self.columns {
+            let _ = write!(html, "<th>{}</th>", escape(column));
+        }
+        html += "</tr></thead><tbody>\n";
+        for row in &self.rows {
+            html += "<tr>";
+            for (index, cell) in row.iter().enumerate() {
+                let tag = if index == 0 { "th" } else { "td" };
+                let class = match cell.as_str() {
+                    FAILED => " class=\"failed\"",
+                    long if long.len() > WORDS_BYTES => " class=\"words\"",
+                    _ => "",
+                };
+                let _ = write!(html, "<{tag}{class}>{}</{tag}>", escape(cell));
+            }
+            html += "</tr>\n";
+        }
+        html += "</tbody></table></div>\n";
+        if !self.note.is_empty() {
+            let _ = writeln!(html, "<p class=\"note\">{}</p>", escape(&self.note));
+        }
+        html
+    }
+}
+
+fn highlights(highlights: &[(String, String)]) -> String {
+    let mut html = "<dl class=\"highlights\">".to_owned();
+    for (name, value) in highlights {
+        let (name, value) = (escape(name), escape(value));
+        let _ = write!(html, "<div><dt>{name}</dt><dd>{value}</dd></div>");
+    }
+    html + "</dl>\n"
+}
+
+fn facts_table(facts: &[(String, String)]) -> String {
+    let mut html = "<div class=\"wide\"><table class=\"facts\"><tbody>\n".to_owned();
+    for (name, value) in facts {
+        let (name, value) = (escape(name), escape(value));
+        let _ = writeln!(html, "<tr><th>{name}</th><td>{value}</td></tr>");
+    }
+    html + "</tbody></table></div>\n"
+}
+
+/// Curves that are not errors over cost.
+fn plots_html(plots: &[Plot]) -> String {
+    let mut names: Vec<&str> = Vec::new();
+    for (name, _) in plots.iter().flat_map(|plot| &plot.lines) {
+        if !names.contains(&name.as_str()) {
+            names.push(name);
+        }
+    }
+    if names.is_empty() {
+        return String::new();
+    }
+    let mut html = "<ul class=\"legend\">".to_owned();
+    for (index, name) in names.iter().enumerate() {
+        let (color, name) = (index % chart::COLOR_COUNT, escape(name));
+        let _ = write!(html, "<li><i class=\"s{color}\"></i>{name}</li>");
+    }
+    html += "</ul>\n<div class=\"charts\">\n";
+    for plot in plots {
+        let chart = Chart {
+            x_label: &plot.x_label,
+            y_label: &plot.y_label,
+            x_is_linear: plot.x_is_linear,
+            lines: names.iter().map(|name| plot.line(name)).collect(),
+            marks: &plot.marks,
+        };
+        let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
+    }
+    html + "</div>\n"
+}
+
+impl Plot {
+    /// The line of this name, empty if there is none.
+    fn line(&self, name: &str) -> Line {
+        let own = self.lines.iter().filter(|line| line.0 == name);
+        let points = own.flat_map(|line| &line.1);
+        Line {
+            name: name.to_owned(),
+            points: points.map(|&(x, y)| (x, Spread::of([y]))).collect(),
+        }
+    }
+}
+
+/// The three errors over dive time, compute time and, where it was counted, work.
+fn curves_html(bands: &[Band]) -> String {
+    if bands.is_empty() {
+        return String::new();
+    }
+    let counted = bands.iter().flat_map(|b| &b.points).any(|p| p.work > 0.0);
+    let x_axes = [Axis::Compute, Axis::Dive, Axis::Work];
+    let x_axes = &x_axes[..if counted { 3 } else { 2 }];
+    let mut html = legend(bands) + "<div class=\"charts\">\n";
+    for y in [Axis::Chamfer, Axis::Hausdorff, Axis::False] {
+        for &x in x_axes {
+            let chart = Chart {
+                x_label: x.label(),
+                y_label: y.label(),
+                x_is_linear: false,
+                lines: lines(bands, x, y),
+                marks: &[],
+            };
+            let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
+        }
+    }
+    html + "</div>\n" + &not_drawn(bands)
+}
+
+fn lines(bands: &[Band], x: Axis, y: Axis) -> Vec<Line> {
+    let line = |band: &Band| Line {
+        name: band.method.clone(),
+        points: band
+            .points
+            .iter()
+            .map(|point| (x.of(point), y.spread_of(point)))
+            .collect(),
+    };
+    bands.iter().map(line).collect()
+}
+
+fn legend(bands: &[Band]) -> String {
+    let mut html = "<ul class=\"legend\">".to_owned();
+    for (index, band) in bands.iter().enumerate() {
+        let (method, count) = (escape(&band.method), band.seeds.len());
+        let runs = if count == 1 {
+            "one run".to_owned()
+        } else {
+            format!("{count} seeds")
+        };
+        let _ = write!(
+            html,
+            "<li><i class=\"s{}\"></i>{method} <small>{runs}</small></li>",
+            index % chart::COLOR_COUNT
+        );
+    }
+    let many = bands.iter().any(|band| band.seeds.len() > 1);
+    let explained = if many {
+        "<li><small>line: median; band: least to most</small></li>"
+    } else {
+        ""
+    };
+    html + explained + "</ul>\n"
+}
+
+/// What the curves cannot show: empty maps and failed runs.
+fn not_drawn(bands: &[Band]) -> String {
+    let mut html = String::new();
+    for band in bands {
+        let empty = band.points.iter().filter(|p| !p.cd_m.median.is_finite());
+        let count = empty.clone().count();
+        if count > 0 {
+            let until_s = empty.map(|p| p.dive_s).fold(0.0, f64::max);
+            let _ = writeln!(
+                html,
+                "<p class=\"note\">{}: {count} of {} samples (up to {until_s:.0} s of the dive) have \
+                 an empty map, infinite error, not drawn.</p>",
+                escape(&band.method),
+                band.points.len()
+            );
+        }
+        for (seed, reason) in &band.failures {
+            let (method, reason) = (escape(&band.method), escape(reason));
+            let _ = writeln!(
+                html,
+                "<p class=\"note failed\">{method}, seed {seed}: failed: {reason}</p>"
+            );
+        }
+    }
+    html
+}
+
+/// The samples of each run as a table to be opened.
+fn samples_html(curves: &[Curve]) -> String {
+    let mut html = String::new();
+    for curve in curves.iter().filter(|curve| !curve.samples.is_empty()) {
+        let (method, seed) = (escape(&curve.method), curve.seed);
+        let text = escape(&table::curve(curve));
+        let _ = writeln!(
+            html,
+            "<details><summary>{method}, seed {seed}: samples</summary><pre>{text}</pre></details>"
+        );
+    }
+    html
+}
+
+pub(crate) fn escape(text: &str) -> String {
+    let mut escaped = String::with_capacity(text.len());
+    for c in text.chars() {
+        match c {
+            '&' => escaped += "&amp;",
+            '<' => escaped += "&lt;",
+            '>' => escaped += "&gt;",
+            '"' => escaped += "&quot;",
+            c if c.is_control() && c != '\n' => escaped.push(' '),
+            c => escaped.push(c),
+        }
+    }
+    escaped
+}
+
+#[cfg(test)]
+mod tests;

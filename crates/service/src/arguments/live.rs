@@ -1,0 +1,180 @@
+//! Of the commands that map, and of those that look at what is there.
+
+use std::path::PathBuf;
+
+use clap::Args;
+use echosplat_pose::PoseUrl;
+
+use super::dives::DiveArguments;
+use super::values::{finite, key_and_value, not_negative, positive};
+use crate::recorder::RecordFormat;
+
+const SONAR_HELP: &str = "The sonar: tcp://HOST:PORT, udp://HOST:PORT, \
+     serial:///DEVICE?baudrate=N, sim://SCENE or file://LOG.svlog";
+const POSE_HELP: &str = "The poses: zenoh://[KEY], mavlink+udp://HOST:PORT[?out], \
+     mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
+     dvl://HOST, log://, tum://POSES.tum or none";
+const PLACE_HELP: &str = "Try only there: tcp://HOST:PORT, udp://HOST:PORT or \
+     serial:///DEVICE?baudrate=N; repeatable";
+const WEB_HELP: &str = "Serves the live page there: HOST:PORT, or a PORT of this machine alone, \
+     like 8080; 0.0.0.0:8080 for other machines too";
+
+/// What `run`, `replay` and `demo` share; each overrides its configuration key.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct ServiceArguments {
+    /// Configuration file; `echosplat config` prints one
+    #[arg(long, value_name = "FILE")]
+    pub(crate) config: Option<PathBuf>,
+    /// Where the map is written on exit; ambiguous Gaussians go beside it
+    #[arg(long, value_name = "OUT.ply")]
+    pub(crate) map: Option<PathBuf>,
+    /// Keeps the map as it is every so many seconds of the dive too, as DIR/0120.ply
+    #[arg(long, num_args = 2, value_names = ["SECONDS", "DIR"])]
+    pub(crate) maps_every: Option<Vec<String>>,
+    /// Directory for recordings of all that is received
+    #[arg(long, value_name = "DIR")]
+    pub(crate) record: Option<PathBuf>,
+    /// What recordings are written as
+    #[arg(long, value_name = "FORMAT", value_enum)]
+    pub(crate) record_format: Option<RecordFormat>,
+    /// Judge the final map against this: a scene, a mesh, points or a simulated dive
+    #[arg(long, value_name = "TRUTH")]
+    pub(crate) truth: Option<PathBuf>,
+    /// Stop after this many seconds of the pings' clock
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+    /// Threads of the mapper; 0 takes one per processor
+    #[arg(long, value_name = "N")]
+    pub(crate) threads: Option<usize>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N")]
+    pub(crate) seed: Option<u64>,
+    /// Leave every Nth ping out of the map, for `evaluate --held-out`; 0 leaves out none
+    #[arg(long = "hold-out", alias = "hold-back", value_name = "N")]
+    pub(crate) hold_back: Option<u64>,
+    #[arg(long, value_name = "ADDRESS", help = WEB_HELP)]
+    pub(crate) web: Option<String>,
+    #[command(flatten)]
+    pub(crate) bus: BusArguments,
+}
+
+/// How to reach other programs.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct BusArguments {
+    /// First part of every key
+    #[arg(long, value_name = "NAME")]
+    pub(crate) prefix: Option<String>,
+    /// The vehicle's name, second part of every key
+    #[arg(long, value_name = "NAME")]
+    pub(crate) node: Option<String>,
+    /// zenoh configuration file in place of the safe default
+    #[arg(long, value_name = "FILE")]
+    pub(crate) zenoh_config: Option<PathBuf>,
+    /// One zenoh setting, as key=json5; repeatable
+    #[arg(long, value_name = "KEY=JSON5", value_parser = key_and_value)]
+    pub(crate) zenoh: Vec<(String, String)>,
+}
+
+#[derive(Debug, Args)]
+pub struct RunArguments {
+    #[command(flatten)]
+    pub(crate) service: ServiceArguments,
+    #[arg(long, value_name = "URL", help = SONAR_HELP)]
+    pub(crate) sonar: Option<String>,
+    #[arg(long, value_name = "URL", help = POSE_HELP)]
+    pub(crate) pose: Option<PoseUrl>,
+    /// Added to the pings' times before poses are looked up
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) time_offset_s: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+pub struct ReplayArguments {
+    #[command(flatten)]
+    pub(crate) service: ServiceArguments,
+    /// Logs (.svlog), one after another, or the recordings (.mcap) of one dive in their order
+    #[arg(value_name = "LOG", required = true)]
+    pub(crate) logs: Vec<PathBuf>,
+    /// Poses as a TUM file; without, those that the log holds
+    #[arg(long, value_name = "F.tum", conflicts_with = "pose")]
+    pub(crate) poses: Option<PathBuf>,
+    #[arg(long, value_name = "URL", help = POSE_HELP)]
+    pub(crate) pose: Option<PoseUrl>,
+    /// Added to the pings' times before poses are looked up
+    #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) time_offset_s: Option<f64>,
+    /// Times real time; 0 is as fast as possible
+    #[arg(long, value_name = "FACTOR", default_value_t = 0.0, value_parser = not_negative)]
+    pub(crate) rate: f64,
+    /// Leave out what is earlier, in seconds of the log
+    #[arg(long, value_name = "SECONDS", value_parser = not_negative)]
+    pub(crate) start: Option<f64>,
+    /// Leave out what is later, in seconds of the log
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) end: Option<f64>,
+    /// Begin again at the end, with an empty map, until told to stop
+    #[arg(long = "loop")]
+    pub(crate) repeat: bool,
+    /// Publish as a live service does, under the node `replay` unless --node names another
+    #[arg(long)]
+    pub(crate) publish: bool,
+    /// The default; kept for scripts
+    #[arg(long, hide = true, conflicts_with = "publish")]
+    pub(crate) no_publish: bool,
+    /// Where the report goes, error against time as HTML; beside --map without
+    #[arg(long, value_name = "OUT.html")]
+    pub(crate) report: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct DemoArguments {
+    /// Where map and report go
+    #[arg(long, value_name = "DIR", default_value = "out/demo")]
+    pub(crate) out: PathBuf,
+    /// Only so many seconds of the dive
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+    /// Threads of the mapper; 0 takes one per processor
+    #[arg(long, value_name = "N")]
+    pub(crate) threads: Option<usize>,
+    /// Leave every Nth ping out of the map; 0 leaves out none
+    #[arg(long = "hold-out", alias = "hold-back", value_name = "N")]
+    pub(crate) hold_back: Option<u64>,
+    #[arg(long, value_name = "ADDRESS", help = WEB_HELP)]
+    pub(crate) web: Option<String>,
+    #[command(flatten)]
+    pub(crate) dive: DiveArguments,
+}
+
+#[derive(Debug, Args)]
+pub struct ProbeArguments {
+    /// Seconds for all places together, tried side by side
+    #[arg(long, value_name = "SECONDS", default_value_t = 5.0, value_parser = positive)]
+    pub(crate) timeout: f64,
+    #[arg(long, value_name = "URL", help = PLACE_HELP)]
+    pub(crate) sonar: Vec<String>,
+    /// Where the call to all units goes; 255.255.255.255:30303 without --sonar
+    #[arg(long, value_name = "ADDRESS:PORT")]
+    pub(crate) discovery: Option<String>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
+}
+
+#[derive(Debug, Args)]
+pub struct WatchArguments {
+    /// Where the map is written on exit; ambiguous Gaussians go beside it
+    #[arg(long, value_name = "OUT.ply")]
+    pub(crate) map: Option<PathBuf>,
+    /// End when the service has published its final map or is gone
+    #[arg(long)]
+    pub(crate) until_final: bool,
+    /// End after this many seconds
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) duration: Option<f64>,
+    #[command(flatten)]
+    pub(crate) bus: BusArguments,
+}

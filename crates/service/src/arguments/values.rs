@@ -1,0 +1,62 @@
+//! What a value on the command line must be.
+
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+use echosplat_simulator::{DiveKind, NoiseLevel};
+
+pub(super) fn dive_kind() -> impl TypedValueParser<Value = DiveKind> {
+    PossibleValuesParser::new(DiveKind::ALL.map(DiveKind::as_str))
+        .try_map(|name| name.parse::<DiveKind>())
+}
+
+pub(super) fn noise_level() -> impl TypedValueParser<Value = NoiseLevel> {
+    PossibleValuesParser::new(NoiseLevel::ALL.map(NoiseLevel::as_str))
+        .try_map(|name| name.parse::<NoiseLevel>())
+}
+
+fn number(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .map_err(|_| "it must be a number".to_owned())
+}
+
+pub(super) fn finite(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    match value.is_finite() {
+        true => Ok(value),
+        false => Err("it must be finite".to_owned()),
+    }
+}
+
+pub(super) fn not_negative(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    match value >= 0.0 {
+        true => Ok(value),
+        false => Err("it must be 0 or more".to_owned()),
+    }
+}
+
+/// A number of more than 0.
+///
+/// # Errors
+/// If it is none.
+pub fn positive(text: &str) -> Result<f64, String> {
+    let value = finite(text)?;
+    match value > 0.0 {
+        true => Ok(value),
+        false => Err("it must be more than 0".to_owned()),
+    }
+}
+
+pub(super) fn sweep(text: &str) -> Result<f64, String> {
+    let value = positive(text)?;
+    match value <= 360.0 {
+        true => Ok(value),
+        false => Err("it must be at most 360".to_owned()),
+    }
+}
+
+pub(super) fn key_and_value(text: &str) -> Result<(String, String), String> {
+    match text.split_once('=') {
+        Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
+        _ => Err("it must read key=json5, as in connect/endpoints=[\"tcp/10.0.0.2:7447\"]".into()),
+    }
+}

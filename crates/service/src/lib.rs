@@ -1,0 +1,27 @@
+//! The commands of the program `echosplat`, and what they are made of: configuration, wiring, shutdown.
+//!
+//! It knows all other parts of the product. It deliberately holds no mathematics, no protocol and no
+//! file format of its own, and no bench: the program adds those. What is public here is what the
+//! program and the benches use.
+
+pub mod arguments;
+pub mod clock;
+pub mod commands;
+pub mod config;
+pub mod dives;
+pub mod exit;
+mod files;
+mod inputs;
+pub mod logging;
+mod logs;
+pub mod maps;
+pub mod pipeline;
+pub mod processor;
+mod recorder;
+mod replayed;
+mod rig;
+mod scene_files;
+pub mod signals;
+mod supervisor;
+pub mod truth;
+mod web;
