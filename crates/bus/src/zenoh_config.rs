@@ -55,7 +55,10 @@ impl Plan {
             insert(&mut plan, key, value)?;
         }
         apply_what_must_hold(&mut plan, config)?;
-        let endpoints = endpoints::effective(|key| setting(&plan, key));
+        let mut endpoints = endpoints::effective(|key| setting(&plan, key));
+        if config.ros_domain_id.is_some() {
+            endpoints.warn_of_nodes_out_of_reach(|key| setting(&plan, key));
+        }
         endpoints::check_kinds(&endpoints)?;
         Ok(Self {
             endpoints,
