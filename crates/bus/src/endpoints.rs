@@ -70,8 +70,8 @@ impl Endpoints {
     /// A warning if nodes of ROS 2 would not be found: each talks to the others without a router
     /// between, and learns by gossip where they are.
     pub(crate) fn warn_of_nodes_out_of_reach(&mut self, setting: impl Fn(&str) -> Value) {
-        let is_peer =
-            setting("mode") != Value::from("client") && setting("mode") != Value::from("router");
+        let mode = setting("mode");
+        let is_peer = mode != "client" && mode != "router";
         if is_peer && setting("scouting/gossip/enabled") == Value::Bool(false) {
             self.warnings.push(
                 "bus.ros_domain_id is set, but nodes of ROS 2 behind its router are not found \
