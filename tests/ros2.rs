@@ -8,7 +8,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::time::{Duration, Instant};
 
 use echosplat_ros::rmw_zenoh::{Attachment, EndpointKind, Gid, Node, ODOMETRY, Topic};
-use echosplat_ros::{CdrReader, Header, odometry};
+use echosplat_ros::{CdrError, CdrReader, Header, odometry};
 use serde_json::Value;
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -64,7 +64,8 @@ fn node_session(router_port: u16) -> zenoh::Session {
 /// A configuration for ROS, and the arguments by which the service finds its nodes.
 fn for_ros(folder: &tempfile::TempDir, router_port: u16) -> Vec<String> {
     let path = folder.path().join("ros.toml");
-    fs::write(&path, format!("[bus]\nros_domain_id = {DOMAIN}\n")).unwrap();
+    let text = format!("[bus]\nros_domain_id = {DOMAIN}\n");
+    fs::write(&path, text).expect("the folder is writable");
     let manifest = PathBuf::from(env!("CARGO_MANIFEST_DIR"));
     let zenoh = manifest.join("../../config/zenoh-ros2.json5");
     let connect = format!("connect/endpoints=[\"tcp/127.0.0.1:{router_port}\"]");
@@ -116,30 +117,30 @@ fn is_of(sample: &Sample, topic: &str) -> bool {
 }
 
 /// Width of a cloud of x, y, z, intensity and sigma, and the largest sigma.
-fn width_and_sigma(sample: &Sample) -> (u64, f32) {
+fn width_and_sigma(sample: &Sample) -> Result<(u64, f32), CdrError> {
     let bytes = sample.payload().to_bytes();
-    let mut reader = CdrReader::new(&bytes).unwrap();
-    Header::read(&mut reader).unwrap();
-    let [_height, width, fields] =
-        ["height", "width", "fields"].map(|name| reader.u32(name).unwrap());
+    let mut reader = CdrReader::new(&bytes)?;
+    Header::read(&mut reader)?;
+    reader.u32("height")?;
+    let (width, fields) = (reader.u32("width")?, reader.u32("fields")?);
     let mut names = Vec::new();
     for _ in 0..fields {
-        names.push(reader.string("name", 63).unwrap().to_owned());
-        reader.u32("offset").unwrap();
-        reader.u8("datatype").unwrap();
-        reader.u32("count").unwrap();
+        names.push(reader.string("name", 63)?.to_owned());
+        reader.u32("offset")?;
+        reader.u8("datatype")?;
+        reader.u32("count")?;
     }
     assert_eq!(names, ["x", "y", "z", "intensity", "sigma"]);
-    reader.u8("is_bigendian").unwrap();
-    reader.u32("point_step").unwrap();
-    reader.u32("row_step").unwrap();
-    let count = reader.count("data", bytes.len()).unwrap();
-    let data = reader.bytes("data", count).unwrap();
+    reader.u8("is_bigendian")?;
+    reader.u32("point_step")?;
+    reader.u32("row_step")?;
+    let count = reader.count("data", bytes.len())?;
+    let data = reader.bytes("data", count)?;
     assert_eq!(count, width as usize * 20);
     let sigmas = data
         .chunks_exact(20)
-        .map(|point| f32::from_le_bytes(*point[16..].first_chunk().unwrap()));
-    (u64::from(width), sigmas.fold(0.0, f32::max))
+        .map(|point| f32::from_le_bytes(*point[16..].first_chunk().expect("20 bytes")));
+    Ok((u64::from(width), sigmas.fold(0.0, f32::max)))
 }
 
 #[test]
@@ -163,7 +164,7 @@ fn the_cloud_that_nodes_hear_is_what_the_map_asserts() {
 
     let clouds: Vec<Sample> = samples.try_iter().collect();
     let asserted = service.only_json()["gaussians"].as_u64();
-    let (width, sigma_m) = width_and_sigma(clouds.last().expect("a cloud"));
+    let (width, sigma_m) = width_and_sigma(clouds.last().expect("a cloud")).unwrap();
     assert!(width > 0 && Some(width) == asserted, "{width} {asserted:?}");
     assert!(sigma_m > 0.001 && sigma_m < 10.0, "{sigma_m}");
     let token = published.iter().find(|token| token.contains("%points/"));

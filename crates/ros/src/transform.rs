@@ -59,8 +59,8 @@ mod tests {
                 (1_500_000_000, frame_id)
             );
             assert_eq!(reader.string("child", 255)?, child);
-            assert_eq!(reader.f64s("translation")?, [x, 2.0, 3.0]);
-            assert_eq!(reader.f64s("rotation")?, [0.5, -0.5, 0.5, 0.5]);
+            assert_eq!(reader.f64s("translation"), Ok([x, 2.0, 3.0]));
+            assert_eq!(reader.f64s("rotation"), Ok([0.5, -0.5, 0.5, 0.5]));
         }
         reader.finish()
     }
