@@ -274,7 +274,7 @@ fn nodes_of_the_sdk_discover_and_decode_map_odometry_and_frames() {
     let (router_port, domain) = (port.to_string(), DOMAIN.to_string());
     let where_ = ["--router", &router_port, "--domain", &domain];
     let mut node = ros2_node(&[&["hear"][..], &where_, &["/echosplat/replay"]].concat());
-    let mut arguments = replay(&["--rate", "3", "--publish", "--json"]);
+    let mut arguments = replay(&["--rate", "2", "--publish", "--json"]);
     arguments.extend(for_ros(&folder, port));
     let mut service = Program::echosplat(&arguments);
     service.wait_exit_code(0, LONG);
@@ -285,11 +285,15 @@ fn nodes_of_the_sdk_discover_and_decode_map_odometry_and_frames() {
     });
 
     let topic = |leaf: &str| said(&node, &format!("/echosplat/replay/{leaf}"));
-    for leaf in ["points", "odometry"] {
+    for (leaf, kind) in [
+        ("points", "sensor_msgs/msg/PointCloud2"),
+        ("odometry", "nav_msgs/msg/Odometry"),
+    ] {
         let [info] = &topic(leaf)[..] else {
             panic!("{leaf}\n{}", node.account())
         };
         assert_eq!(info["node"], "echosplat", "{info}");
+        assert_eq!(info["types"], serde_json::json!([kind]), "{info}");
         assert_eq!(info["namespace"], "/echosplat/replay", "{info}");
         assert_eq!(info["qos"], "::,10:,:,:,,", "{info}");
     }

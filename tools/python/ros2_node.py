@@ -3,9 +3,10 @@
     python ros2_node.py hear --router 7447 --domain 0 /echosplat/vehicle
     python ros2_node.py steer --router 7447 --domain 0 /rov/odom dive.tum
 
-`hear` waits for a vehicle's topics to be discovered, takes points, odometry and transforms, and
-prints a JSON line for each message until it is interrupted. `steer` sends a TUM file's poses as
-`nav_msgs/msg/Odometry` in step with their times, stamped as if the first were sent now.
+`hear` takes a vehicle's points, odometry and transforms, and prints a JSON line for each message,
+and one for each topic once its publisher is discovered, until it is interrupted. `steer` sends a
+TUM file's poses as `nav_msgs/msg/Odometry` in step with their times, stamped as if the first were
+sent now.
 
 The router is a port of this machine. Definitions of messages come from rosbags.
 """
@@ -78,25 +79,21 @@ def on_transforms(message):
 
 
 def hear(options, where):
-    def topics():
-        found = dict(get_topic_names_and_types(timeout=0.3, **where))
-        own = options.topic.rstrip("/")
-        wanted = {f"{own}/points": CLOUD, f"{own}/odometry": ODOMETRY, "/tf": TRANSFORMS}
-        return wanted if all(found.get(name) == [kind] for name, kind in wanted.items()) else None
-
-    wanted, deadline = None, time.monotonic() + PATIENCE_S
-    while not (wanted := topics()):
-        if time.monotonic() > deadline:
-            sys.exit(f"no topics of {options.topic}: {get_topic_names_and_types(**where)}")
-    takers = [on_cloud, on_odometry, on_transforms]
-    subscribers = [ROS2Subscriber(name, kind, taker, **where)
-                   for (name, kind), taker in zip(wanted.items(), takers)]
-    for (name, _), subscriber in zip(wanted.items(), subscribers):
-        info = get_topic_info(name, timeout=0.3, verbose=True, **where)
+    own = options.topic.rstrip("/")
+    takers = {f"{own}/points": (CLOUD, on_cloud), f"{own}/odometry": (ODOMETRY, on_odometry),
+              "/tf": (TRANSFORMS, on_transforms)}
+    subscribers = {name: ROS2Subscriber(name, kind, taker, **where)
+                   for name, (kind, taker) in takers.items()}
+    deadline = time.monotonic() + PATIENCE_S
+    for name, subscriber in subscribers.items():
+        # An answer may be late or not whole yet.
+        while not (info := get_topic_info(name, verbose=True, **where)) or not info.publishers:
+            if time.monotonic() > deadline:
+                sys.exit(f"nobody publishes {name}: {get_topic_names_and_types(**where)}")
         [publisher] = info.publishers
         assert publisher.type_hash == subscriber.type_hash, (publisher, subscriber.type_hash)
-        say(topic=name, node=publisher.node_name, namespace=publisher.node_namespace,
-            qos=publisher.qos)
+        say(topic=name, types=info.topic_types, node=publisher.node_name,
+            namespace=publisher.node_namespace, qos=publisher.qos)
     while True:
         time.sleep(1.0)
 
