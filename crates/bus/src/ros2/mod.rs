@@ -101,10 +101,11 @@ impl RosPublisher {
 
     /// Hands a newer map over; never waits.
     pub fn offer(&self, map: Arc<Snapshot>) {
-        let replaced = lock(&self.shared.orders).map.replace(map);
-        // A whole map may go with it: not while the lock is held.
-        drop(replaced);
-        self.shared.ordered.notify_all();
+        // A whole map may go with the one before: not while the lock is held.
+        let before = lock(&self.shared.orders).map.replace(map);
+        if before.is_none() {
+            self.shared.ordered.notify_all();
+        }
     }
 
     /// Hands over where the sonar was at a ping; never waits.
@@ -115,8 +116,10 @@ impl RosPublisher {
             uncertainty: posed.uncertainty,
             epoch: 0,
         };
-        lock(&self.shared.orders).vehicle = Some(vehicle);
-        self.shared.ordered.notify_all();
+        // The thread waits for the first; then it comes back by itself.
+        if lock(&self.shared.orders).vehicle.replace(vehicle).is_none() {
+            self.shared.ordered.notify_all();
+        }
     }
 
     /// Puts the newest of all on the topics now. Says whether that was done within `limit`.
