@@ -25,6 +25,7 @@ mod python_tools;
 mod recording;
 mod render;
 mod replay;
+mod ros2;
 mod serial_line;
 mod supervision;
 mod watch;

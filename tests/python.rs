@@ -32,6 +32,17 @@ pub(crate) fn python<A: AsRef<str>>(before: &[&str], arguments: &[A]) -> Command
 pub(crate) fn reader(script: &str, arguments: &[&str]) -> Program {
     static INTERPRETER: OnceLock<PathBuf> = OnceLock::new();
     let interpreter = INTERPRETER.get_or_init(|| environment("requirements-readers.txt"));
+    script_of(interpreter, script, arguments)
+}
+
+/// A node of ROS 2; what it needs is apart too.
+pub(crate) fn ros2_node(arguments: &[&str]) -> Program {
+    static INTERPRETER: OnceLock<PathBuf> = OnceLock::new();
+    let interpreter = INTERPRETER.get_or_init(|| environment("requirements-ros2.txt"));
+    script_of(interpreter, "ros2_node.py", arguments)
+}
+
+fn script_of(interpreter: &Path, script: &str, arguments: &[&str]) -> Program {
     let mut command = Command::new(interpreter);
     command
         .arg(script)

@@ -85,8 +85,9 @@ impl Drilled {
     fn start(drill: &str, more: &[&str]) -> Self {
         let folder = tempfile::tempdir().expect("a folder can be made");
         let path = |name: &str| folder.path().join(name).display().to_string();
-        let limit = format!("[pipeline]\nhang_limit_s = {HANG_LIMIT_S:?}\n");
-        fs::write(path("my.toml"), limit).expect("the folder is writable");
+        let settings =
+            format!("[bus]\nros_domain_id = 0\n[pipeline]\nhang_limit_s = {HANG_LIMIT_S:?}\n");
+        fs::write(path("my.toml"), settings).expect("the folder is writable");
         let systemd = Systemd::listening(&folder.path().join("notify"));
         let sonar = FakeSonar::start(|i| profile(i, |_| {}));
         let (port, url) = (free_port(), sonar.url());
@@ -223,6 +224,8 @@ fn what_only_publishes_costs_the_map_nothing() {
         "bus-map:hang",
         "bus-pings:panic",
         "bus-pings:hang",
+        "bus-ros:panic",
+        "bus-ros:hang",
     ];
     for drill in drills.into_iter().chain(["recorder-sync:panic"]) {
         let mut drilled = Drilled::start(drill, &[]);

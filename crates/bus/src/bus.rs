@@ -8,7 +8,7 @@ use std::time::Duration;
 use bytes::Bytes;
 use crossbeam_channel::{Sender, TrySendError, bounded};
 use echosplat_liveness::Heartbeat;
-use echosplat_model::{StampedPose, Timestamp};
+use echosplat_model::{Pose, StampedPose, Timestamp};
 use serde::Serialize;
 use zenoh::Wait;
 use zenoh::bytes::Encoding;
@@ -20,6 +20,7 @@ use crate::endpoints::{self, Endpoints};
 use crate::keys::Keys;
 use crate::listening::{self, Tried};
 use crate::publisher::MapPublisher;
+use crate::ros2::{self, NodeSlot, RosPublisher};
 use crate::streams::{
     MAX_STATUS_BYTES, MessageSubscription, PingSubscription, PoseSubscription, StatusSubscription,
 };
@@ -29,7 +30,7 @@ use crate::zenoh_config::Plan;
 use crate::{BusConfig, BusError, pose_message};
 
 /// Name of the vehicle's frame in published poses (REP 105).
-const VEHICLE_FRAME_ID: &str = "base_link";
+pub(crate) const VEHICLE_FRAME_ID: &str = "base_link";
 
 /// An open session. Publishers and subscribers made from it keep it open until they are gone or
 /// [`Bus::close`] is called.
@@ -75,6 +76,7 @@ pub(crate) struct Link {
     pub(crate) keys: Keys,
     pub(crate) config: BusConfig,
     pub(crate) taps: TapBoard,
+    pub(crate) ros: NodeSlot,
 }
 
 #[derive(Debug)]
@@ -111,6 +113,7 @@ impl Bus {
             keys,
             config,
             taps: TapBoard::default(),
+            ros: NodeSlot::default(),
         });
         let tally = Arc::new(Tally::default());
         let ping_heartbeat = Heartbeat::new("bus-pings");
@@ -282,6 +285,17 @@ impl Bus {
         MapPublisher::start(&self.link)
     }
 
+    /// Starts to publish map, odometry and transforms for ROS 2, if a domain of it is configured;
+    /// `vehicle_from_sensor` is where the sonar sits.
+    ///
+    /// # Errors
+    /// If zenoh refuses, or no thread can be started.
+    pub fn publish_ros(&self, vehicle_from_sensor: Pose) -> Result<Option<RosPublisher>, BusError> {
+        let is_asked = self.link.config.ros_domain_id.is_some();
+        let publisher = is_asked.then(|| RosPublisher::start(&self.link, vehicle_from_sensor));
+        publisher.transpose()
+    }
+
     /// Starts to follow the map of this prefix and node.
     ///
     /// # Errors
@@ -295,7 +309,7 @@ impl Bus {
     /// # Errors
     /// If zenoh refuses.
     pub fn subscribe_poses(&self) -> Result<PoseSubscription, BusError> {
-        PoseSubscription::start(&self.link, &self.link.keys.pose())
+        PoseSubscription::start(&self.link, &self.link.keys.pose(), None)
     }
 
     /// Starts to take poses from a key of another program.
@@ -303,7 +317,16 @@ impl Bus {
     /// # Errors
     /// If zenoh refuses, for example a text that is no key.
     pub fn subscribe_poses_on(&self, key: &str) -> Result<PoseSubscription, BusError> {
-        PoseSubscription::start(&self.link, key)
+        PoseSubscription::start(&self.link, key, None)
+    }
+
+    /// Starts to take poses from a topic of ROS 2, `nav_msgs/msg/Odometry`.
+    ///
+    /// # Errors
+    /// If no domain of ROS is configured, it is no topic that poses can come from, or zenoh refuses.
+    pub fn subscribe_odometry_of_ros(&self, topic: &str) -> Result<PoseSubscription, BusError> {
+        let (key, token) = ros2::odometry_of(&self.link, topic)?;
+        PoseSubscription::start(&self.link, &key, Some(token))
     }
 
     /// Starts to take the messages of other programs on `keys`, which may be patterns.

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::BusError;
 use crate::keys::Keys;
+use crate::ros2;
 
 /// Name of the vehicle unless one is configured.
 pub const DEFAULT_NODE: &str = "vehicle";
@@ -14,6 +15,9 @@ pub const DEFAULT_NODE: &str = "vehicle";
 /// Bytes of the longest name of the poses' frame: room is kept for that of the map's own frame.
 const MAX_FRAME_ID_BYTES: usize =
     crate::ros::MAX_FRAME_ID_BYTES - crate::map_frame::LOCAL_SUFFIX.len();
+
+/// Largest number that ROS 2 takes for a domain.
+const MAX_ROS_DOMAIN_ID: u32 = 232;
 
 /// Configuration of the bus; [`BusConfig::check`] says what each key may hold.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -32,6 +36,12 @@ pub struct BusConfig {
     /// Name of the poses' frame; a map whose origin is not that of the poses has its own, with
     /// `_local` behind this.
     pub frame_id: String,
+    /// `ROS_DOMAIN_ID` of the ROS 2 nodes that map, odometry and transforms are published for, and
+    /// that poses may come from; without one, none.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub ros_domain_id: Option<u32>,
+    /// Whether transforms are published for ROS; off where others say where the vehicle is.
+    pub ros_tf: bool,
     /// Most bytes of one map message, payload and attachment.
     pub max_message_bytes: usize,
     /// Largest message that is received.
@@ -66,6 +76,8 @@ impl Default for BusConfig {
             zenoh_config_file: None,
             zenoh: Vec::new(),
             frame_id: "map".to_owned(),
+            ros_domain_id: None,
+            ros_tf: true,
             // One zenoh batch of 65,535 bytes holds it, so that it goes or is lost as one.
             max_message_bytes: 64_000,
             max_received_bytes: 1 << 20,
@@ -89,6 +101,7 @@ impl BusConfig {
     /// Names the first key out of range and what it may hold.
     pub fn check(&self) -> Result<(), BusError> {
         Keys::new(&self.prefix, &self.node)?;
+        self.check_ros()?;
         let count = |key, found: usize, low: usize, high: usize, allowed| {
             within(
                 key,
@@ -196,6 +209,22 @@ impl BusConfig {
         )
     }
 
+    /// # Errors
+    /// If ROS has no such domain, or takes no name made of prefix and node.
+    fn check_ros(&self) -> Result<(), BusError> {
+        let Some(domain_id) = self.ros_domain_id else {
+            return Ok(());
+        };
+        let is_domain = domain_id <= MAX_ROS_DOMAIN_ID;
+        within(
+            "ros_domain_id",
+            domain_id.to_string(),
+            is_domain,
+            "0 to 232",
+        )?;
+        ros2::check(self)
+    }
+
     /// The same under a node of its own, unless a node was named: for what is not the vehicle's live
     /// service (`replay`, `demo`), so that it can run beside that on one bus without either's poses
     /// and maps getting into the other's.
@@ -261,5 +290,29 @@ mod tests {
         assert!(refusal(&|c| c.max_message_bytes = 1 << 30).contains("4096 to 262144"));
         assert!(refusal(&|c| c.frame_id = "m".repeat(250)).contains("frame_id"));
         assert!(refusal(&|c| c.node = "a/b".to_owned()).contains("node"));
+        assert!(refusal(&|c| c.ros_domain_id = Some(233)).contains("0 to 232"));
+    }
+
+    #[test]
+    fn names_that_ros_does_not_take_are_refused_where_ros_is_asked_for() {
+        let named = |prefix: &str, node: &str, ros_domain_id| BusConfig {
+            prefix: prefix.to_owned(),
+            node: node.to_owned(),
+            ros_domain_id,
+            ..BusConfig::default()
+        };
+        for (prefix, node, key) in [
+            ("echosplat", "450", "bus.node"),
+            ("9/a", "rov", "bus.prefix"),
+        ] {
+            assert!(named(prefix, node, None).check().is_ok());
+            let refused = named(prefix, node, Some(0))
+                .check()
+                .unwrap_err()
+                .to_string();
+            assert!(refused.starts_with(key), "{refused}");
+            assert!(refused.contains("letter"), "{refused}");
+        }
+        assert!(named("sea", "rov-1", Some(232)).check().is_ok());
     }
 }

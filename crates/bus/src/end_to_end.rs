@@ -4,6 +4,7 @@ mod epochs;
 mod frames;
 mod frozen;
 mod guarded;
+mod ros;
 mod services;
 
 use std::net::TcpListener;

@@ -7,7 +7,10 @@ use serde_json::Value;
 use crate::BusError;
 
 /// Kinds of endpoint that this program's zenoh is built with.
-const BUILT_IN: [&str; 1] = ["tcp"];
+const BUILT_IN: &[&str] = match cfg!(feature = "tls") {
+    true => &["tcp", "tls"],
+    false => &["tcp"],
+};
 
 /// Where the session connects to and listens, after everything is applied.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -62,6 +65,20 @@ impl Endpoints {
     pub(crate) fn connects_elsewhere(&self) -> Vec<&str> {
         let connect = self.connect.iter().filter(|to| !self.listen.contains(to));
         connect.map(String::as_str).collect()
+    }
+
+    /// A warning if nodes of ROS 2 would not be found: each talks to the others without a router
+    /// between, and learns by gossip where they are.
+    pub(crate) fn warn_of_nodes_out_of_reach(&mut self, setting: impl Fn(&str) -> Value) {
+        let mode = setting("mode");
+        let is_peer = mode != "client" && mode != "router";
+        if is_peer && setting("scouting/gossip/enabled") == Value::Bool(false) {
+            self.warnings.push(
+                "bus.ros_domain_id is set, but nodes of ROS 2 behind its router are not found \
+                 without gossip: use config/zenoh-ros2.json5, or set mode=\"client\""
+                    .to_owned(),
+            );
+        }
     }
 
     /// Warnings of what was asked for and did not open; a port in use by another zenoh is none,
@@ -268,7 +285,7 @@ mod tests {
         };
         assert!(of("connect/endpoints", "tcp/[::1]:7447#iface=lo").is_ok());
         for setting in ["connect/endpoints", "listen/endpoints"] {
-            for kind in ["tls", "quic", "udp", "ws", "TCP", "127.0.0.1:7447"] {
+            for kind in ["quic", "udp", "ws", "TCP", "127.0.0.1:7447"] {
                 let endpoint = format!("{kind}/127.0.0.1:7447");
                 let refused = of(setting, &endpoint).unwrap_err().to_string();
                 assert!(refused.contains(&endpoint), "{refused}");

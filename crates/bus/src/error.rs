@@ -49,6 +49,14 @@ pub enum BusError {
         /// Kinds of endpoint there are, separated by commas.
         built_in: String,
     },
+    /// Poses are to come from ROS 2, of which no domain is configured.
+    #[error(
+        "poses come from ros2://, but bus.ros_domain_id is not set; write the vehicle's ROS_DOMAIN_ID there, 0 unless it has another"
+    )]
+    NoRosDomain,
+    /// No topic of ROS that poses can come from.
+    #[error("poses: {0}")]
+    RosTopic(String),
     /// A message that no subscriber would take.
     #[error("the {what} has {found} bytes; at most {limit} are sent")]
     TooLong {

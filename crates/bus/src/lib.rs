@@ -19,6 +19,9 @@
 //!
 //! `docs/zenoh.md` says the same to those who write other programs.
 //!
+//! On request the session is a node of ROS 2 too ([`Bus::publish_ros`]); `docs/ros2.md` says what
+//! it has there.
+//!
 //! Live deltas are sent with congestion control Drop and below a bandwidth, so one can be lost.
 //! A subscriber therefore buffers deltas, asks for the snapshot, applies deltas with a larger
 //! sequence, and asks again after a gap, a new epoch, or a while of silence; its answer says
@@ -49,6 +52,7 @@ pub mod point_cloud;
 pub mod pose_message;
 mod publisher;
 mod ros;
+mod ros2;
 mod streams;
 mod subscriber;
 mod taps;
@@ -64,6 +68,7 @@ pub use error::BusError;
 pub use keys::Keys;
 pub use map_frame::MapFrame;
 pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters, Sent};
+pub use ros2::{RosCounters, RosPublisher};
 pub use streams::{
     MessageSubscription, PingCounters, PingSubscription, PoseCounters, PoseSubscription,
     ReceivedMessage, ReceivedPing, ReceivedPose, StatusSubscription,

@@ -4,10 +4,10 @@
 //! viewers that know nothing of origins. Any other has a frame of its own, `<frame_id>_local`,
 //! whose place is told as a ROS static transform: `tf2_msgs/msg/TFMessage` in CDR.
 
-use echosplat_model::Timestamp;
+use echosplat_model::{Pose, Timestamp};
+use echosplat_ros::transform::{self, Transform};
 use glam::DVec3;
 
-use crate::cdr::CdrWriter;
 use crate::ros::Header;
 
 /// What a map's own frame is called: the poses' frame with this behind it.
@@ -55,16 +55,22 @@ impl MapFrame {
         if self.is_that_of_poses() {
             return None;
         }
-        let mut writer = CdrWriter::with_capacity(256);
-        writer.count(1); // transforms
-        let frame_id = &self.poses_frame_id;
-        Header { stamp, frame_id }.write(&mut writer);
-        writer.string(&self.frame_id()); // child_frame_id
-        let unturned = [0.0, 0.0, 0.0, 1.0]; // x, y, z, w
-        for number in self.origin_m.to_array().into_iter().chain(unturned) {
-            writer.f64(number);
+        Some(transform::encode(&[Transform {
+            header: Header {
+                stamp,
+                frame_id: &self.poses_frame_id,
+            },
+            child_frame_id: &self.frame_id(),
+            outer_from_child: self.place(),
+        }]))
+    }
+
+    /// The map's own frame in the poses', without a turn.
+    pub(crate) fn place(&self) -> Pose {
+        Pose {
+            translation_m: self.origin_m,
+            ..Pose::IDENTITY
         }
-        Some(writer.finish())
     }
 }
 

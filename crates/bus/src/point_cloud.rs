@@ -35,9 +35,10 @@
 //! ```
 
 use echosplat_model::{Gaussian, Standing, Timestamp};
+use echosplat_ros::point_cloud2::{self, FLOAT32, UINT32};
 use glam::{Quat, Vec3};
 
-use crate::cdr::{CdrError, CdrReader, CdrWriter};
+use crate::cdr::{CdrError, CdrReader};
 use crate::ros::Header;
 
 /// Encoding of the payload on the bus.
@@ -45,9 +46,6 @@ pub const ENCODING: &str = "application/cdr;sensor_msgs/msg/PointCloud2";
 
 /// Bytes of one point as written.
 pub const POINT_BYTES: usize = 4 * FIELDS.len();
-
-const UINT32: u8 = 6;
-const FLOAT32: u8 = 7;
 
 /// Name and type of each field, in the order and places of the table above.
 const FIELDS: [(&str, u8); 23] = [
@@ -143,30 +141,8 @@ pub enum PointCloudError {
 /// The message of these Gaussians. `frame_id` names the map's frame.
 #[must_use]
 pub fn encode(gaussians: &[Gaussian], stamp: Timestamp, frame_id: &str) -> Vec<u8> {
-    let mut writer = CdrWriter::with_capacity(1024 + gaussians.len() * POINT_BYTES);
-    Header { stamp, frame_id }.write(&mut writer);
-    writer.u32(1); // height
-    writer.count(gaussians.len()); // width
-    write_fields(&mut writer);
-    writer.u8(0); // is_bigendian
-    writer.count(POINT_BYTES); // point_step
-    writer.count(gaussians.len() * POINT_BYTES); // row_step
-    writer.count(gaussians.len() * POINT_BYTES); // length of data
-    for gaussian in gaussians {
-        writer.bytes(&point_of(gaussian));
-    }
-    writer.u8(1); // is_dense
-    writer.finish()
-}
-
-fn write_fields(writer: &mut CdrWriter) {
-    writer.count(FIELDS.len());
-    for (index, (name, datatype)) in FIELDS.iter().enumerate() {
-        writer.string(name);
-        writer.count(index * 4); // offset
-        writer.u8(*datatype);
-        writer.u32(1); // count
-    }
+    let header = Header { stamp, frame_id };
+    point_cloud2::encode(&header, &FIELDS, gaussians.iter().map(point_of))
 }
 
 /// The bytes of one Gaussian.

@@ -9,6 +9,7 @@ use echosplat_liveness::Heartbeat;
 use echosplat_model::{StampedPose, Timestamp};
 use serde::Serialize;
 use zenoh::Wait;
+use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
@@ -68,7 +69,7 @@ fn count(counter: &AtomicU64) {
 }
 
 /// Now, on this host's clock.
-fn now() -> Timestamp {
+pub(crate) fn now() -> Timestamp {
     let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
     let nanos = since.map_or(0, |since| since.as_nanos());
     Timestamp::from_nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
@@ -81,10 +82,16 @@ pub struct PoseSubscription {
     tally: Arc<PoseTally>,
     heartbeat: Heartbeat,
     _subscriber: Subscriber<()>,
+    _token: Option<LivelinessToken>,
 }
 
 impl PoseSubscription {
-    pub(crate) fn start(link: &Arc<Link>, key: &str) -> Result<Self, BusError> {
+    /// `token` says to others that it is there, while it is.
+    pub(crate) fn start(
+        link: &Arc<Link>,
+        key: &str,
+        token: Option<LivelinessToken>,
+    ) -> Result<Self, BusError> {
         let (sender, poses) = bounded(link.config.pose_queue_len);
         let tally = Arc::new(PoseTally::default());
         let in_callback = Arc::clone(&tally);
@@ -108,6 +115,7 @@ impl PoseSubscription {
             tally,
             heartbeat,
             _subscriber: subscriber,
+            _token: token,
         })
     }
 

@@ -55,7 +55,10 @@ impl Plan {
             insert(&mut plan, key, value)?;
         }
         apply_what_must_hold(&mut plan, config)?;
-        let endpoints = endpoints::effective(|key| setting(&plan, key));
+        let mut endpoints = endpoints::effective(|key| setting(&plan, key));
+        if config.ros_domain_id.is_some() {
+            endpoints.warn_of_nodes_out_of_reach(|key| setting(&plan, key));
+        }
         endpoints::check_kinds(&endpoints)?;
         Ok(Self {
             endpoints,
@@ -193,6 +196,27 @@ mod tests {
     }
 
     #[test]
+    fn who_asks_for_ros_is_told_where_its_nodes_are_out_of_reach() {
+        let ros = |config: BusConfig| {
+            let config = BusConfig {
+                ros_domain_id: Some(0),
+                ..config
+            };
+            plan(&config).endpoints.warnings
+        };
+        let warnings = ros(BusConfig::default());
+        assert_eq!(warnings.len(), 1, "{warnings:?}");
+        assert!(warnings[0].contains("zenoh-ros2.json5"), "{warnings:?}");
+        assert!(ros(with(&[("mode", "'client'")])).is_empty());
+        let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../../config/zenoh-ros2.json5");
+        let found = BusConfig {
+            zenoh_config_file: Some(file.into()),
+            ..BusConfig::default()
+        };
+        assert_eq!(ros(found), Vec::<String>::new());
+    }
+
+    #[test]
     fn the_option_goes_before_the_environment_and_settings_before_both() {
         let first = file("{ mode: 'client', connect: { endpoints: ['tcp/127.0.0.1:1'] } }");
         let second = file("{ mode: 'client', connect: { endpoints: ['tcp/127.0.0.1:2'] } }");
@@ -209,6 +233,7 @@ mod tests {
     }
 
     #[test]
+    #[cfg(not(feature = "tls"))]
     fn a_users_file_that_asks_for_tls_is_refused_before_anything_opens() {
         let file = file("{ mode: 'client', connect: { endpoints: ['tls/vehicle.local:7447'] } }");
         let refused = Plan::new(&BusConfig::default(), Some(file.path().to_owned())).unwrap_err();

@@ -96,7 +96,7 @@ pub enum PoseSourceError {
     #[error("poses: {path} holds no pose; lines are `timestamp tx ty tz qx qy qz qw`", path = .0.display())]
     Empty(PathBuf),
     /// A source on the bus, without a bus.
-    #[error("poses come from zenoh://, but the bus is off")]
+    #[error("poses come over zenoh, but the bus is off")]
     NoBus,
     /// `log://` where no log is read.
     #[error(
@@ -139,6 +139,10 @@ impl PoseSource {
             PoseUrl::Zenoh => Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses()?))),
             PoseUrl::ZenohKey(key) => {
                 Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses_on(key)?)))
+            }
+            PoseUrl::Ros2(topic) => {
+                let poses = need_bus()?.subscribe_odometry_of_ros(topic)?;
+                Ok(live(url, Feed::Bus(poses)))
             }
             PoseUrl::MavlinkZenoh(prefix) => {
                 let keys = JSON_MESSAGES.map(|name| format!("{prefix}/*/*/{name}"));
@@ -406,6 +410,7 @@ mod tests {
     fn unusable_sources_say_why() {
         let refusal = |url: &PoseUrl| open(url).unwrap_err().to_string();
         assert!(refusal(&PoseUrl::Zenoh).contains("bus"));
+        assert!(refusal(&PoseUrl::Ros2("/odom".to_owned())).contains("bus"));
         assert!(refusal(&PoseUrl::MavlinkZenoh("mavlink".to_owned())).contains("bus"));
         assert!(refusal(&PoseUrl::Log(None)).contains("mavlink+udp://"));
         assert!(refusal(&PoseUrl::Tum("/no/such.tum".into())).contains("/no/such.tum"));

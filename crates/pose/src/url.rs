@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
+use echosplat_ros::rmw_zenoh::topic_name;
 use serde::{Deserialize, Serialize};
 
 /// Rate of a serial line unless given.
@@ -28,6 +29,8 @@ pub enum PoseUrl {
     Zenoh,
     /// `zenoh://KEY`: another key.
     ZenohKey(String),
+    /// `ros2:///TOPIC`: `nav_msgs/msg/Odometry` of ROS 2 with `rmw_zenoh`; the topic's whole name.
+    Ros2(String),
     /// `mavlink+udp://HOST:PORT` listens there, `mavlink+udp://HOST:PORT?out` sends there first.
     MavlinkUdp {
         /// `host:port`.
@@ -56,7 +59,7 @@ pub enum PoseUrl {
 }
 
 /// Every form, for messages and help.
-pub const POSE_URL_FORMS: &str = "zenoh://[KEY], mavlink+udp://HOST:PORT[?out], \
+pub const POSE_URL_FORMS: &str = "zenoh://[KEY], ros2:///TOPIC, mavlink+udp://HOST:PORT[?out], \
      mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
      dvl://HOST, log://, tum://POSES.tum or none";
 
@@ -103,6 +106,9 @@ fn of_scheme(scheme: &str, rest: &str) -> Option<Result<PoseUrl, String>> {
     Some(match scheme {
         "zenoh" if rest.is_empty() => Ok(PoseUrl::Zenoh),
         "zenoh" => key(rest).map(PoseUrl::ZenohKey),
+        "ros2" => topic_name(rest)
+            .map(PoseUrl::Ros2)
+            .map_err(|error| error.to_string()),
         "mavlink+udp" => mavlink_udp(rest),
         "mavlink+tcp" => host_and_port(rest, DEFAULT_MAVLINK_TCP_PORT).map(PoseUrl::MavlinkTcp),
         "mavlink+serial" => mavlink_serial(rest),
@@ -216,6 +222,7 @@ impl fmt::Display for PoseUrl {
             Self::None => write!(f, "none"),
             Self::Zenoh => write!(f, "zenoh://"),
             Self::ZenohKey(key) => write!(f, "zenoh://{key}"),
+            Self::Ros2(topic) => write!(f, "ros2://{topic}"),
             Self::MavlinkUdp { address, out } => {
                 write!(
                     f,
@@ -268,6 +275,8 @@ mod tests {
             ("none", PoseUrl::None),
             ("zenoh://", PoseUrl::Zenoh),
             ("zenoh://rov/pose", PoseUrl::ZenohKey("rov/pose".into())),
+            ("ros2:///rov/odom", PoseUrl::Ros2("/rov/odom".into())),
+            ("ros2://odom", PoseUrl::Ros2("/odom".into())),
             ("mavlink+udp://0.0.0.0:14550", udp("0.0.0.0:14550", false)),
             ("mavlink+udp://rov", udp("rov:14550", false)),
             ("mavlink+udp://rov:9000?out", udp("rov:9000", true)),
@@ -306,6 +315,8 @@ mod tests {
             ("zenoh", "zenoh://"),
             ("zenoh://a/*/b", "without *"),
             ("zenoh://tcp//b", "connect/endpoints"),
+            ("ros2://", "/rov/odom"),
+            ("ros2:///rov-1/odom", "letters, digits and underscores"),
             ("mavlink://", "mavlink+udp://"),
             ("mavlink+udp://:14550", "0.0.0.0"),
             ("mavlink+udp://a?in", "?out"),

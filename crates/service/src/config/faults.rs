@@ -186,6 +186,7 @@ fn wrong_kind(name: &str, found: &str, said: &str) -> String {
         Value::Integer(_) => format!("a whole number, such as {example}"),
         Value::Float(_) => format!("a number, such as {example}"),
         Value::Array(_) => format!("a list, such as {example}"),
+        Value::Boolean(_) => "true or false".to_owned(),
         _ => format!("a text such as {example} ({})", shown(said, 160)),
     };
     let meaning = key.meaning.trim_end_matches('.');

@@ -234,6 +234,9 @@ impl Config {
         self.pipeline.check()?;
         self.output.check()?;
         self.bus.check().map_err(bad_bus_setting)?;
+        if let (PoseUrl::Ros2(_), None) = (&self.pose.url, self.bus.ros_domain_id) {
+            return Err(BadSetting::new("pose.url", BusError::NoRosDomain));
+        }
         let bad_web = |(key, message)| BadSetting::new(format!("web.{key}"), message);
         self.web.check().map_err(bad_web)?;
         memory::check(self)

@@ -48,6 +48,7 @@ fn the_default_file_explains_every_key() {
         },
         bus: BusConfig {
             zenoh_config_file: Some("a".into()),
+            ros_domain_id: Some(0),
             ..BusConfig::default()
         },
         web: WebConfig {
@@ -96,6 +97,12 @@ fn what_is_wrong_is_named_with_line_key_and_what_is_allowed() {
     let range = error("[mapper]\n\nblanking_m = -1.0\n");
     assert!(range.starts_with("my.toml:3: mapper.blanking_m"), "{range}");
     assert!(range.contains("0 to 100"), "{range}");
+
+    let poses = error("[pose]\nurl = \"ros2:///odom\"\n");
+    assert!(poses.starts_with("my.toml:2: pose.url: "), "{poses}");
+    assert!(poses.contains("bus.ros_domain_id"), "{poses}");
+    let ros = error("[bus]\nros_domain_id = 0\nnode = \"450\"\n");
+    assert!(ros.starts_with("my.toml:3: bus.node: is \"450\""), "{ros}");
 
     let bus = error("[bus]\nnode = \"a/b\"\n");
     assert!(bus.starts_with("my.toml:2: bus.node"), "{bus}");

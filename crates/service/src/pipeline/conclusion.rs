@@ -13,6 +13,8 @@ use crate::maps;
 
 /// How long publishing the final map may take.
 const FLUSH_LIMIT: Duration = Duration::from_secs(30);
+/// How long telling nodes of ROS of it may take.
+const ROS_LIMIT: Duration = Duration::from_secs(2);
 /// Those who lost part of the final map ask for it again within so long.
 const LINGER: Duration = Duration::from_millis(500);
 const MAX_LINGER: Duration = Duration::from_secs(5);
@@ -39,7 +41,7 @@ impl Run {
         if let Some(page) = &self.hooks.page {
             page.map_is_final();
         }
-        let is_published = self.publish_final(ending.limited(FLUSH_LIMIT));
+        let is_published = self.publish_final(ending);
         self.tell(true)?;
         let status = self.status(true);
         if let Some(recorder) = &self.recorder {
@@ -55,7 +57,7 @@ impl Run {
         if is_published && !ending.is_asked() {
             self.linger();
         }
-        drop(self.alive);
+        drop(self.published.alive);
         written?;
         kept?;
         Ok(Outcome { snapshot, status })
@@ -87,13 +89,18 @@ impl Run {
         Ok(())
     }
 
-    fn publish_final(&self, limit: Duration) -> bool {
-        let Some(publisher) = &self.publisher else {
+    fn publish_final(&self, ending: &Ending) -> bool {
+        let Some(publisher) = &self.published.map else {
             return false;
         };
-        match publisher.flush(limit) {
+        match publisher.flush(ending.limited(FLUSH_LIMIT)) {
             Ok(report) => tracing::debug!(?report, "the final map is published"),
             Err(error) => tracing::warn!(%error, "subscribers may not have the final map"),
+        }
+        if let Some(ros) = &self.published.ros
+            && !ros.flush(ending.limited(ROS_LIMIT))
+        {
+            tracing::warn!("nodes of ROS may not have the final map");
         }
         true
     }
@@ -101,10 +108,7 @@ impl Run {
     /// Stays until nobody asks any more, within a limit.
     fn linger(&self) {
         let answered = || {
-            let counters = self
-                .publisher
-                .as_ref()
-                .map(|publisher| publisher.counters());
+            let counters = self.published.map.as_ref().map(|map| map.counters());
             counters.map_or(0, |counters| counters.queries_answered)
         };
         let begin = Instant::now();

@@ -17,6 +17,7 @@ mod notices;
 mod outlet;
 mod poses;
 mod prediction;
+mod published;
 mod run;
 mod saving;
 mod shared;

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use bytes::Bytes;
-use echosplat_bus::{Bus, MapPublisher, Sent};
+use echosplat_bus::{Bus, MapPublisher, RosPublisher, Sent};
 use echosplat_model::{Ping, PosedPing, Snapshot};
 use echosplat_web::Feed;
 
@@ -80,6 +80,7 @@ pub struct Observer {
 pub(crate) struct Outlet {
     bus: Option<Arc<Bus>>,
     publisher: Option<Arc<MapPublisher>>,
+    ros: Option<Arc<RosPublisher>>,
     /// Each with the time of the dive at which it is due.
     observers: Vec<(Observer, f64)>,
     /// Names this run's map; put on every snapshot.
@@ -102,6 +103,7 @@ impl Outlet {
         Self {
             bus,
             publisher,
+            ros: None,
             observers: observers.into_iter().map(with_first).collect(),
             epoch: 0,
             made: None,
@@ -128,6 +130,11 @@ impl Outlet {
         Self { prediction, ..self }
     }
 
+    /// The same, told to nodes of ROS too.
+    pub(crate) fn told_to_ros(self, ros: Option<Arc<RosPublisher>>) -> Self {
+        Self { ros, ..self }
+    }
+
     /// The same, showing all of it on a page too.
     pub(crate) fn shown_on(self, page: Option<Feed>) -> Self {
         Self { page, ..self }
@@ -137,6 +144,9 @@ impl Outlet {
     pub(crate) fn posed(&self, posed: &PosedPing) {
         if let Some(page) = &self.page {
             page.posed(posed);
+        }
+        if let Some(ros) = &self.ros {
+            ros.posed(posed);
         }
         if let Some(prediction) = &self.prediction {
             prediction.ping(posed);
@@ -182,6 +192,9 @@ impl Outlet {
         let snapshot = Arc::new(snapshot);
         if let Some(publisher) = &self.publisher {
             publisher.offer(Arc::clone(&snapshot));
+        }
+        if let Some(ros) = &self.ros {
+            ros.offer(Arc::clone(&snapshot));
         }
         if let Some(page) = &self.page {
             page.map(&snapshot);

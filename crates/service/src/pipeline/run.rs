@@ -6,10 +6,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::bounded;
-use echosplat_bus::{AliveToken, Bus, MapPublisher};
+use echosplat_bus::Bus;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Snapshot;
-use echosplat_recording::mcap::Record;
 
 use super::album::AlbumWriter;
 use super::diagnosis::Diagnosis;
@@ -20,13 +19,13 @@ use super::frame_check::FrameCheck;
 use super::keeper::Keeper;
 use super::notices::Notices;
 use super::prediction::Prediction;
+use super::published::Published;
 use super::saving::Saving;
 use super::shared::{Phase, Shared};
 use super::status::RateMeter;
 use super::telling::other_service;
 use super::worker::THREAD_NAME;
 use super::{Hooks, Observer, Outlet, Setup, Wiring, start_worker};
-use crate::clock;
 use crate::config::Config;
 use crate::exit::Usage;
 use crate::maps::MapNotes;
@@ -54,8 +53,7 @@ pub(super) struct Run {
     pub(super) drivers: Drivers,
     pub(super) worker: Option<JoinHandle<Option<Arc<Snapshot>>>>,
     pub(super) bus: Option<Arc<Bus>>,
-    pub(super) publisher: Option<Arc<MapPublisher>>,
-    pub(super) alive: Option<AliveToken>,
+    pub(super) published: Published,
     pub(super) recorder: Option<Recorder>,
     pub(super) keeper: Option<Keeper>,
     pub(super) saving: Saving,
@@ -74,7 +72,7 @@ pub(super) struct Run {
 impl Run {
     pub(super) fn start(config: &Config, mut setup: Setup) -> anyhow::Result<Self> {
         let shared = Arc::new(Shared::new());
-        let (publisher, alive) = publish(&setup)?;
+        let published = Published::start(&setup, config.pose.vehicle_from_sensor.pose())?;
         let notes = notes(config);
         let place = config.output.map.clone().map(|map| (map, notes.clone()));
         let saving = Saving::new(&shared, setup.recorder.as_ref(), place.clone());
@@ -83,9 +81,9 @@ impl Run {
         let (album, keeps) = album.unzip();
         let helpers = Helpers::start(config)?;
         let mut supervisor = supervisor(config, &setup, &helpers);
-        supervisor.spare(publisher.iter().flat_map(|map| map.heartbeats()));
+        supervisor.spare(published.heartbeats());
         supervisor.spare(album.iter().map(AlbumWriter::heartbeat));
-        let outlet = outlet(&mut setup, publisher.clone(), keeps, helpers.prediction);
+        let outlet = outlet(&mut setup, &published, keeps, helpers.prediction);
         let (sender, events) = bounded(config.pipeline.queue_pings);
         let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
         let wiring = Wiring {
@@ -107,8 +105,7 @@ impl Run {
             drivers,
             worker: Some(worker),
             bus: setup.bus,
-            publisher,
-            alive,
+            published,
             recorder: setup.recorder,
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
             saving,
@@ -302,37 +299,14 @@ fn supervisor(config: &Config, setup: &Setup, helpers: &Helpers) -> Supervisor {
 /// Where maps and pings go to.
 fn outlet(
     setup: &mut Setup,
-    publisher: Option<Arc<MapPublisher>>,
+    published: &Published,
     keeps: Option<Observer>,
     prediction: Option<Prediction>,
 ) -> Outlet {
     let observers = setup.hooks.observer.take().into_iter().chain(keeps);
-    Outlet::new(setup.bus.clone(), publisher, observers)
+    Outlet::new(setup.bus.clone(), published.map.clone(), observers)
         .predicting(prediction)
+        .told_to_ros(published.ros.clone())
         .shown_on(setup.hooks.page.clone())
         .of_epoch(setup.epoch)
-}
-
-/// Begins to publish the map, where there is a bus, and to record what is published.
-fn publish(setup: &Setup) -> anyhow::Result<(Option<Arc<MapPublisher>>, Option<AliveToken>)> {
-    let Some(bus) = &setup.bus else {
-        return Ok((None, None));
-    };
-    if let Some(recorder) = &setup.recorder {
-        record_what_is_published(bus, recorder);
-    }
-    let publisher = Arc::new(bus.publish_map()?);
-    Ok((Some(publisher), Some(bus.declare_alive(ROLE)?)))
-}
-
-/// Deltas and the frame of the map go into the recording as they are published.
-fn record_what_is_published(bus: &Bus, recorder: &Recorder) {
-    let to = recorder.clone();
-    bus.on_delta(Box::new(move |cloud, info| {
-        to.record(clock::now(), Record::Delta { cloud, info });
-    }));
-    let to = recorder.clone();
-    bus.on_static_transform(Box::new(move |transform| {
-        to.record(clock::now(), Record::StaticTransform(transform));
-    }));
 }

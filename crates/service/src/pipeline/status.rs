@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use echosplat_bus::MapPublisherCounters;
+use echosplat_bus::{MapPublisherCounters, RosCounters};
 use echosplat_driver::DriverStatus;
 use serde::Serialize;
 use serde_json::{Value, json};
@@ -43,6 +43,8 @@ pub(crate) struct Status {
     pub(crate) sonar: DriverStatus,
     /// Of the map's publisher.
     pub(crate) publisher: Option<MapPublisherCounters>,
+    /// Of what is published for ROS.
+    pub(crate) ros: Option<RosCounters>,
     /// Raw pings that the bus dropped.
     pub(crate) pings_not_published: u64,
     pub(crate) recording: Option<RecorderCounters>,
@@ -167,6 +169,7 @@ impl Status {
             report,
             sonar,
             publisher: None,
+            ros: None,
             pings_not_published: 0,
             recording: None,
             recording_fault: None,

@@ -86,10 +86,8 @@ impl Run {
             is_final,
             wall_s: self.begin.elapsed().as_secs_f64(),
             link: self.shared.link(),
-            publisher: self
-                .publisher
-                .as_ref()
-                .map(|publisher| publisher.counters()),
+            publisher: self.published.map.as_ref().map(|map| map.counters()),
+            ros: self.published.ros.as_ref().map(|ros| ros.counters()),
             pings_not_published: self.bus.as_ref().map_or(0, |bus| bus.pings_dropped()),
             recording: self.recorder.as_ref().and_then(Recorder::counters),
             recording_fault: self.recorder.as_ref().and_then(Recorder::fault),

@@ -40,6 +40,7 @@ const NO_NUMBER: [&str; 8] = [
 const NO_FINITE: [&str; 5] = ["nan", "-nan", "inf", "-inf", "-1e300"];
 const NO_TEXT: [&str; 5] = ["3", "1.5", "false", "[\"a\"]", "{ b = 2 }"];
 const NO_LIST: [&str; 4] = ["3", "\"a\"", "true", "[{ a = [[]] }]"];
+const NO_SWITCH: [&str; 4] = ["1", "\"yes\"", "[true]", "{ a = true }"];
 const NO_COUNT: [&str; 5] = ["-32769", "1.5", "1e3", "99999999999999999999", "0x"];
 
 fn wrong_value(key: &Key, random: &mut Random) -> &'static str {
@@ -47,6 +48,7 @@ fn wrong_value(key: &Key, random: &mut Random) -> &'static str {
         Value::Integer(_) => &[&NO_NUMBER, &NO_FINITE, &NO_COUNT],
         Value::Float(_) => &[&NO_NUMBER, &NO_FINITE],
         Value::Array(_) => &[&NO_LIST],
+        Value::Boolean(_) => &[&NO_SWITCH],
         _ => &[&NO_TEXT],
     };
     let kind: &[&'static str] = kinds[random.below(kinds.len())];
