@@ -8,9 +8,11 @@ mod viewpoints;
 use echosplat_model::{PingSettings, Pose, StampedPose, Timestamp, Trajectory, TrajectoryLimits};
 use glam::DVec3;
 
+use crate::disturbances::{DisturbanceError, Disturbances};
 use crate::scene::Scene;
 use crate::sonar::NoiseLevel;
 use survey::Survey;
+pub(crate) use survey::structure_or_default;
 pub use viewpoints::BEAMS_PER_VIEW;
 
 /// Speed of sound of every simulated dive.
@@ -79,6 +81,8 @@ pub struct DiveOptions {
     pub pings_per_s: f64,
     /// Share of a viewpoint dive's views that are kept, 0 to 1.
     pub view_share: f64,
+    /// What is added to pings and poses; nothing by default.
+    pub disturbances: Disturbances,
 }
 
 impl Default for DiveOptions {
@@ -87,6 +91,7 @@ impl Default for DiveOptions {
             duration_s: 240.0,
             pings_per_s: 40.0,
             view_share: 1.0,
+            disturbances: Disturbances::default(),
         }
     }
 }
@@ -109,6 +114,19 @@ pub enum DiveError {
         low: f64,
         /// Most allowed.
         high: f64,
+    },
+    /// A disturbance out of range.
+    #[error(transparent)]
+    Disturbance(#[from] DisturbanceError),
+    /// The vehicle would fly.
+    #[error(
+        "surface_m is {surface_m}, but the vehicle goes up to z = {highest_m:.2} m; the water's surface must lie above"
+    )]
+    SurfaceTooLow {
+        /// Height of the water's surface.
+        surface_m: f64,
+        /// Of the track's highest place.
+        highest_m: f64,
     },
     /// Every way past the structure meets a solid.
     #[error(
@@ -146,6 +164,7 @@ pub struct Dive {
     ping_count: usize,
     motion: Motion,
     noise: NoiseLevel,
+    disturbances: Disturbances,
     reported: Vec<StampedPose>,
 }
 
@@ -201,10 +220,29 @@ impl Dive {
             ping_count,
             motion,
             noise,
+            disturbances: options.disturbances,
             reported: Vec::new(),
         };
+        dive.check_surface()?;
         dive.reported = reported::poses(&dive, seed);
         Ok(dive)
+    }
+
+    fn check_surface(&self) -> Result<(), DiveError> {
+        let (surface_m, highest_m) = (self.disturbances.surface.height_m, self.reach().1.z);
+        match surface_m > highest_m {
+            true => Ok(()),
+            false => Err(DiveError::SurfaceTooLow {
+                surface_m,
+                highest_m,
+            }),
+        }
+    }
+
+    /// What is added to its pings and poses.
+    #[must_use]
+    pub fn disturbances(&self) -> &Disturbances {
+        &self.disturbances
     }
 
     /// How it moves.
@@ -348,7 +386,8 @@ impl DiveOptions {
         };
         option("duration_s", self.duration_s, 1.0, 1e5)?;
         option("pings_per_s", self.pings_per_s, 1.0, 200.0)?;
-        option("view_share", self.view_share, 0.0, 1.0)
+        option("view_share", self.view_share, 0.0, 1.0)?;
+        Ok(self.disturbances.check()?)
     }
 }
 
