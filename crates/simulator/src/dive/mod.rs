@@ -1,5 +1,6 @@
 //! Dives: where the sensor is, when it pings, and what poses are reported of it.
 
+mod error;
 mod reported;
 mod survey;
 mod track;
@@ -8,9 +9,10 @@ mod viewpoints;
 use echosplat_model::{PingSettings, Pose, StampedPose, Timestamp, Trajectory, TrajectoryLimits};
 use glam::DVec3;
 
-use crate::disturbances::{DisturbanceError, Disturbances};
+use crate::disturbances::Disturbances;
 use crate::scene::Scene;
 use crate::sonar::NoiseLevel;
+pub use error::DiveError;
 use survey::Survey;
 pub(crate) use survey::structure_or_default;
 pub use viewpoints::BEAMS_PER_VIEW;
@@ -94,62 +96,6 @@ impl Default for DiveOptions {
             disturbances: Disturbances::default(),
         }
     }
-}
-
-/// Why a dive cannot be planned.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum DiveError {
-    /// Not a kind of dive.
-    #[error("no dive is called `{0}`; there are survey, viewpoints, pan and level")]
-    UnknownKind(String),
-    /// An option out of range.
-    #[error("dive option {name} is {value}; allowed is {low} to {high}")]
-    Option {
-        /// Which.
-        name: &'static str,
-        /// What it was.
-        value: f64,
-        /// Least allowed.
-        low: f64,
-        /// Most allowed.
-        high: f64,
-    },
-    /// A disturbance out of range.
-    #[error(transparent)]
-    Disturbance(#[from] DisturbanceError),
-    /// The vehicle would fly.
-    #[error(
-        "surface_m is {surface_m}, but the vehicle goes up to z = {highest_m:.2} m; the water's surface must lie above"
-    )]
-    SurfaceTooLow {
-        /// Height of the water's surface.
-        surface_m: f64,
-        /// Of the track's highest place.
-        highest_m: f64,
-    },
-    /// Every way past the structure meets a solid.
-    #[error(
-        "no {kind} of `{scene}` keeps {clearance_m} m from every surface; give [survey] standoff_m and depth_z_m"
-    )]
-    NoRoom {
-        /// Kind of dive.
-        kind: DiveKind,
-        /// Name of the scene.
-        scene: String,
-        /// What has to be kept.
-        clearance_m: f64,
-    },
-    /// Too few views of a viewpoint dive see anything.
-    #[error("only {found} of {wanted} views of `{scene}` see anything; check its [viewpoints]")]
-    SparseViews {
-        /// Name of the scene.
-        scene: String,
-        /// Views that do.
-        found: usize,
-        /// Views asked for.
-        wanted: usize,
-    },
 }
 
 /// One dive, planned: a pure function of kind, scene, noise, seed and options.
