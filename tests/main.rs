@@ -10,6 +10,7 @@ mod bench;
 mod browser;
 mod calibrate;
 mod device;
+mod disturbances;
 mod dive;
 mod fake_sonar;
 #[cfg(feature = "bench")]

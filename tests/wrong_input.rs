@@ -99,6 +99,12 @@ fn what_cannot_be_is_refused_in_one_line() {
         &["simulate", "--scene", "fense", "--out", &out],
         &["fense", "fence"],
     );
+    let disturbed = |pair: &str, words: &[&str]| {
+        refused(&["simulate", "--disturb", pair, "--out", &out], words);
+    };
+    disturbed("spike=3", &["`spike`", "spikes", "mount_roll_deg"]);
+    disturbed("saturated_share=20", &["saturated_share", "0 to 1"]);
+    disturbed("surface_m=-1", &["surface_m", "must lie above"]);
     refused(&["run", "--sonar", "192.168.2.92"], &["tcp://HOST:PORT"]);
     refused(
         &["evaluate", &text, "--truth", "fence"],

@@ -4,7 +4,10 @@ use std::ops::Range;
 use std::path::Path;
 use std::sync::Arc;
 
-use echosplat_simulator::{BUILT_IN_SCENES, Dive, DiveOptions, NoiseLevel, Scene, SimulatedSonar};
+use echosplat_simulator::{
+    BUILT_IN_SCENES, DISTURBANCE_KEYS, DisturbanceKey, Disturbances, Dive, DiveOptions, NoiseLevel,
+    Scene, SimulatedSonar,
+};
 use rayon::prelude::*;
 
 use crate::arguments::DiveArguments;
@@ -43,11 +46,33 @@ pub fn sonar_with_poses(
     duration_s: Option<f64>,
     pose_noise: NoiseLevel,
 ) -> anyhow::Result<SimulatedSonar> {
+    made(arguments, duration_s, pose_noise, Disturbances::default())
+}
+
+/// As [`sonar`], on a dive with disturbances.
+///
+/// # Errors
+/// As [`sonar`], and if a disturbance cannot be in this dive.
+pub(crate) fn sonar_disturbed(
+    arguments: &DiveArguments,
+    duration_s: Option<f64>,
+    disturbances: Disturbances,
+) -> anyhow::Result<SimulatedSonar> {
+    made(arguments, duration_s, arguments.noise, disturbances)
+}
+
+fn made(
+    arguments: &DiveArguments,
+    duration_s: Option<f64>,
+    pose_noise: NoiseLevel,
+    disturbances: Disturbances,
+) -> anyhow::Result<SimulatedSonar> {
     let scene = scene(&arguments.scene)?;
     let defaults = DiveOptions::default();
     let options = DiveOptions {
         duration_s: duration_s.unwrap_or(defaults.duration_s),
         pings_per_s: arguments.pings_per_s.unwrap_or(defaults.pings_per_s),
+        disturbances,
         ..defaults
     };
     let noise = arguments.noise;
@@ -55,6 +80,26 @@ pub fn sonar_with_poses(
         .map_err(|error| Usage::error(format!("--scene {}: {error}", arguments.scene)))?;
     let (scene, dive) = (Arc::new(scene), Arc::new(dive));
     Ok(SimulatedSonar::new(scene, dive, noise, arguments.seed))
+}
+
+/// What `--disturb` says of itself in `--help`.
+pub(crate) fn disturb_help() -> String {
+    let off = Disturbances::default();
+    let line = |key: &DisturbanceKey| {
+        let (low, high) = key.range;
+        let (name, meaning) = (key.name, key.meaning);
+        let default = key.of(&off);
+        let unless_given = match default.is_finite() {
+            true => format!("; {default} without"),
+            false => String::new(),
+        };
+        format!("\n  {name:17} {meaning} ({low} to {high}{unless_given})")
+    };
+    let keys: String = DISTURBANCE_KEYS.iter().map(line).collect();
+    format!(
+        "What the water adds, as KEY=VALUE; repeatable. Nothing without; each comes from the dive's seed and \
+         changes nothing else of it:\n{keys}"
+    )
 }
 
 /// The text of a scene's file, built in or not.

@@ -110,10 +110,7 @@ impl SideLobes {
 
     fn rows(self) -> Vec<Stratum> {
         let main = |elevation_rad: f64| elevation_weight(elevation_rad) * elevation_rad.cos();
-        let beyond = |elevation_rad: f64| {
-            let sigmas = (elevation_rad.abs() - ALONG_LOBE_OFFSET_RAD) / ALONG_LOBE_SIGMA_RAD;
-            FIELD_LOBE_POWER * (-0.5 * sigmas * sigmas).exp() * elevation_rad.cos()
-        };
+        let beyond = |elevation_rad: f64| lobe_along(elevation_rad) * elevation_rad.cos();
         match self {
             Self::Without | Self::Harsh => strata(ELEVATION_LIMIT_RAD, ELEVATION_CELL_COUNT, main),
             Self::Field => strata(ALONG_LOBE_LIMIT_RAD, ALONG_LOBE_CELL_COUNT, |e| {
@@ -123,6 +120,12 @@ impl SideLobes {
     }
 }
 
+/// Sensitivity of the side lobes along.
+fn lobe_along(elevation_rad: f64) -> f64 {
+    let sigmas = (elevation_rad.abs() - ALONG_LOBE_OFFSET_RAD) / ALONG_LOBE_SIGMA_RAD;
+    FIELD_LOBE_POWER * (-0.5 * sigmas * sigmas).exp()
+}
+
 /// The beam cut into rows of elevation, each crossed by equal steps of azimuth that begin at a
 /// random place: (6) with one ray per cell that stands for the cell's weighted solid angle. So the
 /// pattern across is exact for the smallest target, and a wide one has no noise of sampling.
@@ -130,6 +133,7 @@ pub(crate) struct Fan {
     elevations: Vec<Stratum>,
     /// Steps of azimuth in a row.
     step_count: usize,
+    side_lobes: SideLobes,
     side_lobe_power: f64,
 }
 
@@ -153,8 +157,20 @@ impl Fan {
         Self {
             elevations: side_lobes.rows(),
             step_count: (2.0 * limit_sigmas / AZIMUTH_STEP_SIGMAS).ceil() as usize,
+            side_lobes,
             side_lobe_power,
         }
+    }
+
+    /// Sensitivity, two-way, towards a unit vector of the sensor's frame; 1 on the axis.
+    pub(crate) fn sensitivity(&self, direction: DVec3) -> f64 {
+        let elevation_rad = direction.z.clamp(-1.0, 1.0).asin();
+        let beyond = match self.side_lobes {
+            SideLobes::Without | SideLobes::Harsh => 0.0,
+            SideLobes::Field => lobe_along(elevation_rad),
+        };
+        let along = elevation_weight(elevation_rad) + beyond;
+        self.across(direction.y.atan2(direction.x)) * along
     }
 
     fn across(&self, azimuth_rad: f64) -> f64 {
@@ -226,6 +242,22 @@ mod tests {
         assert!((azimuth_weight(0.4 * DEGREE) - 0.5).abs() < 1e-9);
         assert!((elevation_weight(25.0 * DEGREE) - 0.5).abs() < 1e-12);
         assert!(elevation_weight(ELEVATION_LIMIT_RAD) < 1.1e-3);
+    }
+
+    #[test]
+    fn the_sensitivity_towards_a_cell_is_that_of_its_weight() {
+        for side_lobes in [SideLobes::Without, SideLobes::Harsh, SideLobes::Field] {
+            let fan = Fan::new(side_lobes);
+            let (mut by_cells, mut towards) = (0.0, 0.0);
+            let first = fan.elevations[0];
+            let area = (first.high_rad - first.low_rad) * AZIMUTH_STEP_SIGMAS * AZIMUTH_SIGMA_RAD;
+            fan.for_each(&mut Random::new(0, Purpose::Rays, 0), |cell| {
+                by_cells += cell.weight;
+                let cosine = cell.ray.truncate().length();
+                towards += fan.sensitivity(cell.ray) * cosine * area;
+            });
+            assert!((towards / by_cells - 1.0).abs() < 1e-3, "{side_lobes:?}");
+        }
     }
 
     #[test]

@@ -9,6 +9,7 @@
 
 mod beam;
 mod device;
+mod disturbances;
 mod dive;
 mod random;
 mod scene;
@@ -20,6 +21,10 @@ pub use beam::{
     elevation_weight, pulse_sigma_m,
 };
 pub use device::{DeviceCounters, SimulatedDevice};
+pub use disturbances::{
+    DISTURBANCE_KEYS, DisturbanceError, DisturbanceKey, Disturbances, EchoCopies, Fish,
+    NavigationError, Saturation, SoundSpeed, Spikes, Walker, WaterSurface,
+};
 pub use dive::{BEAMS_PER_VIEW, Dive, DiveError, DiveKind, DiveOptions};
 pub use scene::{BUILT_IN_SCENES, Hit, Scene, SceneError, SurfacePoint, SurveyPath};
 pub use seen::seen_surface;

@@ -15,6 +15,9 @@ pub(crate) enum Purpose {
     GainWalk = 6,
     Speckle = 7,
     PoseWalk = 8,
+    Spikes = 9,
+    Walker = 10,
+    Fish = 11,
 }
 
 /// A stream that depends on nothing but its three keys.

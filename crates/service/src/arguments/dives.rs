@@ -53,6 +53,9 @@ pub struct SimulateArguments {
     /// Only so many seconds of the dive
     #[arg(long, value_name = "SECONDS", value_parser = positive)]
     pub(crate) duration: Option<f64>,
+    /// What the water adds, as KEY=VALUE; repeatable, --help lists the keys
+    #[arg(long, value_name = "KEY=VALUE", long_help = crate::dives::disturb_help())]
+    pub(crate) disturb: Vec<String>,
 }
 
 #[derive(Debug, Args)]

@@ -1,4 +1,4 @@
-//! `echosplat simulate`: a dive as files: log, poses and truth.
+//! `echosplat simulate`: a dive as files: log, poses, truth and how it was made.
 
 use std::fs::File;
 use std::io::BufWriter;
@@ -8,7 +8,7 @@ use anyhow::Context;
 use echosplat_model::Timestamp;
 use echosplat_recording::svlog::{SessionHeader, SvlogWriter};
 use echosplat_recording::tum;
-use echosplat_simulator::SimulatedSonar;
+use echosplat_simulator::{Disturbances, SimulatedSonar};
 
 use crate::arguments::SimulateArguments;
 use crate::exit::{Finish, Usage};
@@ -22,15 +22,18 @@ const DEVICE_ID: u8 = 1;
 const BATCH: usize = 256;
 
 /// # Errors
-/// If there is no such dive, or the files cannot be written.
+/// If there is no such dive or disturbance, or the files cannot be written.
 pub(crate) fn run(arguments: &SimulateArguments) -> anyhow::Result<Finish> {
     let scene_text = dives::scene_text(&arguments.dive.scene)?;
-    let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
+    let disturbances = disturbances(&arguments.disturb)?;
+    let sonar = dives::sonar_disturbed(&arguments.dive, arguments.duration, disturbances)?;
     let out = &arguments.out;
     std::fs::create_dir_all(out)
         .map_err(|error| Usage::error(format!("--out {}: {error}", out.display())))?;
     write_log(&sonar, &out.join("dive.svlog")).context("cannot write dive.svlog")?;
     write_poses(&sonar, &out.join("dive.tum")).context("cannot write dive.tum")?;
+    std::fs::write(out.join("dive.toml"), description(arguments, &sonar))
+        .context("cannot write dive.toml")?;
     let beside = Path::new(&arguments.dive.scene).parent();
     let scene_files = SceneFiles::of(&scene_text, beside.unwrap_or(Path::new("")))?;
     truth::write(out, &scene_files, sonar.scene(), sonar.dive())?;
@@ -41,6 +44,33 @@ pub(crate) fn run(arguments: &SimulateArguments) -> anyhow::Result<Finish> {
         sonar.dive().duration_s()
     ));
     Ok(Finish::Done)
+}
+
+fn disturbances(pairs: &[String]) -> anyhow::Result<Disturbances> {
+    let mut disturbances = Disturbances::default();
+    for pair in pairs {
+        disturbances
+            .set(pair)
+            .map_err(|error| Usage::error(format!("--disturb {pair}: {error}")))?;
+    }
+    Ok(disturbances)
+}
+
+/// How the dive was made, as TOML.
+fn description(arguments: &SimulateArguments, sonar: &SimulatedSonar) -> String {
+    let dive = &arguments.dive;
+    format!(
+        "# How echosplat {} made this dive.\nscene = {}\ndive = \"{}\"\nnoise = \"{}\"\nseed = {}\n\
+         duration_s = {:?}\npings_per_s = {:?}\n\n[disturbances]\n{}",
+        env!("CARGO_PKG_VERSION"),
+        toml::Value::from(dive.scene.as_str()),
+        dive.dive,
+        dive.noise,
+        dive.seed,
+        sonar.dive().duration_s(),
+        1.0 / sonar.dive().ping_interval_s(),
+        sonar.dive().disturbances().to_toml()
+    )
 }
 
 /// The log's time is that of the dive: the session begins at 0.

@@ -1,5 +1,6 @@
 //! Dives: where the sensor is, when it pings, and what poses are reported of it.
 
+mod error;
 mod reported;
 mod survey;
 mod track;
@@ -8,9 +9,12 @@ mod viewpoints;
 use echosplat_model::{PingSettings, Pose, StampedPose, Timestamp, Trajectory, TrajectoryLimits};
 use glam::DVec3;
 
+use crate::disturbances::Disturbances;
 use crate::scene::Scene;
 use crate::sonar::NoiseLevel;
+pub use error::DiveError;
 use survey::Survey;
+pub(crate) use survey::structure_or_default;
 pub use viewpoints::BEAMS_PER_VIEW;
 
 /// Speed of sound of every simulated dive.
@@ -79,6 +83,8 @@ pub struct DiveOptions {
     pub pings_per_s: f64,
     /// Share of a viewpoint dive's views that are kept, 0 to 1.
     pub view_share: f64,
+    /// What is added to pings and poses; nothing by default.
+    pub disturbances: Disturbances,
 }
 
 impl Default for DiveOptions {
@@ -87,51 +93,9 @@ impl Default for DiveOptions {
             duration_s: 240.0,
             pings_per_s: 40.0,
             view_share: 1.0,
+            disturbances: Disturbances::default(),
         }
     }
-}
-
-/// Why a dive cannot be planned.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum DiveError {
-    /// Not a kind of dive.
-    #[error("no dive is called `{0}`; there are survey, viewpoints, pan and level")]
-    UnknownKind(String),
-    /// An option out of range.
-    #[error("dive option {name} is {value}; allowed is {low} to {high}")]
-    Option {
-        /// Which.
-        name: &'static str,
-        /// What it was.
-        value: f64,
-        /// Least allowed.
-        low: f64,
-        /// Most allowed.
-        high: f64,
-    },
-    /// Every way past the structure meets a solid.
-    #[error(
-        "no {kind} of `{scene}` keeps {clearance_m} m from every surface; give [survey] standoff_m and depth_z_m"
-    )]
-    NoRoom {
-        /// Kind of dive.
-        kind: DiveKind,
-        /// Name of the scene.
-        scene: String,
-        /// What has to be kept.
-        clearance_m: f64,
-    },
-    /// Too few views of a viewpoint dive see anything.
-    #[error("only {found} of {wanted} views of `{scene}` see anything; check its [viewpoints]")]
-    SparseViews {
-        /// Name of the scene.
-        scene: String,
-        /// Views that do.
-        found: usize,
-        /// Views asked for.
-        wanted: usize,
-    },
 }
 
 /// One dive, planned: a pure function of kind, scene, noise, seed and options.
@@ -146,6 +110,7 @@ pub struct Dive {
     ping_count: usize,
     motion: Motion,
     noise: NoiseLevel,
+    disturbances: Disturbances,
     reported: Vec<StampedPose>,
 }
 
@@ -201,10 +166,29 @@ impl Dive {
             ping_count,
             motion,
             noise,
+            disturbances: options.disturbances,
             reported: Vec::new(),
         };
+        dive.check_surface()?;
         dive.reported = reported::poses(&dive, seed);
         Ok(dive)
+    }
+
+    fn check_surface(&self) -> Result<(), DiveError> {
+        let (surface_m, highest_m) = (self.disturbances.surface.height_m, self.reach().1.z);
+        match surface_m > highest_m {
+            true => Ok(()),
+            false => Err(DiveError::SurfaceTooLow {
+                surface_m,
+                highest_m,
+            }),
+        }
+    }
+
+    /// What is added to its pings and poses.
+    #[must_use]
+    pub fn disturbances(&self) -> &Disturbances {
+        &self.disturbances
     }
 
     /// How it moves.
@@ -348,7 +332,8 @@ impl DiveOptions {
         };
         option("duration_s", self.duration_s, 1.0, 1e5)?;
         option("pings_per_s", self.pings_per_s, 1.0, 200.0)?;
-        option("view_share", self.view_share, 0.0, 1.0)
+        option("view_share", self.view_share, 0.0, 1.0)?;
+        Ok(self.disturbances.check()?)
     }
 }
 

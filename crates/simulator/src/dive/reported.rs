@@ -34,9 +34,16 @@ fn moving(dive: &Dive, errors: &mut Errors) -> Vec<StampedPose> {
     let pose = |index: u32| {
         let time_s = f64::from(index) / POSES_PER_S - LEAD_S;
         errors.advance(1.0 / POSES_PER_S);
-        errors.reported(time_s, &dive.pose_during(time_s, 0.0))
+        errors.reported(time_s, &vehicle_at(dive, time_s))
     };
     (0..count).map(pose).collect()
+}
+
+/// What a vehicle without noise would report at a time, seconds.
+fn vehicle_at(dive: &Dive, time_s: f64) -> Pose {
+    let navigation = dive.disturbances.navigation;
+    let sensor = dive.pose_during(navigation.held_at_s(time_s), 0.0);
+    navigation.world_from_vehicle(&sensor)
 }
 
 /// One error per view: its image was taken from one place.
@@ -50,7 +57,7 @@ fn still(dive: &Dive, errors: &mut Errors) -> Vec<StampedPose> {
             errors.advance(BEAMS_PER_VIEW as f64 * dive.ping_interval_s());
         }
         let time_s = dive.transmit_s(index);
-        let truth = dive.pose_during(time_s, 0.0);
+        let truth = vehicle_at(dive, time_s);
         poses.push(errors.reported(time_s, &truth));
         poses.push(errors.reported(time_s + kept_s, &truth));
     }

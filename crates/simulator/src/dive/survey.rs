@@ -252,7 +252,7 @@ fn outline(low: DVec3, high: DVec3) -> [DVec2; 4] {
 }
 
 /// Where nothing stands, a dive goes around a place where a fence could.
-pub(super) fn structure_or_default(scene: &Scene) -> (DVec3, DVec3) {
+pub(crate) fn structure_or_default(scene: &Scene) -> (DVec3, DVec3) {
     let half = DVec3::new(3.0, 0.5, 2.0);
     scene.bounds().unwrap_or((-half, half))
 }

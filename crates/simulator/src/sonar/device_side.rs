@@ -64,6 +64,17 @@ impl DeviceSide {
         echoes.into_iter().enumerate().map(&mut bin_power).collect()
     }
 
+    /// Mean power of the floor as reported.
+    pub(super) fn mean_noise(settings: &PingSettings) -> f64 {
+        let gain = power(GAIN_STEP_DB * f64::from(settings.gain_index.max(0)));
+        gain * power(FLOOR_DB)
+    }
+
+    /// Over that, power of an echo of 1 as echoes are computed.
+    pub(super) fn echo_over_noise(&self) -> f64 {
+        power(STRONGEST_OVER_FLOOR_DB) / self.strongest
+    }
+
     /// The gain index the device reports `time_s` into the dive.
     pub(super) fn gain_index(&self, sequence: u64, time_s: f64, asked: i16) -> i16 {
         if !self.level.is_harsh() {

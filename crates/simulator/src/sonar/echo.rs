@@ -32,8 +32,96 @@ impl MovingSensor {
         Self { step_m, poses }
     }
 
+    /// World from sensor when an echo from `range_m` meets the surface: rotation and place.
+    pub(crate) fn at(&self, range_m: f64) -> (DMat3, DVec3) {
+        self.poses[self.step_of(range_m)]
+    }
+
+    fn end_m(&self) -> f64 {
+        self.step_m * POSE_STEPS as f64
+    }
+
     fn step_of(&self, range_m: f64) -> usize {
         ((range_m / self.step_m) as usize).min(POSE_STEPS - 1)
+    }
+}
+
+/// What a ping is heard with, and of what.
+pub(crate) struct Listener<'a> {
+    pub(crate) scene: &'a Scene,
+    pub(crate) sensor: &'a MovingSensor,
+    pub(crate) fan: &'a Fan,
+    pub(crate) radiometry: Radiometry,
+}
+
+impl Listener<'_> {
+    /// Calls `visit` for every cell of the fan that meets a surface within `reach_m`.
+    pub(crate) fn for_each_echo(
+        &self,
+        reach_m: f64,
+        random: &mut Random,
+        mut visit: impl FnMut(&Echo<'_>),
+    ) {
+        let mut guess_m = 0.5 * self.sensor.end_m();
+        self.fan.for_each(random, |cell| {
+            let Some((hit, step)) = first_hit(self.scene, self.sensor, cell.ray, guess_m, reach_m)
+            else {
+                return;
+            };
+            guess_m = hit.distance_m;
+            let (rotation, origin) = self.sensor.poses[step];
+            visit(&Echo {
+                normal: rotation.transpose() * hit.normal,
+                hit,
+                cell,
+                rotation,
+                origin,
+            });
+        });
+    }
+}
+
+/// Where a cell of the fan meets a surface.
+pub(crate) struct Echo<'a> {
+    pub(crate) hit: Hit,
+    /// Of the surface, in the sensor's frame.
+    pub(crate) normal: DVec3,
+    pub(crate) cell: &'a Cell,
+    /// World from sensor, when the echo meets the surface.
+    pub(crate) rotation: DMat3,
+    pub(crate) origin: DVec3,
+}
+
+impl Echo<'_> {
+    /// Cosine of the angle between ray and normal.
+    pub(crate) fn facing(&self) -> f64 {
+        self.normal.dot(self.cell.ray).abs()
+    }
+
+    pub(crate) fn power(&self, radiometry: Radiometry) -> f64 {
+        self.cell.weight * radiometry.sent_back(&self.hit, self.facing())
+    }
+
+    /// Ranges at which the middles of the cell's lower, upper, right and left edges meet the tangent
+    /// plane of its hit.
+    pub(crate) fn edges_m(&self) -> [f64; 4] {
+        let range_m = self.hit.distance_m;
+        let off_plane_m = range_m * self.normal.dot(self.cell.ray);
+        let reach_m = self.hit.flat_reach_m.min(0.5 * range_m);
+        let edge = |direction: DVec3| {
+            let met_m = off_plane_m / self.normal.dot(direction);
+            // Seen edge-on the plane recedes without end, and past that it is met behind.
+            let met_m = if met_m > 0.0 { met_m } else { f64::INFINITY };
+            met_m.clamp(range_m - reach_m, range_m + reach_m)
+        };
+        self.cell.edges.map(edge)
+    }
+
+    /// Middle and half width of the ranges between such edges, so that neighbouring cells of a floor join
+    /// without gap or overlap.
+    pub(crate) fn spread([low, high, right, left]: [f64; 4]) -> (f64, f64) {
+        let (along_m, across_m) = (0.5 * (high - low), 0.5 * (left - right));
+        (0.5 * (low + high), along_m.hypot(across_m))
     }
 }
 
@@ -47,20 +135,15 @@ pub(crate) fn power_per_bin(
     radiometry: Radiometry,
     random: &mut Random,
 ) -> Vec<f64> {
+    let listener = Listener {
+        scene,
+        sensor,
+        fan,
+        radiometry,
+    };
     let mut gathered = Gathered::new(settings);
-    let reach_m = settings.range_end_m() + gathered.margin_m;
-    let mut guess_m = 0.5 * settings.range_end_m();
-    fan.for_each(random, |cell| {
-        let Some((hit, step)) = first_hit(scene, sensor, cell.ray, guess_m, reach_m) else {
-            return;
-        };
-        guess_m = hit.distance_m;
-        let (rotation, _) = sensor.poses[step];
-        let normal = rotation.transpose() * hit.normal;
-        let facing = normal.dot(cell.ray).abs();
-        let sent_back = radiometry.sent_back(&hit, facing);
-        let (middle_m, half_m) = footprint(&hit, normal, cell);
-        gathered.add(middle_m, half_m, cell.weight * sent_back);
+    listener.for_each_echo(gathered.reach_m(settings), random, |echo| {
+        gathered.add_echo(echo, radiometry);
     });
     gathered.into_bins(settings)
 }
@@ -87,25 +170,8 @@ fn first_hit(
     cast(step).map(|hit| (hit, step))
 }
 
-/// Middle and half width of the ranges a cell covers on the tangent plane of its hit, so that
-/// neighbouring cells of a floor join without gap or overlap. `normal` in the sensor's frame.
-fn footprint(hit: &Hit, normal: DVec3, cell: &Cell) -> (f64, f64) {
-    let range_m = hit.distance_m;
-    let off_plane_m = range_m * normal.dot(cell.ray);
-    let reach_m = hit.flat_reach_m.min(0.5 * range_m);
-    let edge = |direction: DVec3| {
-        let met_m = off_plane_m / normal.dot(direction);
-        // Seen edge-on the plane recedes without end, and past that it is met behind.
-        let met_m = if met_m > 0.0 { met_m } else { f64::INFINITY };
-        met_m.clamp(range_m - reach_m, range_m + reach_m)
-    };
-    let [low, high, right, left] = cell.edges.map(edge);
-    let (along_m, across_m) = (0.5 * (high - low), 0.5 * (left - right));
-    (0.5 * (low + high), along_m.hypot(across_m))
-}
-
 /// Power gathered in parts of bins, with a margin at both ends for the pulse to reach in.
-struct Gathered {
+pub(crate) struct Gathered {
     part_m: f64,
     margin_m: f64,
     near_m: f64,
@@ -114,7 +180,7 @@ struct Gathered {
 }
 
 impl Gathered {
-    fn new(settings: &PingSettings) -> Self {
+    pub(crate) fn new(settings: &PingSettings) -> Self {
         let part_m = settings.bin_length_m() / PARTS_PER_BIN as f64;
         let pulse = pulse_weights(pulse_sigma_m(settings) / part_m);
         let margin_parts = pulse.len() / 2;
@@ -128,8 +194,18 @@ impl Gathered {
         }
     }
 
+    /// The furthest that is heard.
+    pub(crate) fn reach_m(&self, settings: &PingSettings) -> f64 {
+        settings.range_end_m() + self.margin_m
+    }
+
+    pub(crate) fn add_echo(&mut self, echo: &Echo<'_>, radiometry: Radiometry) {
+        let (middle_m, half_m) = Echo::spread(echo.edges_m());
+        self.add(middle_m, half_m, echo.power(radiometry));
+    }
+
     /// Spreads `power` evenly over `middle_m ± half_m`; what falls outside is lost.
-    fn add(&mut self, middle_m: f64, half_m: f64, power: f64) {
+    pub(crate) fn add(&mut self, middle_m: f64, half_m: f64, power: f64) {
         let half = (half_m / self.part_m).max(0.5);
         let middle = (middle_m - self.near_m) / self.part_m;
         let (from, to) = (middle - half, middle + half);
@@ -142,7 +218,7 @@ impl Gathered {
         }
     }
 
-    fn into_bins(self, settings: &PingSettings) -> Vec<f64> {
+    pub(crate) fn into_bins(self, settings: &PingSettings) -> Vec<f64> {
         let mut bins = vec![0.0; settings.bin_count];
         if self.power.iter().all(|&power| power <= 0.0) {
             return bins;

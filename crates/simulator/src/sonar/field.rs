@@ -61,6 +61,11 @@ impl FieldUnit {
         self.echo_over_noise
     }
 
+    /// Mean power of the noise as reported.
+    pub(super) fn mean_noise(settings: &PingSettings) -> f64 {
+        power(NOISE_DB + gain_db(settings.gain_index))
+    }
+
     pub(super) fn with_gain(self, gain: GainTrack) -> Self {
         Self { gain, ..self }
     }
@@ -82,7 +87,7 @@ impl FieldUnit {
         settings: &PingSettings,
         echoes: &[f64],
     ) -> Vec<f64> {
-        let gain = power(NOISE_DB + gain_db(settings.gain_index));
+        let gain = Self::mean_noise(settings);
         let received = self.received(moment, settings, echoes);
         received.into_iter().map(|power| gain * power).collect()
     }

@@ -33,6 +33,14 @@ impl Radiometry {
             Self::Sea => hit.reflectivity * rough(facing) * passed_on(hit.distance_m),
         }
     }
+
+    /// What a range takes beside the solid angle.
+    pub(crate) fn over_range(self, range_m: f64) -> f64 {
+        match self {
+            Self::Even => 1.0,
+            Self::Sea => passed_on(range_m),
+        }
+    }
 }
 
 /// Lambert's law, whose surface of a given solid angle shines with cos θ, and facets with slopes of

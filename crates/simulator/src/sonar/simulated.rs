@@ -6,12 +6,14 @@ use echosplat_model::{LOOKAHEAD_S, PingSettings, Pose, PosedPing, Switch, Trajec
 use rayon::prelude::*;
 
 use super::device_side::{DeviceSide, STRONGEST_OVER_FLOOR_DB};
+use super::disturbed;
 use super::echo::{MovingSensor, power_per_bin};
 use super::field::{FieldUnit, Moment};
 use super::gain::GainTrack;
 use super::radiometry::Radiometry;
 use super::{NoiseLevel, Profile, SimulatedPing};
 use crate::beam::{Fan, SideLobes};
+use crate::disturbances::Swimmer;
 use crate::dive::Dive;
 use crate::random::{Purpose, Random};
 use crate::scene::Scene;
@@ -22,14 +24,18 @@ const REFERENCE_PING_COUNT: usize = 192;
 /// What a sonar carried along a dive hears. Every ping is a pure function of scene, dive, noise,
 /// seed and its number: pings may be made in parallel and in any order.
 pub struct SimulatedSonar {
-    scene: Arc<Scene>,
-    dive: Arc<Dive>,
-    fan: Fan,
-    radiometry: Radiometry,
+    pub(super) scene: Arc<Scene>,
+    pub(super) dive: Arc<Dive>,
+    pub(super) fan: Fan,
+    pub(super) radiometry: Radiometry,
     device: DeviceSide,
     /// In place of `device` where the noise is that of the field.
     field: Option<FieldUnit>,
-    seed: u64,
+    pub(super) seed: u64,
+    /// Of the dive's disturbances.
+    pub(super) swimmers: Vec<Swimmer>,
+    /// The most that the receiver reports, linear power.
+    pub(super) stop: f64,
 }
 
 /// Power per bin of one ping from a sensor at rest, without any noise, side lobes or loss over range:
@@ -68,6 +74,7 @@ impl SimulatedSonar {
             NoiseLevel::Harsh => (SideLobes::Harsh, Radiometry::Even),
         };
         let mut sonar = Self {
+            swimmers: disturbed::swimmers(&scene, &dive, seed),
             scene,
             dive,
             fan: Fan::new(side_lobes),
@@ -79,12 +86,13 @@ impl SimulatedSonar {
             },
             field: None,
             seed,
+            stop: f64::INFINITY,
         };
         if noise.is_field() {
-            return sonar.with_field_unit(FieldUnit::new(seed));
+            return sonar.with_field_unit(FieldUnit::new(seed)).with_stop();
         }
         sonar.device.strongest = sonar.strongest_echo();
-        sonar
+        sonar.with_stop()
     }
 
     /// The same with the decibel scale of another: one device that goes from scene to scene.
@@ -98,6 +106,7 @@ impl SimulatedSonar {
             }
             (own, _) => Self { field: own, ..self },
         }
+        .with_stop()
     }
 
     /// The same with as much noise under the echoes that the strongest echo of a ping, before speckle,
@@ -113,10 +122,11 @@ impl SimulatedSonar {
         }
         let over_noise = 10f64.powf(0.1 * over_noise_db) / median;
         self.device.strongest = 10f64.powf(0.1 * STRONGEST_OVER_FLOOR_DB) / over_noise;
-        Some(match self.field.take() {
+        let scaled = match self.field.take() {
             Some(unit) => self.with_field_unit(unit.with_echo_over_noise(over_noise)),
             None => self,
-        })
+        };
+        Some(scaled.with_stop())
     }
 
     /// The unit with the gain that the echoes of this dive lead it to.
@@ -210,11 +220,11 @@ impl SimulatedSonar {
                 time_s,
                 world_from_sensor: pose_after(0.0),
             };
-            let echoes = self.echoes_along(sequence, &settings, pose_after);
-            match &self.field {
-                Some(unit) => unit.heard(&moment, &settings, &echoes),
-                None => self.device.heard(sequence, &settings, echoes),
+            let mut power = self.received(&moment, &settings, pose_after).power;
+            for power in &mut power {
+                *power = power.min(self.stop);
             }
+            power
         } else {
             Vec::new()
         };
@@ -230,8 +240,44 @@ impl SimulatedSonar {
         }
     }
 
+    /// Linear power per bin as the device reports it, of noiseless echoes.
+    pub(super) fn heard(
+        &self,
+        moment: &Moment,
+        settings: &PingSettings,
+        echoes: &[f64],
+    ) -> Vec<f64> {
+        match &self.field {
+            Some(unit) => unit.heard(moment, settings, echoes),
+            None => self
+                .device
+                .heard(moment.sequence, settings, echoes.to_vec()),
+        }
+    }
+
+    /// Mean power of the noise as reported; without noise, what nominal noise would have.
+    pub(super) fn mean_noise(&self, settings: &PingSettings) -> f64 {
+        match &self.field {
+            Some(_) => FieldUnit::mean_noise(settings),
+            None => DeviceSide::mean_noise(settings),
+        }
+    }
+
+    /// Over that, power of an echo of 1.
+    pub(super) fn echo_over_noise(&self) -> f64 {
+        match &self.field {
+            Some(unit) => unit.echo_over_noise(),
+            None => self.device.echo_over_noise(),
+        }
+    }
+
     /// What the device makes of the settings that it was asked for.
-    fn settings_of(&self, sequence: u64, time_s: f64, asked: PingSettings) -> PingSettings {
+    pub(super) fn settings_of(
+        &self,
+        sequence: u64,
+        time_s: f64,
+        asked: PingSettings,
+    ) -> PingSettings {
         match &self.field {
             Some(unit) => PingSettings {
                 gain_index: unit.gain_index(sequence, time_s),
@@ -244,24 +290,14 @@ impl SimulatedSonar {
         }
     }
 
-    /// Power per bin without any noise, solid angle × sensitivity × reflectivity in steradian; with
-    /// the noise of the field weakened by range and angle, in steradian per square metre.
+    /// Power per bin without any noise or disturbance, solid angle × sensitivity × reflectivity in
+    /// steradian; with the noise of the field weakened by range and angle, in steradian per square metre.
     #[must_use]
     pub fn echoes(&self, sequence: u64, time_s: f64, settings: &PingSettings) -> Vec<f64> {
-        self.echoes_along(sequence, settings, |later_s| {
-            self.dive.pose_during(time_s, later_s)
-        })
-    }
-
-    fn echoes_along(
-        &self,
-        sequence: u64,
-        settings: &PingSettings,
-        pose_after: impl Fn(f64) -> Pose,
-    ) -> Vec<f64> {
         let mut random = Random::new(self.seed, Purpose::Rays, sequence);
         let sensor = MovingSensor::new(settings.range_end_m(), |range_m| {
-            pose_after(range_m / settings.speed_of_sound_mps)
+            let later_s = range_m / settings.speed_of_sound_mps;
+            self.dive.pose_during(time_s, later_s)
         });
         power_per_bin(
             &self.scene,
@@ -273,16 +309,20 @@ impl SimulatedSonar {
         )
     }
 
-    /// Of some pings of the dive, each one's.
-    fn strongest_echoes(&self) -> Vec<f64> {
+    /// Some pings of the dive.
+    pub(super) fn reference_pings(&self) -> Vec<usize> {
         let count = self.dive.pings();
         let looked_at = count.min(REFERENCE_PING_COUNT);
         // Spread by the golden ratio: in step with none of the dive's periods.
         let index = |i: usize| ((i as f64 * 0.618_033_988_75).fract() * count as f64) as usize;
-        (0..looked_at)
+        (0..looked_at).map(|i| index(i).min(count - 1)).collect()
+    }
+
+    /// Of those, each one's.
+    fn strongest_echoes(&self) -> Vec<f64> {
+        self.reference_pings()
             .into_par_iter()
-            .map(|i| {
-                let index = index(i).min(count - 1);
+            .map(|index| {
                 let (sequence, time_s) = (index as u64, self.dive.transmit_s(index));
                 let settings = self.settings_of(sequence, time_s, self.dive.settings_at(index));
                 let echoes = self.echoes(sequence, time_s, &settings);
