@@ -39,8 +39,8 @@ pub struct MapperConfig {
     pub workout_pairs: u64,
     /// Least share of an echo that a confident Gaussian and its surroundings explain.
     pub confident_share: f32,
-    /// Most one-sigma uncertainty of a confident Gaussian, metres; one that continues a surface may
-    /// have four times as much.
+    /// Most one-sigma uncertainty of a confident Gaussian by its own pings alone, metres; one that continues a surface
+    /// may have four times as much.
     pub confident_sigma_m: f32,
     /// Threads of the mapper's own pool; 0 takes one per core. Does not change the result.
     pub threads: usize,

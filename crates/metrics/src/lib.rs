@@ -9,6 +9,7 @@
 
 mod alignment;
 mod between;
+mod certainty;
 pub mod curve;
 mod map_points;
 mod mesh;
@@ -21,6 +22,7 @@ mod statistics;
 mod truth;
 
 pub use between::distance_between;
+pub use certainty::{Certainty, ProbabilityTenth, SigmaTenth, certainty};
 pub use map_points::{MapPoint, MapPoints};
 pub use mesh::{MeshFigures, MeshMetrics, evaluate_mesh, mesh_places};
 pub use metrics::{

@@ -3,7 +3,9 @@
 use std::fmt::Write;
 
 use echosplat_metrics::curve::{Curve, Sample};
-use echosplat_metrics::{MeshFigures, MeshMetrics, Metrics};
+use echosplat_metrics::{
+    Certainty, MeshFigures, MeshMetrics, Metrics, ProbabilityTenth, SigmaTenth,
+};
 
 /// Said above every table of errors.
 pub const CAPTION: &str =
@@ -151,6 +153,44 @@ pub fn mesh(mesh: &MeshMetrics) -> String {
     ] {
         let _ = writeln!(text, "{name:<34}  {:.3} %", 100.0 * share);
     }
+    text
+}
+
+/// How far a map's own sigma and probability hold.
+#[must_use]
+pub fn certainty(certainty: &Certainty) -> String {
+    let mut text = format!(
+        "{:<34}  {:.1} %\n",
+        "within two sigma of the truth",
+        100.0 * certainty.within_two_sigma_share
+    );
+    let mut line = |name: &str, cells: Vec<String>| {
+        let _ = writeln!(text, "{name:<34}  {}", cells.join("  "));
+    };
+    let sigma = |value: fn(&SigmaTenth) -> f64| {
+        let tenths = certainty.sigma_tenths.iter();
+        tenths
+            .map(|tenth| format!("{:>6.3}", value(tenth)))
+            .collect()
+    };
+    line(
+        "sigma by tenths, surest first, m",
+        sigma(|tenth| tenth.sigma_m),
+    );
+    line("error of the same, rms, m", sigma(|tenth| tenth.error_m));
+    let probability = |value: fn(&ProbabilityTenth) -> String| {
+        let tenths = certainty.probability_tenths.iter();
+        tenths.map(|tenth| format!("{:>6}", value(tenth))).collect()
+    };
+    line(
+        "probability of surface in 0.10 m",
+        probability(|tenth| format!("{:.2}", tenth.said)),
+    );
+    line(
+        "… found of the same, all Gaussians",
+        probability(|tenth| format!("{:.2}", tenth.found)),
+    );
+    line("… how many", probability(|tenth| tenth.count.to_string()));
     text
 }
 

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use echosplat_metrics::{MapPoints, evaluate, evaluate_mesh, mesh_places};
+use echosplat_metrics::{MapPoints, certainty, evaluate, evaluate_mesh, mesh_places};
 use echosplat_model::PosedPing;
 use echosplat_prediction::held_back::{HeldBack, Pair, is_fitted_on, is_held_back, score};
 use echosplat_prediction::{MapRenderer, blank_bins, pair_of};
@@ -34,6 +34,12 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
             logging::print(table::metrics(&metrics).trim_end());
         }
         said = serde_json::to_value(metrics)?;
+        if let Some(found) = certainty(map.origin_m, &map.gaussians, &truth) {
+            if !arguments.json {
+                logging::print(table::certainty(&found).trim_end());
+            }
+            said["certainty"] = serde_json::to_value(found)?;
+        }
         if let Some(path) = &arguments.mesh {
             let places = mesh_places(path)
                 .map_err(|error| Usage::error(format!("mesh {}: {error}", path.display())))?;
