@@ -26,6 +26,8 @@
 //!     opacity: 0.9,
 //!     reflectivity: 0.5,
 //!     sigma_m: 0.01,
+//!     position_covariance_m2: Gaussian::known_alike_m2(0.01),
+//!     probability: 1.0,
 //!     standing: Standing::Confident,
 //! }]);
 //! let look = Look {
