@@ -58,15 +58,19 @@ pub(crate) struct Finding {
 }
 
 impl Finding {
+    /// Of one look, whose pose makes `pose_m2` of the place: it counts as much as the look informs.
+    pub(crate) fn of_look(information: SymmetricMat3, pose_m2: SymmetricMat3) -> Self {
+        Self {
+            information,
+            pose_m2: times(pose_m2, information.diagonal.element_sum()),
+            ..Self::default()
+        }
+    }
+
     pub(crate) fn add(&mut self, part: &Self) {
         self.account.add(&part.account);
         add(&mut self.information, &part.information);
         add(&mut self.pose_m2, &part.pose_m2);
-    }
-
-    /// Counts what its pose makes of the place as much as it informs.
-    pub(crate) fn weigh_pose(&mut self) {
-        self.pose_m2 = times(self.pose_m2, self.information.diagonal.element_sum());
     }
 
     /// As if each look had been made so many times.

@@ -151,13 +151,10 @@ pub(crate) fn findings_of_ping(
     for (row, moments) in sight.rows().iter().zip(&desk.moments) {
         let mut pull = Pull::default();
         pull.add(row, moments, past.weight);
-        let mut part = Finding {
-            information: pull.information,
-            pose_m2: certainty::of_pose(row, past.pose_error),
-            ..Finding::default()
-        };
-        part.weigh_pose();
-        tally.of(row.slot).add(&part);
+        let pose_m2 = certainty::of_pose(row, past.pose_error);
+        tally
+            .of(row.slot)
+            .add(&Finding::of_look(pull.information, pose_m2));
     }
 }
 

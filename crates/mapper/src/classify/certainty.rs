@@ -16,7 +16,7 @@ use crate::refine::shape::{eigen, scatter_of};
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 
-/// What is not known at all is known to a ping's range.
+/// A place that nothing is known of is within a ping's range, of which this is a usual one, metres.
 const REACH_M: f64 = 10.0;
 /// A surface goes on within so many voxels.
 const SURFACE_VOXELS: f32 = 1.5;
@@ -50,8 +50,6 @@ pub(super) fn tell(
     finding_of: impl Fn(usize) -> Option<Finding> + Sync,
     voxel_m: f32,
 ) {
-    let slots = gaussians.slots().filter(|&slot| finding_of(slot).is_some());
-    let slots: Vec<usize> = slots.collect();
     let is_confident =
         |slot: usize| gaussians.verdict[slot] == Verdict::Published(Standing::Confident);
     let neighbours = Neighbours::new(gaussians, SURFACE_VOXELS * voxel_m, is_confident);
@@ -60,12 +58,19 @@ pub(super) fn tell(
     for (slot, scatter) in surfaces {
         surface_of[slot] = Some(scatter);
     }
-    for slot in slots {
-        let Some(finding) = finding_of(slot) else {
+    for (slot, surface) in surface_of.into_iter().enumerate() {
+        let Some(finding) = finding_of(slot).filter(|_| gaussians.alive[slot]) else {
             continue;
         };
         let part = gaussians.part[slot];
-        let covariance_m2 = covariance_m2(&finding, part, surface_of[slot], voxel_m);
+        let covariance_m2 = covariance_m2(&finding, part, surface, voxel_m);
+        // Beyond single precision nothing is known; no number would take the Gaussian from the map.
+        if !covariance_m2.is_finite() {
+            gaussians.position_covariance_m2[slot] = SymmetricMat3::isotropic(f32::INFINITY);
+            gaussians.sigma_m[slot] = f32::INFINITY;
+            gaussians.probability[slot] = BY_CHANCE;
+            continue;
+        }
         let (_, variances_m2) = eigen(covariance_m2);
         gaussians.position_covariance_m2[slot] = SymmetricMat3::of(covariance_m2);
         gaussians.sigma_m[slot] = variances_m2.z.max(0.0).sqrt();
@@ -117,14 +122,8 @@ mod tests {
     const VOXEL_M: f32 = 0.05;
 
     fn finding(information: Vec3, pose_m2: f32) -> Finding {
-        let pose = SymmetricMat3::isotropic(pose_m2.sqrt());
-        let mut finding = Finding {
-            information: SymmetricMat3::of(Mat3::from_diagonal(information)),
-            pose_m2: pose,
-            ..Finding::default()
-        };
-        finding.weigh_pose();
-        finding
+        let information = SymmetricMat3::of(Mat3::from_diagonal(information));
+        Finding::of_look(information, SymmetricMat3::isotropic(pose_m2.sqrt()))
     }
 
     #[test]
@@ -152,6 +151,17 @@ mod tests {
         let nothing = covariance_m2(&Finding::default(), 0.125, None, VOXEL_M);
         assert!((nothing.x_axis.x.sqrt() - REACH_M as f32).abs() < 0.1);
         assert!((probability(&Account::default(), 10.0) - BY_CHANCE).abs() < 1e-6);
+    }
+
+    #[test]
+    fn what_single_precision_cannot_hold_is_nothing_known() {
+        let mut gaussians = Gaussians::default();
+        let slot = gaussians.spawn(Vec3::ZERO, (0, 0), 0.1, 1.0) as usize;
+        let too_sharp = finding(Vec3::splat(f32::MAX), 1.0);
+        tell(&mut gaussians, |_| Some(too_sharp), VOXEL_M);
+        assert!(gaussians.sigma_m[slot].is_infinite());
+        let covariance = gaussians.position_covariance_m2[slot];
+        assert!(!covariance.diagonal.is_nan() && covariance.mixed == Vec3::ZERO);
     }
 
     #[test]

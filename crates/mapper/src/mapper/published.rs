@@ -20,7 +20,7 @@ pub(super) fn intensity_unit(unit_strength: f32) -> f32 {
 }
 
 /// In the order of [`Gaussian::position_covariance_m2`].
-pub(crate) fn upper_triangle(matrix: &SymmetricMat3) -> [f32; 6] {
+fn upper_triangle(matrix: &SymmetricMat3) -> [f32; 6] {
     let (d, m) = (matrix.diagonal, matrix.mixed);
     [d.x, m.z, m.y, d.y, m.x, d.z]
 }
