@@ -3,6 +3,10 @@
 pub(crate) mod bin_state;
 pub(crate) mod bursts;
 pub(crate) mod compact;
+pub(crate) mod copies;
+#[cfg(test)]
+mod heard;
 pub(crate) mod multiples;
 pub(crate) mod profile;
 pub(crate) mod receiver;
+pub(crate) mod repeats;

@@ -148,102 +148,33 @@ impl Multiples {
         }
     }
 
-    /// Bins of a ping's echoes, half-open runs, that may be others heard again.
-    pub(crate) fn runs(
-        &self,
-        look: &Look,
-        intensity: &[f32],
-        profile: &Profile,
-    ) -> Vec<(u32, u32)> {
-        let mut runs: Vec<(u32, u32)> = Vec::new();
-        if self.ratios.is_empty() {
-            return runs;
-        }
+    /// Whether the echo in a bin may be one before it heard again.
+    pub(crate) fn explain(&self, look: &Look, intensity: &[f32], blank: usize, bin: u32) -> bool {
         let start = look.range_start_m / look.bin_length_m;
-        let source = |bin: u32, ratio: f32| {
+        let power = intensity[bin as usize];
+        self.ratios.iter().any(|ratio| {
             let at = (start + bin as f32 + 0.5) / ratio;
             let near = at * (1.0 - RATIO_TOLERANCE) - start - 1.0;
             let far = at * (1.0 + RATIO_TOLERANCE) - start + 1.0;
-            let first = (near.max(0.0) as usize).max(profile.blank);
+            let first = (near.max(0.0) as usize).max(blank);
             let end = (far.max(0.0).ceil() as usize).min(bin as usize);
-            let bins = intensity.get(first..end).unwrap_or_default();
-            bins.iter().copied().fold(0.0, f32::max)
-        };
-        for bin in profile.echoes.iter().flat_map(|&(start, end)| start..end) {
-            let power = intensity[bin as usize];
-            let mut sources = self.ratios.iter().map(|&ratio| source(bin, ratio));
-            if !sources.any(|source| power < MOST_PART * source) {
-                continue;
-            }
-            match runs.last_mut() {
-                Some((_, end)) if *end == bin => *end += 1,
-                _ => runs.push((bin, bin + 1)),
-            }
-        }
-        runs
+            let sources = intensity.get(first..end).unwrap_or_default();
+            power < MOST_PART * sources.iter().copied().fold(0.0, f32::max)
+        })
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use echosplat_model::glam::DVec3;
-    use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
-
     use super::*;
-    use crate::MapperConfig;
-    use crate::accumulate::history::look_of;
-    use crate::detect::profile::{Backdrop, Levels};
-
-    const BINS: usize = 600;
-    const BIN_M: f64 = 0.02;
-
-    /// A ping of faint noise with echoes at these ranges, metres, and powers.
-    fn heard(echoes: &[(f64, f32)]) -> (Look, Vec<f32>, Profile, f32) {
-        let mut power: Vec<f32> = (0..BINS)
-            .map(|bin| 0.5 + 0.01 * (bin * 7 % 100) as f32)
-            .collect();
-        for &(range_m, strength) in echoes {
-            let bin = (range_m / BIN_M) as usize;
-            power[bin - 1..=bin + 1].fill(strength);
-        }
-        let settings = PingSettings {
-            range_start_m: 0.0,
-            range_length_m: BIN_M * BINS as f64,
-            bin_count: BINS,
-            speed_of_sound_mps: 1500.0,
-            frequency_hz: 450e3,
-            pulse_duration_s: 2e-5,
-            gain_index: 0,
-        };
-        let posed = PosedPing {
-            ping: Ping::new(0, Timestamp::ZERO, settings, power.clone())
-                .unwrap()
-                .into(),
-            world_from_sensor: Pose::IDENTITY,
-            twist: Twist::default(),
-            reference_range_m: 6.0,
-            uncertainty: None,
-            jitter: None,
-        };
-        let config = MapperConfig::default();
-        let mut levels = Levels::default();
-        let profile = levels.profile(
-            &posed.ping,
-            0.04,
-            &Backdrop::default(),
-            Box::default(),
-            &config,
-        );
-        let look = look_of(&posed, DVec3::ZERO, &config);
-        (look, power, profile, levels.strongest())
-    }
+    use crate::detect::heard::heard;
 
     /// Learnt from pings that see the first echo at 3 to 5 m and another as `other` says.
     fn learnt(other: impl Fn(f64) -> (f64, f32)) -> Multiples {
         let mut multiples = Multiples::default();
         for step in 0..512 {
             let range_m = 3.0 + 2.0 * f64::from(step * 37 % 512) / 512.0;
-            let (look, power, profile, strongest) = heard(&[(range_m, 1e4), other(range_m)]);
+            let (look, power, profile, strongest) = heard(0.0, &[(range_m, 1e4), other(range_m)]);
             multiples.listen(&look, &power, &profile, strongest, 1.0);
         }
         multiples
@@ -256,11 +187,15 @@ mod tests {
             panic!("{:?}", multiples.ratios());
         };
         assert!((ratio / 1.7 - 1.0).abs() < 0.012, "{ratio}");
-        let (look, power, profile, _) = heard(&[(4.0, 1e4), (6.0, 1e3), (6.8, 1e3)]);
-        let runs = multiples.runs(&look, &power, &profile);
-        assert_eq!(runs, [(339, 342)]);
-        let (look, power, profile, _) = heard(&[(4.0, 1e4), (6.8, 8e3)]);
-        assert_eq!(multiples.runs(&look, &power, &profile), []);
+        let explained = |echoes: &[(f64, f32)], bins: std::ops::Range<u32>| {
+            let (look, power, profile, _) = heard(0.0, echoes);
+            let explain = |bin| multiples.explain(&look, &power, profile.blank, bin);
+            bins.filter(|&bin| explain(bin)).collect::<Vec<u32>>()
+        };
+        let echoes = [(4.0, 1e4), (6.0, 1e3), (6.8, 1e3)];
+        assert_eq!(explained(&echoes, 299..302), []);
+        assert_eq!(explained(&echoes, 339..342), [339, 340, 341]);
+        assert_eq!(explained(&[(4.0, 1e4), (6.8, 8e3)], 339..342), []);
     }
 
     #[test]
@@ -275,7 +210,7 @@ mod tests {
         multiples.tried[60] = before;
         let ratio = f64::from(RATIO_OF_STEP[60]);
         for _ in 0..4096 {
-            let (look, power, profile, strongest) = heard(&[(4.0, 1e4), (4.0 * ratio, 1e3)]);
+            let (look, power, profile, strongest) = heard(0.0, &[(4.0, 1e4), (4.0 * ratio, 1e3)]);
             multiples.listen(&look, &power, &profile, strongest, 1.0);
         }
         let after = multiples.tried[60];
@@ -292,20 +227,9 @@ mod tests {
     fn what_is_passed_at_one_range_tells_nothing() {
         let mut multiples = Multiples::default();
         for _ in 0..1024 {
-            let (look, power, profile, strongest) = heard(&[(4.0, 1e4), (6.0, 1e3)]);
+            let (look, power, profile, strongest) = heard(0.0, &[(4.0, 1e4), (6.0, 1e3)]);
             multiples.listen(&look, &power, &profile, strongest, 1.0);
         }
         assert_eq!(multiples.ratios(), [0.0; 0]);
-    }
-
-    #[test]
-    fn doubted_bins_say_nothing() {
-        use crate::detect::bin_state::BinState::{Blank, Dark, Lit};
-        let (_, power, mut profile, _) = heard(&[(4.0, 1e4), (6.8, 1e3)]);
-        profile.doubted = [(339, 342)].into();
-        profile.judge(&power, &Backdrop::default());
-        assert_eq!(*profile.echoes, [(199, 202)]);
-        let states = [199, 337, 338, 339, 341, 342].map(|bin| profile.state.at(bin));
-        assert_eq!(states, [Lit, Dark, Dark, Blank, Blank, Dark]);
     }
 }

@@ -44,6 +44,11 @@ pub(crate) struct Backdrop {
 }
 
 impl Profile {
+    /// An echo is above this power.
+    pub(crate) fn threshold(&self) -> f32 {
+        self.threshold
+    }
+
     /// Whether there is an echo in a bin, or within the localisation error of it.
     pub(crate) fn is_lit(&self, bin: usize) -> bool {
         self.state.at(bin) == BinState::Lit

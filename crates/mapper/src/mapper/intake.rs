@@ -8,8 +8,7 @@ use super::status::InsertReport;
 use super::{Mapper, NEWBORN_STRENGTH};
 use crate::MapperConfig;
 use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
-use crate::detect::multiples::Multiples;
-use crate::detect::profile::{Backdrop, Levels, Profile, blank_bins, widen_bins};
+use crate::detect::profile::{Backdrop, Levels, blank_bins, widen_bins};
 use crate::parts::{Cue, Extent};
 use crate::seabed::Seabed;
 use crate::spawn::births;
@@ -126,10 +125,9 @@ impl Mapper {
             None => novelty(&look, self.last_look.as_ref()),
         };
         let (intensity, strongest) = (posed.ping.intensity(), self.levels.strongest());
-        self.multiples
+        self.repeats
             .listen(&look, intensity, &profile, strongest, weight);
-        self.status.bins_doubted +=
-            doubt_multiples(&self.multiples, &look, intensity, &ground, &mut profile);
+        self.status.bins_doubted += self.repeats.doubt(&look, intensity, &ground, &mut profile);
         let seabed = &mut self.seabed;
         self.pool
             .install(|| seabed.listen(&look, intensity, &profile));
@@ -239,27 +237,6 @@ impl Mapper {
             rejected: false,
         }
     }
-}
-
-/// Tells echoes that may be others heard again, and judges the ping without them. Returns their bins.
-pub(super) fn doubt_multiples(
-    multiples: &Multiples,
-    look: &Look,
-    intensity: &[f32],
-    ground: &Backdrop,
-    profile: &mut Profile,
-) -> u64 {
-    let runs = multiples.runs(look, intensity, profile);
-    if runs.is_empty() {
-        return 0;
-    }
-    let bins = runs
-        .iter()
-        .map(|&(start, end)| u64::from(end - start))
-        .sum();
-    profile.doubted = runs.into();
-    profile.judge(intensity, ground);
-    bins
 }
 
 /// Whether nothing about a ping's pose could make the map not finite.

@@ -16,9 +16,9 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::accumulate::history::History;
 use crate::detect::bursts::Bursts;
-use crate::detect::multiples::Multiples;
 use crate::detect::profile::Levels;
 use crate::detect::receiver::Receiver;
+use crate::detect::repeats::Repeats;
 use crate::mapper::workout::Workout;
 use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::seabed::Seabed;
@@ -44,7 +44,7 @@ pub struct Mapper {
     bursts: Bursts,
     levels: Levels,
     seabed: Seabed,
-    multiples: Multiples,
+    repeats: Repeats,
     history: History,
     gaussians: Gaussians,
     /// Pings of the slice that is being gathered, as they came.
@@ -82,7 +82,7 @@ impl Mapper {
             receiver: Receiver::default(),
             bursts: Bursts::default(),
             levels: Levels::default(),
-            multiples: Multiples::default(),
+            repeats: Repeats::default(),
             gaussians: Gaussians::default(),
             waiting: Vec::new(),
             last_look: None,

@@ -3,10 +3,9 @@
 use echosplat_model::Snapshot;
 
 use super::Mapper;
-use super::intake::doubt_multiples;
 use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
-use crate::detect::multiples::Multiples;
+use crate::detect::repeats::Repeats;
 use crate::mapper::schedule::Start;
 use crate::mapper::workout::{Terms, Workout, keep};
 use crate::parts::{MapCues, decide};
@@ -57,11 +56,11 @@ impl Mapper {
         self.publish()
     }
 
-    /// Judges every ping by what is now known of the seabed and of multiples, and sums up all evidence anew.
+    /// Judges every ping by what is now known of the seabed and of echoes heard again, and sums up all evidence anew.
     fn judge_anew(&mut self) {
-        let knows_more = self.seabed.is_there() || !self.multiples.ratios().is_empty();
+        let knows_more = self.seabed.is_there() || self.repeats.are_known();
         if knows_more && self.history.forgotten() == 0 {
-            judge_all(&mut self.history, &self.seabed, &self.multiples);
+            judge_all(&mut self.history, &self.seabed, &self.repeats);
             self.sum_up_anew();
         }
     }
@@ -191,18 +190,12 @@ fn due_at_end(evidence: &Evidence) -> Option<Due> {
     (!more.is_empty()).then_some((more, Start::Map))
 }
 
-fn judge_all(history: &mut History, seabed: &Seabed, multiples: &Multiples) {
+fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {
     for past in history.pings_mut() {
         let ground = seabed.backdrop(&past.look, past.brightness);
         let intensity: Vec<f32> = past.profile.intensity.iter().collect();
         past.profile.doubted = Box::default();
         past.profile.judge(&intensity, &ground);
-        doubt_multiples(
-            multiples,
-            &past.look,
-            &intensity,
-            &ground,
-            &mut past.profile,
-        );
+        repeats.doubt(&past.look, &intensity, &ground, &mut past.profile);
     }
 }

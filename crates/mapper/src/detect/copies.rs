@@ -1,0 +1,240 @@
+//! Echoes that are heard again: weaker, at a fixed distance behind their source.
+//!
+//! A plate on the vehicle or a joint in the cable sends every sound twice. Of two structures, one behind the other, the
+//! far one is missing behind many echoes of the near one, and their distance along the beam changes as it turns; a copy is
+//! behind all echoes that are strong enough for it to be heard, from wherever they come.
+//!
+//! Deliberately absent: copies stronger than a quarter of their source, and any nearer to it than 0.3 m.
+//!
+//! Cost: for each ping at most 24 strong bins × 300 offsets × 11 levels.
+
+use std::sync::LazyLock;
+
+use echosplat_acoustics::Look;
+use echosplat_model::glam::DVec3;
+
+use crate::detect::profile::Profile;
+
+/// Distances behind the source, metres, from the first in steps.
+const FIRST_M: f32 = 0.3;
+const STEP_M: f32 = 0.02;
+const OFFSETS: usize = 300;
+/// A copy stands out from what is so many steps beside it, further than an echo is long.
+const BESIDE: usize = 7;
+/// How much weaker a copy may be: 6 dB and more, in steps of 2 dB.
+const LEVELS: usize = 10;
+/// Share of strong echoes with another at the distance, and how many times that of distances beside. Two echoes of one
+/// strength, each with the speckle of a single look, differ by 6 dB or less in this share of cases.
+const LEAST_SHARE: f64 = 0.7;
+const LEAST_CONTRAST: f64 = 2.0;
+/// Independent strong bins before anything is told.
+const LEAST_ASKED: f64 = 300.0;
+/// The mean of the beams' directions is at most so long: they are spread by 15°, over which the distance along the beam
+/// between two parallel surfaces changes by more than an offset's step.
+const MOST_ALIGNED: f64 = 0.966;
+/// A strong bin is within 15 dB of the strongest of late.
+const STRONG_PART: f32 = 0.03;
+/// Strong bins of a ping that are asked.
+const MOST_ASKED: usize = 24;
+/// A copy that would be heard is this many times above the threshold: 5 dB, for speckle.
+const AUDIBLE: f32 = 3.0;
+/// One echo may be this part of the strength expected: 6 dB less.
+const SPECKLE_PART: f32 = 0.25;
+/// A copy has at most this part of its source's power.
+const MOST_PART: f32 = 0.25;
+/// Pings between decisions.
+const DECISION_STRIDE: u32 = 64;
+
+static PART_OF_LEVEL: LazyLock<[f32; LEVELS]> =
+    LazyLock::new(|| std::array::from_fn(|level| 10f32.powf(-0.6 - 0.2 * level as f32)));
+
+/// What was asked of one distance at one level, and where the beams pointed.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tried {
+    asked: f64,
+    found: f64,
+    directions: DVec3,
+}
+
+impl Tried {
+    fn share(&self) -> f64 {
+        self.found / self.asked.max(1.0)
+    }
+
+    /// Length of the mean direction of the beams that were asked.
+    fn aligned(&self) -> f64 {
+        self.directions.length() / self.asked
+    }
+}
+
+/// Learns how far behind their source echoes come back.
+#[derive(Debug)]
+pub(crate) struct Copies {
+    tried: Vec<[Tried; LEVELS]>,
+    heard: u32,
+    offsets_m: Vec<f32>,
+}
+
+impl Default for Copies {
+    fn default() -> Self {
+        Self {
+            tried: vec![[Tried::default(); LEVELS]; OFFSETS],
+            heard: 0,
+            offsets_m: Vec::new(),
+        }
+    }
+}
+
+impl Copies {
+    /// Distances at which echoes come back, metres, ascending; none as long as none stands out.
+    pub(crate) fn offsets_m(&self) -> &[f32] {
+        &self.offsets_m
+    }
+
+    /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
+    pub(crate) fn listen(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+        strongest: f32,
+        weight: f32,
+    ) {
+        let weight = f64::from(weight);
+        let direction = weight * look.pose.axes.x_axis.as_dvec3();
+        let peaks = peaks(intensity, profile, STRONG_PART * strongest);
+        let audible = AUDIBLE * profile.threshold();
+        for &bin in peaks.iter().step_by(peaks.len() / MOST_ASKED + 1) {
+            let source = intensity[bin];
+            for (step, tried) in self.tried.iter_mut().enumerate() {
+                let behind = (offset_m(step) / look.bin_length_m + 0.5) as usize;
+                let Some(there) = intensity.get(bin + behind - 1..=bin + behind + 1) else {
+                    break;
+                };
+                let heard = greatest(there);
+                let could_hear = |part: f32| part * source > audible;
+                for (tried, &part) in tried.iter_mut().zip(&*PART_OF_LEVEL) {
+                    if !could_hear(part) {
+                        break;
+                    }
+                    tried.asked += weight;
+                    tried.directions += direction;
+                    if heard > SPECKLE_PART * part * source && heard < source {
+                        tried.found += weight;
+                    }
+                }
+            }
+        }
+        self.heard = self.heard.wrapping_add(1);
+        if self.heard.is_multiple_of(DECISION_STRIDE) {
+            self.decide();
+        }
+    }
+
+    fn decide(&mut self) {
+        let steps = BESIDE..OFFSETS - BESIDE;
+        let told = steps.filter(|&step| (0..LEVELS).any(|level| self.is_told(step, level)));
+        self.offsets_m = told.map(offset_m).collect();
+    }
+
+    fn is_told(&self, step: usize, level: usize) -> bool {
+        let (here, share) = (self.tried[step][level], self.tried[step][level].share());
+        let at = |step: usize| self.tried[step][level].share();
+        here.asked >= LEAST_ASKED
+            && share >= LEAST_SHARE
+            && share >= LEAST_CONTRAST * at(step - BESIDE).max(at(step + BESIDE))
+            && (step - BESIDE..=step + BESIDE).all(|near| at(near) <= share)
+            && here.aligned() <= MOST_ALIGNED
+    }
+
+    /// Whether the echo in a bin may be a copy of one before it.
+    pub(crate) fn explain(&self, look: &Look, intensity: &[f32], blank: usize, bin: u32) -> bool {
+        let tolerance = (STEP_M / look.bin_length_m).ceil() as usize + 1;
+        let power = intensity[bin as usize];
+        self.offsets_m.iter().any(|offset_m| {
+            let behind = (offset_m / look.bin_length_m).round() as usize;
+            let Some(source) = (bin as usize).checked_sub(behind) else {
+                return false;
+            };
+            let first = source.saturating_sub(tolerance).max(blank);
+            let sources = intensity.get(first..=source + tolerance);
+            power < MOST_PART * greatest(sources.unwrap_or_default())
+        })
+    }
+}
+
+fn offset_m(step: usize) -> f32 {
+    FIRST_M + STEP_M * step as f32
+}
+
+fn greatest(powers: &[f32]) -> f32 {
+    powers.iter().copied().fold(0.0, f32::max)
+}
+
+/// Bins of echoes above `least` that nothing within two bins is above.
+fn peaks(intensity: &[f32], profile: &Profile, least: f32) -> Vec<usize> {
+    let around = |bin: usize| &intensity[bin.saturating_sub(2)..(bin + 3).min(intensity.len())];
+    let bins = profile.echoes.iter();
+    bins.flat_map(|&(start, end)| start as usize..end as usize)
+        .filter(|&bin| intensity[bin] > least && greatest(around(bin)) <= intensity[bin])
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::heard::heard;
+
+    /// Learnt from pings at headings up to `spread_deg` with an echo at 3 to 5 m and another, if any, as `other` says
+    /// for the ping's number, the echo's range and the heading.
+    fn learnt(spread_deg: f64, other: impl Fn(u32, f64, f64) -> Option<(f64, f32)>) -> Copies {
+        let mut copies = Copies::default();
+        for ping in 0..640 {
+            let range_m = 3.0 + 2.0 * f64::from(ping * 37 % 512) / 512.0;
+            let heading_deg = spread_deg * (f64::from(ping % 7) / 3.0 - 1.0);
+            let mut echoes = vec![(range_m, 1e4)];
+            echoes.extend(other(ping, range_m, heading_deg));
+            let (look, power, profile, strongest) = heard(heading_deg, &echoes);
+            copies.listen(&look, &power, &profile, strongest, 1.0);
+        }
+        copies
+    }
+
+    #[test]
+    fn what_keeps_its_distance_behind_all_echoes_is_a_copy() {
+        let copies = learnt(40.0, |_, range_m, _| Some((range_m + 1.3, 1e3)));
+        assert!(!copies.offsets_m().is_empty());
+        for offset_m in copies.offsets_m() {
+            assert!((offset_m - 1.3).abs() < 0.05, "{offset_m}");
+        }
+    }
+
+    #[test]
+    fn what_is_missing_behind_half_of_the_echoes_is_none() {
+        let copies = learnt(40.0, |ping, range_m, _| {
+            ping.is_multiple_of(2).then_some((range_m + 1.3, 1e3))
+        });
+        assert_eq!(copies.offsets_m(), [0.0; 0]);
+    }
+
+    #[test]
+    fn a_parallel_surface_is_none_whether_seen_from_all_sides_or_from_one() {
+        let parallel = |_, range_m: f64, heading_deg: f64| {
+            Some((range_m + 1.3 / heading_deg.to_radians().cos(), 1e3))
+        };
+        for spread_deg in [40.0, 2.0] {
+            assert_eq!(learnt(spread_deg, parallel).offsets_m(), [0.0; 0]);
+        }
+    }
+
+    #[test]
+    fn what_is_louder_than_a_copy_can_be_is_not_explained() {
+        let copies = learnt(40.0, |_, range_m, _| Some((range_m + 1.3, 1e3)));
+        let explained = |echo: (f64, f32)| {
+            let (look, power, profile, _) = heard(0.0, &[(4.0, 1e4), echo]);
+            copies.explain(&look, &power, profile.blank, (echo.0 / 0.02) as u32)
+        };
+        assert!(explained((5.3, 1e3)));
+        assert!(!explained((5.3, 5e3)) && !explained((5.6, 1e3)));
+    }
+}

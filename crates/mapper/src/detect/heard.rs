@@ -1,0 +1,57 @@
+//! Pings with given echoes, for the tests of what is told from echoes alone.
+
+use echosplat_acoustics::Look;
+use echosplat_model::glam::{DQuat, DVec3};
+use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
+
+use crate::MapperConfig;
+use crate::accumulate::history::look_of;
+use crate::detect::profile::{Backdrop, Levels, Profile};
+
+const BINS: usize = 600;
+const BIN_M: f64 = 0.02;
+
+/// A level ping of faint noise with echoes at these ranges, metres, and powers: what it saw, its powers, what they
+/// say and the strongest of them.
+pub(crate) fn heard(heading_deg: f64, echoes: &[(f64, f32)]) -> (Look, Vec<f32>, Profile, f32) {
+    let mut power: Vec<f32> = (0..BINS)
+        .map(|bin| 0.5 + 0.01 * (bin * 7 % 100) as f32)
+        .collect();
+    for &(range_m, strength) in echoes {
+        let bin = (range_m / BIN_M) as usize;
+        power[bin - 1..=bin + 1].fill(strength);
+    }
+    let settings = PingSettings {
+        range_start_m: 0.0,
+        range_length_m: BIN_M * BINS as f64,
+        bin_count: BINS,
+        speed_of_sound_mps: 1500.0,
+        frequency_hz: 450e3,
+        pulse_duration_s: 2e-5,
+        gain_index: 0,
+    };
+    let posed = PosedPing {
+        ping: Ping::new(0, Timestamp::ZERO, settings, power.clone())
+            .unwrap()
+            .into(),
+        world_from_sensor: Pose {
+            rotation: DQuat::from_rotation_z(heading_deg.to_radians()),
+            ..Pose::IDENTITY
+        },
+        twist: Twist::default(),
+        reference_range_m: 6.0,
+        uncertainty: None,
+        jitter: None,
+    };
+    let config = MapperConfig::default();
+    let mut levels = Levels::default();
+    let profile = levels.profile(
+        &posed.ping,
+        0.04,
+        &Backdrop::default(),
+        Box::default(),
+        &config,
+    );
+    let look = look_of(&posed, DVec3::ZERO, &config);
+    (look, power, profile, levels.strongest())
+}

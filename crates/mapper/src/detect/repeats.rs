@@ -1,0 +1,105 @@
+//! Echoes that are heard again further out, and so say nothing of the place they seem to come from.
+
+use echosplat_acoustics::Look;
+
+use crate::detect::copies::Copies;
+use crate::detect::multiples::Multiples;
+use crate::detect::profile::{Backdrop, Profile};
+
+/// At a ratio of their range, and at a distance behind it.
+#[derive(Debug, Default)]
+pub(crate) struct Repeats {
+    multiples: Multiples,
+    copies: Copies,
+}
+
+impl Repeats {
+    /// Whether echoes are known to come back.
+    pub(crate) fn are_known(&self) -> bool {
+        !self.multiples.ratios().is_empty() || !self.copies.offsets_m().is_empty()
+    }
+
+    /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
+    pub(crate) fn listen(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+        strongest: f32,
+        weight: f32,
+    ) {
+        self.multiples
+            .listen(look, intensity, profile, strongest, weight);
+        self.copies
+            .listen(look, intensity, profile, strongest, weight);
+    }
+
+    /// Tells echoes that may be others heard again, and judges the ping without them. Returns their bins.
+    pub(crate) fn doubt(
+        &self,
+        look: &Look,
+        intensity: &[f32],
+        ground: &Backdrop,
+        profile: &mut Profile,
+    ) -> u64 {
+        if !self.are_known() {
+            return 0;
+        }
+        let runs = self.runs(look, intensity, profile);
+        if runs.is_empty() {
+            return 0;
+        }
+        let bins = runs
+            .iter()
+            .map(|&(start, end)| u64::from(end - start))
+            .sum();
+        profile.doubted = runs.into();
+        profile.judge(intensity, ground);
+        bins
+    }
+
+    /// Bins of a ping's echoes, half-open runs, that may be others heard again.
+    fn runs(&self, look: &Look, intensity: &[f32], profile: &Profile) -> Vec<(u32, u32)> {
+        let mut runs: Vec<(u32, u32)> = Vec::new();
+        let blank = profile.blank;
+        for bin in profile.echoes.iter().flat_map(|&(start, end)| start..end) {
+            if !self.multiples.explain(look, intensity, blank, bin)
+                && !self.copies.explain(look, intensity, blank, bin)
+            {
+                continue;
+            }
+            match runs.last_mut() {
+                Some((_, end)) if *end == bin => *end += 1,
+                _ => runs.push((bin, bin + 1)),
+            }
+        }
+        runs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::bin_state::BinState::{Blank, Dark, Lit};
+    use crate::detect::heard::heard;
+
+    #[test]
+    fn an_echo_that_comes_back_says_nothing_and_what_hides_no_copy_does() {
+        let mut repeats = Repeats::default();
+        for step in 0..640 {
+            let range_m = 3.0 + 2.0 * f64::from(step * 37 % 512) / 512.0;
+            let heading_deg = 60.0 * f64::from(step % 7) / 6.0;
+            let echoes = [(range_m, 1e4), (range_m + 1.3, 1e3)];
+            let (look, power, profile, strongest) = heard(heading_deg, &echoes);
+            repeats.listen(&look, &power, &profile, strongest, 1.0);
+        }
+        assert!(repeats.are_known());
+        let echoes = [(4.0, 1e4), (5.3, 1e3), (8.0, 1e3)];
+        let (look, power, mut profile, _) = heard(0.0, &echoes);
+        let bins = repeats.doubt(&look, &power, &Backdrop::default(), &mut profile);
+        assert_eq!(bins, 3);
+        assert_eq!(*profile.echoes, [(199, 202), (399, 402)]);
+        let states = [199, 262, 264, 265, 400].map(|bin| profile.state.at(bin));
+        assert_eq!(states, [Lit, Dark, Blank, Blank, Lit]);
+    }
+}
