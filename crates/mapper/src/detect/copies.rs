@@ -13,7 +13,7 @@ use std::sync::LazyLock;
 use echosplat_acoustics::Look;
 use echosplat_model::glam::DVec3;
 
-use crate::detect::profile::Profile;
+use crate::detect::profile::{Profile, greatest};
 
 /// Distances behind the source, metres, from the first in steps.
 const FIRST_M: f32 = 0.3;
@@ -102,7 +102,7 @@ impl Copies {
     ) {
         let weight = f64::from(weight);
         let direction = weight * look.pose.axes.x_axis.as_dvec3();
-        let peaks = peaks(intensity, profile, STRONG_PART * strongest);
+        let peaks = profile.peaks(intensity, STRONG_PART * strongest);
         let audible = AUDIBLE * profile.threshold();
         for &bin in peaks.iter().step_by(peaks.len() / MOST_ASKED + 1) {
             let source = intensity[bin];
@@ -165,19 +165,6 @@ impl Copies {
 
 fn offset_m(step: usize) -> f32 {
     FIRST_M + STEP_M * step as f32
-}
-
-fn greatest(powers: &[f32]) -> f32 {
-    powers.iter().copied().fold(0.0, f32::max)
-}
-
-/// Bins of echoes above `least` that nothing within two bins is above.
-fn peaks(intensity: &[f32], profile: &Profile, least: f32) -> Vec<usize> {
-    let around = |bin: usize| &intensity[bin.saturating_sub(2)..(bin + 3).min(intensity.len())];
-    let bins = profile.echoes.iter();
-    bins.flat_map(|&(start, end)| start as usize..end as usize)
-        .filter(|&bin| intensity[bin] > least && greatest(around(bin)) <= intensity[bin])
-        .collect()
 }
 
 #[cfg(test)]

@@ -6,6 +6,7 @@ pub(crate) mod compact;
 pub(crate) mod copies;
 #[cfg(test)]
 mod heard;
+pub(crate) mod mirror;
 pub(crate) mod multiples;
 pub(crate) mod profile;
 pub(crate) mod receiver;

@@ -49,6 +49,17 @@ impl Profile {
         self.threshold
     }
 
+    /// Bins of echoes above `least` that nothing within two bins is above, ascending.
+    pub(crate) fn peaks(&self, intensity: &[f32], least: f32) -> Vec<usize> {
+        let around = |bin: usize| {
+            greatest(&intensity[bin.saturating_sub(2)..(bin + 3).min(intensity.len())])
+        };
+        let bins = self.echoes.iter();
+        bins.flat_map(|&(start, end)| start as usize..end as usize)
+            .filter(|&bin| intensity[bin] > least && around(bin) <= intensity[bin])
+            .collect()
+    }
+
     /// Whether there is an echo in a bin, or within the localisation error of it.
     pub(crate) fn is_lit(&self, bin: usize) -> bool {
         self.state.at(bin) == BinState::Lit
@@ -251,7 +262,7 @@ fn risen(strongest: f32, peak: f32) -> f32 {
 }
 
 /// The greatest power; 0 of none.
-fn greatest(powers: &[f32]) -> f32 {
+pub(crate) fn greatest(powers: &[f32]) -> f32 {
     powers.iter().copied().fold(0.0, f32::max)
 }
 

@@ -3,20 +3,39 @@
 use echosplat_acoustics::Look;
 
 use crate::detect::copies::Copies;
+use crate::detect::mirror::{Mirror, Source};
 use crate::detect::multiples::Multiples;
 use crate::detect::profile::{Backdrop, Profile};
 
-/// At a ratio of their range, and at a distance behind it.
+/// At a ratio of their range, at a distance behind it, and by way of the water's surface.
 #[derive(Debug, Default)]
 pub(crate) struct Repeats {
     multiples: Multiples,
     copies: Copies,
+    mirror: Mirror,
 }
 
 impl Repeats {
     /// Whether echoes are known to come back.
     pub(crate) fn are_known(&self) -> bool {
-        !self.multiples.ratios().is_empty() || !self.copies.offsets_m().is_empty()
+        !self.multiples.ratios().is_empty()
+            || !self.copies.offsets_m().is_empty()
+            || self.mirror.height_m().is_some()
+    }
+
+    /// Height of the water's surface above the first ping, metres, if images in it are heard.
+    pub(crate) fn surface_m(&self) -> Option<f32> {
+        self.mirror.height_m()
+    }
+
+    /// Whether it is time for [`Repeats::set_sources`].
+    pub(crate) fn wants_sources(&self) -> bool {
+        self.mirror.wants_sources()
+    }
+
+    /// The confident Gaussians in reach of the pings to come.
+    pub(crate) fn set_sources(&mut self, sources: Vec<Source>) {
+        self.mirror.set_sources(sources);
     }
 
     /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
@@ -31,6 +50,8 @@ impl Repeats {
         self.multiples
             .listen(look, intensity, profile, strongest, weight);
         self.copies
+            .listen(look, intensity, profile, strongest, weight);
+        self.mirror
             .listen(look, intensity, profile, strongest, weight);
     }
 
@@ -62,8 +83,10 @@ impl Repeats {
     fn runs(&self, look: &Look, intensity: &[f32], profile: &Profile) -> Vec<(u32, u32)> {
         let mut runs: Vec<(u32, u32)> = Vec::new();
         let blank = profile.blank;
+        let images = self.mirror.explained(look, intensity);
         for bin in profile.echoes.iter().flat_map(|&(start, end)| start..end) {
-            if !self.multiples.explain(look, intensity, blank, bin)
+            if !images[bin as usize]
+                && !self.multiples.explain(look, intensity, blank, bin)
                 && !self.copies.explain(look, intensity, blank, bin)
             {
                 continue;

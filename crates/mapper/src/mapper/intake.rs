@@ -2,16 +2,18 @@
 
 use echosplat_acoustics::{Look, SymmetricMat3};
 use echosplat_model::glam::{DVec3, Vec3};
-use echosplat_model::{Ping, PosedPing};
+use echosplat_model::{Ping, PosedPing, Standing};
 
 use super::status::InsertReport;
 use super::{Mapper, NEWBORN_STRENGTH};
 use crate::MapperConfig;
 use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
+use crate::detect::mirror::Source;
 use crate::detect::profile::{Backdrop, Levels, blank_bins, widen_bins};
 use crate::parts::{Cue, Extent};
 use crate::seabed::Seabed;
 use crate::spawn::births;
+use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::world::{World, voxel_m};
 
 /// On the pings' clock, a slice does not wait longer than this to be complete.
@@ -22,6 +24,8 @@ const LEAST_NOVELTY: f32 = 0.5;
 /// metres or radians a second.
 const FURTHEST_M: f64 = 1e9;
 const FASTEST: f64 = 1e3;
+/// A vehicle moves less before the map's sources of echoes are told again, metres.
+const BETWEEN_SOURCES_M: f32 = 5.0;
 /// A ping whose pose leaves open this part of its range says nothing of any place.
 const UNPLACED_PART: f64 = 0.25;
 /// Voxels from the first ping that can still be counted in 32 bits.
@@ -125,6 +129,13 @@ impl Mapper {
             None => novelty(&look, self.last_look.as_ref()),
         };
         let (intensity, strongest) = (posed.ping.intensity(), self.levels.strongest());
+        if self.repeats.wants_sources() {
+            let reach_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+            let reach_m = reach_m + BETWEEN_SOURCES_M;
+            let at_m = look.pose.position_m;
+            let sources = sources(&self.gaussians, |mean_m| mean_m.distance(at_m) < reach_m);
+            self.repeats.set_sources(sources);
+        }
         self.repeats
             .listen(&look, intensity, &profile, strongest, weight);
         self.status.bins_doubted += self.repeats.doubt(&look, intensity, &ground, &mut profile);
@@ -237,6 +248,20 @@ impl Mapper {
             rejected: false,
         }
     }
+}
+
+/// The confident Gaussians of the map in reach.
+pub(super) fn sources(gaussians: &Gaussians, is_in_reach: impl Fn(Vec3) -> bool) -> Vec<Source> {
+    let confident = Verdict::Published(Standing::Confident);
+    gaussians
+        .slots()
+        .filter(|&slot| gaussians.verdict[slot] == confident && is_in_reach(gaussians.mean_m[slot]))
+        .map(|slot| Source {
+            mean_m: gaussians.mean_m[slot],
+            covariance_m2: gaussians.covariance_m2[slot],
+            strength: gaussians.strongest(slot),
+        })
+        .collect()
 }
 
 /// Whether nothing about a ping's pose could make the map not finite.

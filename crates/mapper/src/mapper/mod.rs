@@ -168,7 +168,13 @@ impl Mapper {
                 .map_or(0, |w| w.evidence.block_count() as u64),
             voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
             ground_log_ratio: self.seabed.log_ratio(),
+            water_surface_m: self.water_surface_m(),
             ..self.status
         }
+    }
+
+    fn water_surface_m(&self) -> Option<f64> {
+        let world = self.world.as_ref()?;
+        Some(world.origin_m.z + f64::from(self.repeats.surface_m()?))
     }
 }

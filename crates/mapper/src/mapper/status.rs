@@ -35,7 +35,8 @@ pub struct MapperStatus {
     pub confident: u64,
     /// Gaussians published as ambiguous, as of the last snapshot.
     pub ambiguous: u64,
-    /// Bins of echoes taken for others heard again at a fixed multiple of their range.
+    /// Bins of echoes taken for others heard again: at a fixed multiple of their range, at a fixed distance behind
+    /// it, or by way of the water's surface.
     pub bins_doubted: u64,
     /// Bins passed over since another sonar's pulse was in them.
     pub bins_interfered: u64,
@@ -60,4 +61,6 @@ pub struct MapperStatus {
     /// Natural logarithm of how much likelier pings show ground than reverberation at a fixed range; `None` where
     /// they show neither. The map asserts ground above 4.6.
     pub ground_log_ratio: Option<f32>,
+    /// Height of the water's surface in the world, metres, z up, where images in it are heard and left out.
+    pub water_surface_m: Option<f64>,
 }

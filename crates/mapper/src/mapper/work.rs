@@ -3,6 +3,7 @@
 use echosplat_model::Snapshot;
 
 use super::Mapper;
+use super::intake::sources;
 use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::repeats::Repeats;
@@ -60,6 +61,7 @@ impl Mapper {
     fn judge_anew(&mut self) {
         let knows_more = self.seabed.is_there() || self.repeats.are_known();
         if knows_more && self.history.forgotten() == 0 {
+            self.repeats.set_sources(sources(&self.gaussians, |_| true));
             judge_all(&mut self.history, &self.seabed, &self.repeats);
             self.sum_up_anew();
         }

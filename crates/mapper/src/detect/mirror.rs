@@ -1,0 +1,308 @@
+//! Images in the water's surface: of a structure near it, an echo also comes by way of the surface.
+//!
+//! With P′ the image of a place P in the surface and S the sensor, P is heard at |SP|, once more at (|SP| + |SP′|)/2 (out
+//! one way, back the other) and at |SP′|. The height of the surface is learnt from the dive: of all heights that are tried,
+//! it is the one at which most strong echoes of confident Gaussians are heard again by way of it once. Echoes where a
+//! confident Gaussian's image would be heard, weaker than its own, then say nothing.
+//!
+//! Deliberately absent: waves, tide, bent sound; heights more than 18 m above the first ping; surfaces whose images are
+//! never heard by echoes strong enough to ask.
+//!
+//! Cost: every fourth ping, or every one once a height is told, one projection for each confident Gaussian in reach, and
+//! for at most 8 strong echoes 500 heights.
+
+use echosplat_acoustics::{Look, SymmetricMat3};
+use echosplat_model::glam::Vec3;
+
+use crate::detect::profile::{Profile, greatest};
+
+/// Heights above the first ping, metres, from the first in steps.
+const FIRST_M: f32 = -2.0;
+const STEP_M: f32 = 0.04;
+const HEIGHTS: usize = 500;
+/// The surface stands out from what is so many steps above and below it.
+const BESIDE: usize = 10;
+/// Share of strong echoes with an image, and how many times that of heights beside.
+const LEAST_SHARE: f64 = 0.5;
+const LEAST_CONTRAST: f64 = 2.0;
+/// Independent strong echoes before anything is told.
+const LEAST_ASKED: f64 = 300.0;
+/// What an image may lose against its source and be heard still: 3 dB at the surface and 13 dB of the beam.
+const LOSS: f32 = 40.0;
+/// A strong echo is within 15 dB of the strongest of late.
+const STRONG_PART: f32 = 0.03;
+/// Strong echoes of a ping that are asked.
+const MOST_ASKED: usize = 8;
+/// Sensor and structure are below the surface by this at least, and an image this much behind its source, metres.
+const LEAST_DEPTH_M: f32 = 0.1;
+const LEAST_BEHIND_M: f32 = 0.3;
+/// By how much an image may be off, metres: height of the surface and place of the source.
+const TOLERANCE_M: f32 = 0.06;
+/// Pings between questions while no height is told, and between decisions.
+const ASKING_STRIDE: u32 = 4;
+const DECISION_STRIDE: u32 = 64;
+
+/// A confident Gaussian that may have an image.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Source {
+    pub(crate) mean_m: Vec3,
+    pub(crate) covariance_m2: SymmetricMat3,
+    pub(crate) strength: f32,
+}
+
+/// What was asked of one height.
+#[derive(Debug, Clone, Copy, Default)]
+struct Tried {
+    asked: f64,
+    found: f64,
+}
+
+impl Tried {
+    fn share(&self) -> f64 {
+        self.found / self.asked.max(1.0)
+    }
+}
+
+/// Learns the height of the water's surface.
+#[derive(Debug)]
+pub(crate) struct Mirror {
+    tried: Vec<Tried>,
+    heard: u32,
+    sources: Vec<Source>,
+    height_m: Option<f32>,
+}
+
+impl Default for Mirror {
+    fn default() -> Self {
+        Self {
+            tried: vec![Tried::default(); HEIGHTS],
+            heard: 0,
+            sources: Vec::new(),
+            height_m: None,
+        }
+    }
+}
+
+impl Mirror {
+    /// Height of the surface above the first ping, metres; `None` as long as none stands out.
+    pub(crate) fn height_m(&self) -> Option<f32> {
+        self.height_m
+    }
+
+    /// Whether it is time for [`Mirror::set_sources`].
+    pub(crate) fn wants_sources(&self) -> bool {
+        self.heard.is_multiple_of(DECISION_STRIDE)
+    }
+
+    /// The confident Gaussians in reach of the pings to come.
+    pub(crate) fn set_sources(&mut self, sources: Vec<Source>) {
+        self.sources = sources;
+    }
+
+    /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
+    pub(crate) fn listen(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+        strongest: f32,
+        weight: f32,
+    ) {
+        self.heard = self.heard.wrapping_add(1);
+        if self.heard.is_multiple_of(DECISION_STRIDE) {
+            self.decide();
+        }
+        if !self.heard.is_multiple_of(ASKING_STRIDE) {
+            return;
+        }
+        let least = (STRONG_PART * strongest).max(LOSS * profile.threshold());
+        let peaks = profile.peaks(intensity, least);
+        if peaks.is_empty() {
+            return;
+        }
+        let loudest = self.loudest(look, intensity.len());
+        for &bin in peaks.iter().step_by(peaks.len() / MOST_ASKED + 1) {
+            let around = &loudest[bin.saturating_sub(1)..(bin + 2).min(loudest.len())];
+            let source = around.iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
+            if let Some(&(_, place_m)) = source {
+                let is_image = |power: f32| power > profile.threshold() && power < intensity[bin];
+                self.ask(look, intensity, place_m, f64::from(weight), is_image);
+            }
+        }
+    }
+
+    /// The Gaussian whose echo should be the loudest of each bin: its energy and place.
+    fn loudest(&self, look: &Look, bin_count: usize) -> Vec<Option<(f32, Vec3)>> {
+        let mut loudest = vec![None; bin_count];
+        for source in &self.sources {
+            let Some(splat) = look.project(source.mean_m, &source.covariance_m2) else {
+                continue;
+            };
+            let energy = splat.energy * source.strength;
+            let range_m = source.mean_m.distance(look.pose.position_m);
+            if let Some(bin) = bin_at(look, range_m).and_then(|bin| loudest.get_mut(bin))
+                && bin.is_none_or(|(most, _)| energy > most)
+            {
+                *bin = Some((energy, source.mean_m));
+            }
+        }
+        loudest
+    }
+
+    fn ask(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        place_m: Vec3,
+        weight: f64,
+        is_image: impl Fn(f32) -> bool,
+    ) {
+        for (step, tried) in self.tried.iter_mut().enumerate() {
+            let images_m = images_m(look, place_m, height_m(step));
+            let Some(bin) = images_m.and_then(|[once_m, _]| bin_at(look, once_m)) else {
+                continue;
+            };
+            // The higher the surface, the longer the way.
+            let Some(three) = intensity.get(bin.saturating_sub(1)..=bin + 1) else {
+                break;
+            };
+            tried.asked += weight;
+            if is_image(greatest(three)) {
+                tried.found += weight;
+            }
+        }
+    }
+
+    fn decide(&mut self) {
+        let share = |step: usize| self.tried[step].share();
+        let is_told = |&step: &usize| {
+            self.tried[step].asked >= LEAST_ASKED
+                && share(step) >= LEAST_SHARE
+                && share(step) >= LEAST_CONTRAST * share(step - BESIDE).max(share(step + BESIDE))
+        };
+        let told = (BESIDE..HEIGHTS - BESIDE).filter(is_told);
+        let best = told.max_by(|&a, &b| share(a).total_cmp(&share(b)));
+        self.height_m = best.map(height_m);
+    }
+
+    /// Bins of a ping in which images of confident Gaussians would be heard, louder than what is there.
+    pub(crate) fn explained(&self, look: &Look, intensity: &[f32]) -> Vec<bool> {
+        let mut explained = vec![false; intensity.len()];
+        let Some(height_m) = self.height_m else {
+            return explained;
+        };
+        let tolerance = (TOLERANCE_M / look.bin_length_m).ceil() as usize;
+        for source in &self.sources {
+            let Some(images_m) = images_m(look, source.mean_m, height_m) else {
+                continue;
+            };
+            if look.project(source.mean_m, &source.covariance_m2).is_none() {
+                continue;
+            }
+            let range_m = source.mean_m.distance(look.pose.position_m);
+            let Some(bin) = bin_at(look, range_m) else {
+                continue;
+            };
+            let near = bin.saturating_sub(1)..(bin + 2).min(intensity.len());
+            let direct = greatest(intensity.get(near).unwrap_or_default());
+            for image in images_m.into_iter().filter_map(|m| bin_at(look, m)) {
+                let first = image.saturating_sub(tolerance);
+                for at in first..(image + tolerance + 1).min(intensity.len()) {
+                    explained[at] |= intensity[at] < direct;
+                }
+            }
+        }
+        explained
+    }
+}
+
+fn height_m(step: usize) -> f32 {
+    FIRST_M + STEP_M * step as f32
+}
+
+fn bin_at(look: &Look, range_m: f32) -> Option<usize> {
+    let bin = (range_m - look.range_start_m) / look.bin_length_m;
+    (bin >= 0.0).then_some(bin as usize)
+}
+
+/// Ranges at which a place is heard by way of a surface at this height, once and there and back, metres.
+/// `None` where sensor or place is not below it, or its image not behind it.
+fn images_m(look: &Look, place_m: Vec3, height_m: f32) -> Option<[f32; 2]> {
+    let sensor_m = look.pose.position_m;
+    let image_m = Vec3::new(place_m.x, place_m.y, 2.0 * height_m - place_m.z);
+    let (direct, twice) = (place_m.distance(sensor_m), image_m.distance(sensor_m));
+    let once = 0.5 * (direct + twice);
+    let is_below = height_m - LEAST_DEPTH_M > sensor_m.z.max(place_m.z);
+    (is_below && once > direct + LEAST_BEHIND_M).then_some([once, twice])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::heard::heard;
+
+    const SURFACE_M: f32 = 2.5;
+
+    /// One confident Gaussian, straight ahead at this range and height.
+    fn source(range_m: f32, z_m: f32) -> Source {
+        Source {
+            mean_m: Vec3::new(range_m, 0.0, z_m),
+            covariance_m2: SymmetricMat3::isotropic(0.02),
+            strength: 1.0,
+        }
+    }
+
+    fn place(ping: u32) -> Source {
+        let part = f64::from(ping * 37 % 512) / 512.0;
+        source(3.0 + 2.0 * part as f32, 0.3 * (part as f32 - 0.5))
+    }
+
+    /// Learnt from pings of one place each, and of another echo as `other` says for the place.
+    fn learnt(other: impl Fn(Vec3) -> f64) -> Mirror {
+        let mut mirror = Mirror::default();
+        for ping in 0..2048 {
+            let place = place(ping);
+            mirror.set_sources(vec![place]);
+            let range_m = f64::from(place.mean_m.length());
+            let echoes = [(range_m, 1e4), (other(place.mean_m), 1e3)];
+            let (look, power, profile, strongest) = heard(0.0, &echoes);
+            mirror.listen(&look, &power, &profile, strongest, 1.0);
+        }
+        mirror
+    }
+
+    fn image_m(place_m: Vec3) -> f64 {
+        let image_m = Vec3::new(place_m.x, place_m.y, 2.0 * SURFACE_M - place_m.z);
+        f64::from(0.5 * (place_m.length() + image_m.length()))
+    }
+
+    #[test]
+    fn a_surface_is_told_by_its_images_to_a_step() {
+        let height_m = learnt(image_m).height_m();
+        let error_m = height_m.map(|height_m| (height_m - SURFACE_M).abs());
+        assert!(error_m.is_some_and(|m| m <= 0.08), "{height_m:?}");
+    }
+
+    #[test]
+    fn a_structure_behind_is_no_surface() {
+        assert_eq!(
+            learnt(|place_m| f64::from(place_m.length()) + 1.0).height_m(),
+            None
+        );
+        assert_eq!(learnt(|_| 6.0).height_m(), None);
+    }
+
+    #[test]
+    fn what_is_louder_than_the_source_or_elsewhere_is_no_image() {
+        let mut mirror = learnt(image_m);
+        let place = source(4.0, 0.1);
+        mirror.set_sources(vec![place]);
+        let (direct_m, image_m) = (f64::from(place.mean_m.length()), image_m(place.mean_m));
+        let is_explained = |range_m: f64, power: f32| {
+            let (look, intensity, ..) = heard(0.0, &[(direct_m, 1e4), (range_m, power)]);
+            mirror.explained(&look, &intensity)[(range_m / 0.02) as usize]
+        };
+        assert!(is_explained(image_m, 1e3));
+        assert!(!is_explained(image_m, 2e4) && !is_explained(image_m + 1.0, 1e3));
+    }
+}
