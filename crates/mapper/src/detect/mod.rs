@@ -11,3 +11,4 @@ pub(crate) mod multiples;
 pub(crate) mod profile;
 pub(crate) mod receiver;
 pub(crate) mod repeats;
+pub(crate) mod walkers;

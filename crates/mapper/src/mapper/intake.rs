@@ -117,10 +117,6 @@ impl Mapper {
         );
         let widen = widen_bins(tolerance_m.into(), bin_length_m);
         let bursts = self.bursts.runs(&look, ping.intensity(), blank, widen);
-        self.status.bins_interfered += bursts
-            .iter()
-            .map(|&(start, end)| u64::from(end - start))
-            .sum::<u64>();
         let mut profile = self
             .levels
             .profile(ping, tolerance_m.into(), &ground, bursts, config);
@@ -129,6 +125,17 @@ impl Mapper {
             None => novelty(&look, self.last_look.as_ref()),
         };
         let (intensity, strongest) = (posed.ping.intensity(), self.levels.strongest());
+        let walking = self.walkers.runs(&look, intensity, &profile);
+        if !walking.is_empty() {
+            let mut bursts = [&*profile.bursts, &*walking].concat();
+            bursts.sort_unstable();
+            profile.bursts = bursts.into();
+            profile.judge(intensity, &ground);
+        }
+        let pulses = profile.bursts.iter();
+        self.status.bins_interfered += pulses
+            .map(|&(start, end)| u64::from(end - start))
+            .sum::<u64>();
         if self.repeats.wants_sources() {
             let reach_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
             let reach_m = reach_m + BETWEEN_SOURCES_M;

@@ -19,6 +19,7 @@ use crate::detect::bursts::Bursts;
 use crate::detect::profile::Levels;
 use crate::detect::receiver::Receiver;
 use crate::detect::repeats::Repeats;
+use crate::detect::walkers::Walkers;
 use crate::mapper::workout::Workout;
 use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::seabed::Seabed;
@@ -42,6 +43,7 @@ pub struct Mapper {
     world: Option<World>,
     receiver: Receiver,
     bursts: Bursts,
+    walkers: Walkers,
     levels: Levels,
     seabed: Seabed,
     repeats: Repeats,
@@ -81,6 +83,7 @@ impl Mapper {
             world: None,
             receiver: Receiver::default(),
             bursts: Bursts::default(),
+            walkers: Walkers::default(),
             levels: Levels::default(),
             repeats: Repeats::default(),
             gaussians: Gaussians::default(),

@@ -1,0 +1,223 @@
+//! Pulses of another sonar that pings at nearly the same rate: they walk through the ranges, ping after ping.
+//!
+//! Nothing that stays in its place changes its range by more than the vehicle moves along the beam, but what the beam sweeps
+//! along does. A pulse goes on evenly and at one power for as long as it crosses the range that is listened to, and all its
+//! walks are at one rate: that is learnt from long ways, and what then goes at that rate for a short one is no echo.
+//!
+//! Deliberately absent: walkers as slow as the vehicle moves along its beam, what comes before the first long way, and the
+//! first pings of each walk.
+//!
+//! Cost: at most 24 peaks of a ping against 24 of an earlier one, and 24 pings for each two that are alike.
+
+use std::collections::VecDeque;
+
+use echosplat_acoustics::Look;
+
+use crate::detect::profile::Profile;
+
+/// Pings of a way that teaches a rate, and of one that tells a pulse; of each as many as the latter are asked.
+const LONG: usize = 9 * SHORT;
+const SHORT: usize = 24;
+/// Pulses that have to go at a rate before it is known, and rates that are kept.
+const LEAST_TAUGHT: u32 = 24;
+const MOST_RATES: usize = 8;
+/// Share of those asked that heard the pulse, which is not told where it falls into a stronger echo.
+const LEAST_SHARE: f32 = 0.7;
+/// A pulse comes straight and has no speckle: its power stays within 3 dB.
+const MOST_CHANGE: f32 = 2.0;
+/// A pulse is some bins long and has its peak anywhere in them.
+const TOLERANCE_BINS: f32 = 3.0;
+/// A pulse goes on where power is at least this part of its peak: 9 dB.
+const PULSE_PART: f32 = 0.125;
+/// Strongest peaks of a ping that are asked.
+const MOST_ASKED: usize = 24;
+
+/// The peaks of one ping.
+#[derive(Debug)]
+struct Heard {
+    look: Look,
+    /// Range, metres, and power.
+    peaks: Vec<(f32, f32)>,
+}
+
+/// At which pulses walk.
+#[derive(Debug)]
+struct Rate {
+    walk_m: f32,
+    taught: u32,
+}
+
+/// Remembers the pings before, newest first, and the rates, metres a ping.
+#[derive(Debug, Default)]
+pub(crate) struct Walkers {
+    before: VecDeque<Heard>,
+    rates: Vec<Rate>,
+}
+
+impl Walkers {
+    /// Runs of bins of a ping, half-open, that are a walking pulse; all its echoes have to be in the profile.
+    pub(crate) fn runs(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+    ) -> Vec<(u32, u32)> {
+        let mut bins = profile.peaks(intensity, 0.0);
+        bins.sort_by(|&a, &b| intensity[b].total_cmp(&intensity[a]));
+        bins.truncate(MOST_ASKED);
+        bins.sort_unstable();
+        let range_m = |bin: usize| look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+        let peaks: Vec<(f32, f32)> = bins.iter().map(|&b| (range_m(b), intensity[b])).collect();
+        let mut runs: Vec<(u32, u32)> = Vec::new();
+        for (&bin, &peak) in bins.iter().zip(&peaks) {
+            self.learn(look, peak);
+            if self.is_pulse(look, peak) {
+                let (start, end) = pulse(intensity, profile.blank, bin);
+                match runs.last_mut() {
+                    Some(last) if last.1 >= start => last.1 = last.1.max(end),
+                    _ => runs.push((start, end)),
+                }
+            }
+        }
+        self.before.push_front(Heard { look: *look, peaks });
+        self.before.truncate(LONG);
+        runs
+    }
+
+    /// Whether a peak has gone a short way at a known rate.
+    fn is_pulse(&self, look: &Look, peak: (f32, f32)) -> bool {
+        let mut known = self.rates.iter().filter(|rate| rate.taught >= LEAST_TAUGHT);
+        known.any(|rate| self.share_heard(look, peak, rate.walk_m, SHORT) >= LEAST_SHARE)
+    }
+
+    /// Learns the rates of all long ways that end at a peak.
+    fn learn(&mut self, look: &Look, (range_m, power): (f32, f32)) {
+        let Some(first) = self.before.get(LONG - 1) else {
+            return;
+        };
+        let least_m = most_change_m(&first.look, look) + TOLERANCE_BINS * look.bin_length_m;
+        let starts = first
+            .peaks
+            .iter()
+            .filter(|(then_m, then)| is_alike(*then, power) && (range_m - then_m).abs() > least_m);
+        let walks = starts.map(|(then_m, _)| (range_m - then_m) / LONG as f32);
+        let is_long =
+            |&walk_m: &f32| self.share_heard(look, (range_m, power), walk_m, LONG) >= LEAST_SHARE;
+        let long: Vec<f32> = walks.filter(is_long).collect();
+        let tolerance_m = TOLERANCE_BINS * look.bin_length_m / LONG as f32;
+        for walk_m in long {
+            let alike = |rate: &&mut Rate| (rate.walk_m - walk_m).abs() <= 2.0 * tolerance_m;
+            if let Some(rate) = self.rates.iter_mut().find(alike) {
+                rate.taught = rate.taught.saturating_add(1);
+                rate.walk_m += (walk_m - rate.walk_m) / rate.taught.min(1000) as f32;
+                continue;
+            }
+            self.rates
+                .sort_by_key(|rate| std::cmp::Reverse(rate.taught));
+            self.rates.truncate(MOST_RATES - 1);
+            self.rates.push(Rate { walk_m, taught: 1 });
+        }
+    }
+
+    /// Share of the pings asked, evenly over the last so many, that heard a peak which walks so many metres a ping.
+    fn share_heard(
+        &self,
+        look: &Look,
+        (range_m, power): (f32, f32),
+        walk_m: f32,
+        pings: usize,
+    ) -> f32 {
+        let tolerance_m = TOLERANCE_BINS * look.bin_length_m;
+        let heard = (1..=SHORT).filter(|&step| {
+            let back = step * (pings / SHORT);
+            let expected_m = range_m - back as f32 * walk_m;
+            self.before.get(back - 1).is_some_and(|past| {
+                let mut peaks = past.peaks.iter();
+                peaks.any(|&(at_m, then)| {
+                    (at_m - expected_m).abs() <= tolerance_m && is_alike(then, power)
+                })
+            })
+        });
+        heard.count() as f32 / SHORT as f32
+    }
+}
+
+fn is_alike(a: f32, b: f32) -> bool {
+    a < MOST_CHANGE * b && b < MOST_CHANGE * a
+}
+
+/// The most that the range of a fixed place in the beam changed between two pings, metres: what the vehicle moved
+/// along the directions of the beam.
+fn most_change_m(then: &Look, now: &Look) -> f32 {
+    let moved_m = now.pose.position_m - then.pose.position_m;
+    let axes = &now.pose.axes;
+    let aside = (0.5 * now.beam.azimuth_width_deg).to_radians().sin();
+    let above = (0.5 * now.beam.elevation_width_deg).to_radians().sin();
+    moved_m.dot(axes.x_axis).abs()
+        + aside * moved_m.dot(axes.y_axis).abs()
+        + above * moved_m.dot(axes.z_axis).abs()
+}
+
+/// The pulse around its peak, and a bin on each side.
+fn pulse(intensity: &[f32], blank: usize, peak: usize) -> (u32, u32) {
+    let goes_on = |&bin: &usize| intensity[bin] >= PULSE_PART * intensity[peak];
+    let start = (blank..=peak).rev().take_while(goes_on).last();
+    let end = (peak..intensity.len()).take_while(goes_on).last();
+    let start = start.unwrap_or(peak).saturating_sub(1).max(blank);
+    let end = (end.unwrap_or(peak) + 2).min(intensity.len());
+    (start as u32, end as u32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::heard::heard;
+
+    const FIRST_M: f32 = 3.0;
+    const STEP_M: f32 = 0.015;
+
+    /// Of each of 300 pings, how many bins are a walking pulse: beside a wall at 2 m there is an echo of the power and at
+    /// the range given for the ping, and the vehicle moves so many metres ahead between two pings.
+    fn told(echo: impl Fn(usize) -> (f32, f32), move_m: f32) -> Vec<u32> {
+        let mut walkers = Walkers::default();
+        let ping = |ping: usize| {
+            let (range_m, power) = echo(ping);
+            let (mut look, intensity, profile, _) =
+                heard(0.0, &[(2.0, 1e4), (range_m.into(), power)]);
+            look.pose.position_m.x = ping as f32 * move_m;
+            let runs = walkers.runs(&look, &intensity, &profile);
+            let at = (range_m / look.bin_length_m) as u32;
+            assert!(runs.iter().all(|&(start, end)| start <= at && at < end));
+            runs.iter().map(|(start, end)| end - start).sum()
+        };
+        (0..300).map(ping).collect()
+    }
+
+    fn walk_m(ping: usize) -> f32 {
+        FIRST_M + ping as f32 * STEP_M
+    }
+
+    #[test]
+    fn a_pulse_that_walks_is_told_once_its_rate_is_known() {
+        let told = told(|ping| (walk_m(ping), 1e3), 0.0);
+        let first = LONG + LEAST_TAUGHT as usize;
+        assert!(told[..LONG].iter().all(|&bins| bins == 0));
+        assert!(
+            told[first..].iter().all(|bins| (3..=6).contains(bins)),
+            "{told:?}"
+        );
+    }
+
+    #[test]
+    fn what_stays_or_comes_nearer_as_the_vehicle_moves_is_no_pulse() {
+        assert!(told(|_| (FIRST_M, 1e3), 0.0).iter().all(|&bins| bins == 0));
+        let nearer = |ping| (walk_m(300 - ping), 1e3);
+        assert!(told(nearer, STEP_M).iter().all(|&bins| bins == 0));
+    }
+
+    #[test]
+    fn an_echo_that_fades_and_comes_is_no_pulse() {
+        let speckled = |ping: usize| (walk_m(ping), [3e2, 1e3, 3e3][ping * 7 % 3]);
+        assert!(told(speckled, 0.0).iter().all(|&bins| bins == 0));
+    }
+}
