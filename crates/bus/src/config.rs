@@ -88,7 +88,7 @@ impl Default for BusConfig {
             tile_edge_m: 4.0,
             pose_queue_len: 65_536,
             ping_queue_len: 256,
-            // Nine minutes of 58 pings/s of 600 bins and 50 poses/s.
+            // 13 minutes of 58 pings/s of 600 bins and 50 poses/s.
             history_bytes: 64 << 20,
             max_gaussians: 2_000_000,
             // A map of 200,000 Gaussians takes 10 s on a tether of 10 Mbit/s.

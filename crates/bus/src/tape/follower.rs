@@ -113,6 +113,17 @@ impl TapeFollower {
         }
     }
 
+    /// Lets the driver know that all so far is here, without waiting for what it says; for the end of
+    /// the tape.
+    ///
+    /// # Errors
+    /// If the session is closed.
+    pub fn acknowledge(&mut self) -> Result<(), BusError> {
+        self.asked = None;
+        self.pending = self.ask(Duration::ZERO)?;
+        Ok(())
+    }
+
     /// Time since the last answer; `None` before the first.
     #[must_use]
     pub fn silent_for(&self) -> Option<Duration> {

@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
@@ -66,6 +67,8 @@ pub struct TapeKeeper {
 struct Shared {
     driver: u64,
     begin: Value,
+    /// Longest piece of bytes that becomes one record.
+    piece_bytes: usize,
     kept: Mutex<Kept>,
 }
 
@@ -74,7 +77,6 @@ struct Kept {
     /// Encoded, in order.
     records: VecDeque<Vec<u8>>,
     limit_bytes: usize,
-    piece_bytes: usize,
     bytes: usize,
     counters: TapeKeeperCounters,
     asked: Option<Instant>,
@@ -132,10 +134,10 @@ impl TapeKeeper {
         let shared = Arc::new(Shared {
             driver,
             begin,
+            piece_bytes: MAX_PIECE_BYTES.min(message_bytes / 4),
             kept: Mutex::new(Kept {
                 records: VecDeque::new(),
                 limit_bytes: link.config.history_bytes,
-                piece_bytes: MAX_PIECE_BYTES.min(message_bytes / 4),
                 bytes: 0,
                 counters: TapeKeeperCounters::default(),
                 asked: None,
@@ -175,16 +177,24 @@ impl TapeKeeper {
         let mut kept = self.shared.lock();
         match entry {
             TapeEntry::Bytes(bytes) => {
-                let piece_bytes = kept.piece_bytes;
-                for begin in (0..bytes.len()).step_by(piece_bytes) {
-                    let end = bytes.len().min(begin + piece_bytes);
-                    let entry = TapeEntry::Bytes(bytes.slice(begin..end));
+                for piece in self.pieces(&bytes) {
+                    let entry = TapeEntry::Bytes(piece);
                     kept.push(&TapeRecord { host_time, entry });
                 }
             }
             entry => kept.push(&TapeRecord { host_time, entry }),
         }
         kept.counters.next
+    }
+
+    /// The bytes as [`TapeKeeper::append`] keeps them, each piece as one record that an answer has
+    /// room for.
+    pub fn pieces(&self, bytes: &Bytes) -> impl Iterator<Item = Bytes> + use<> {
+        let (bytes, piece_bytes) = (bytes.clone(), self.shared.piece_bytes);
+        (0..bytes.len()).step_by(piece_bytes).map(move |begin| {
+            let end = bytes.len().min(begin + piece_bytes);
+            bytes.slice(begin..end)
+        })
     }
 
     /// What became of the records.
