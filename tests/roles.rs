@@ -87,7 +87,7 @@ fn of_one_process(seed: &'static str) -> &'static Path {
     static MAPS: [OnceLock<PathBuf>; 2] = [OnceLock::new(), OnceLock::new()];
     MAPS[usize::from(seed == "2")].get_or_init(|| {
         let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join("roles");
-        fs::create_dir_all(&folder).unwrap();
+        fs::create_dir_all(&folder).expect("a folder for maps");
         let map = folder.join(format!("one-{seed}.ply"));
         let more = [&dive(seed)[..], &["--map", path(&map)]].concat();
         let mut program = run("all", "one", &host(free_port()), &more);
@@ -114,7 +114,10 @@ fn driver_and_mapper_give_the_map_of_one_process() {
 
 /// The recording that a program writes into a folder.
 fn only_file(folder: &Path) -> PathBuf {
-    let mut files = fs::read_dir(folder).unwrap().flatten().map(|e| e.path());
+    let mut files = fs::read_dir(folder)
+        .expect("the folder is there")
+        .flatten()
+        .map(|e| e.path());
     files
         .find(|file| file.extension().is_some_and(|end| end == "mcap"))
         .expect("a recording")
@@ -183,8 +186,8 @@ struct Tether {
 
 impl Tether {
     fn to(port: u16) -> Self {
-        let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let own_port = listener.local_addr().unwrap().port();
+        let listener = TcpListener::bind("127.0.0.1:0").expect("a free port");
+        let own_port = listener.local_addr().expect("it is bound").port();
         let is_cut = Arc::new(AtomicBool::new(false));
         let cut = Arc::clone(&is_cut);
         std::thread::spawn(move || {
@@ -193,7 +196,10 @@ impl Tether {
                 let Some(far) = far.ok().filter(|_| !cut.load(Ordering::Relaxed)) else {
                     continue;
                 };
-                let ends = (near.try_clone().unwrap(), far.try_clone().unwrap());
+                let ends = (
+                    near.try_clone().expect("a second handle"),
+                    far.try_clone().expect("a second handle"),
+                );
                 pass_on(near, far, Arc::clone(&cut));
                 pass_on(ends.1, ends.0, Arc::clone(&cut));
             }
@@ -211,7 +217,7 @@ impl Tether {
 
 fn pass_on(mut from: TcpStream, mut to: TcpStream, cut: Arc<AtomicBool>) {
     from.set_read_timeout(Some(Duration::from_millis(20)))
-        .unwrap();
+        .expect("a limit of more than 0");
     std::thread::spawn(move || {
         let mut block = [0; 16_384];
         while !cut.load(Ordering::Relaxed) {
@@ -289,23 +295,26 @@ struct Namespaces([String; 2]);
 impl Namespaces {
     const VEHICLE: &str = "10.99.0.1";
 
-    fn new() -> Self {
+    /// `None` where this user or machine cannot have them.
+    fn new() -> Option<Self> {
         let names = ["v", "s"].map(|end| format!("es{end}{}", std::process::id()));
         let made = Self(names);
         let [vehicle, shore] = &made.0;
-        ip(&format!("netns add {vehicle}"));
-        ip(&format!("netns add {shore}"));
-        ip(&format!(
-            "link add tether netns {vehicle} type veth peer name tether netns {shore}"
-        ));
-        for (name, address) in [(vehicle, Self::VEHICLE), (shore, "10.99.0.2")] {
-            ip(&format!("-n {name} addr add {address}/24 dev tether"));
-            ip(&format!("-n {name} link set tether up"));
-            ip(&format!("-n {name} link set lo up"));
+        let link =
+            format!("link add tether netns {vehicle} type veth peer name tether netns {shore}");
+        let add = |name| format!("netns add {name}");
+        let is_made = [add(vehicle), add(shore), link]
+            .iter()
+            .all(|command| ip(command));
+        let up = |(name, address)| {
             let slow = "tc qdisc add dev tether root tbf rate 10mbit burst 16kb latency 50ms";
-            ip(&format!("netns exec {name} {slow}"));
-        }
-        made
+            ip(&format!("-n {name} addr add {address}/24 dev tether"))
+                && ip(&format!("-n {name} link set tether up"))
+                && ip(&format!("-n {name} link set lo up"))
+                && ip(&format!("netns exec {name} {slow}"))
+        };
+        let ends = [(vehicle, Self::VEHICLE), (shore, "10.99.0.2")];
+        (is_made && ends.into_iter().all(up)).then_some(made)
     }
 
     fn run(&self, end: usize, more: &[&str]) -> Program {
@@ -325,22 +334,24 @@ impl Namespaces {
 impl Drop for Namespaces {
     fn drop(&mut self) {
         for name in &self.0 {
-            let _ = Command::new("ip").args(["netns", "del", name]).status();
+            let _ = Command::new("ip").args(["netns", "del", name]).output();
         }
     }
 }
 
-fn ip(arguments: &str) {
-    let done = Command::new("ip").args(arguments.split(' ')).status();
-    assert!(done.is_ok_and(|status| status.success()), "ip {arguments}");
+fn ip(arguments: &str) -> bool {
+    let done = Command::new("ip").args(arguments.split(' ')).output();
+    done.is_ok_and(|done| done.status.success())
 }
 
 #[test]
-#[ignore = "needs root, ip and tc"]
 fn two_network_namespaces_and_ten_megabits_give_the_map_of_one_process() {
     let folder = tempfile::tempdir().unwrap();
     let map = folder.path().join("map.ply");
-    let namespaces = Namespaces::new();
+    let Some(namespaces) = Namespaces::new() else {
+        println!("not tried: network namespaces need root, ip and tc");
+        return;
+    };
     let endpoint = format!("endpoints=[\"tcp/{}:7447\"]", Namespaces::VEHICLE);
     let (listen, connect) = (format!("listen/{endpoint}"), format!("connect/{endpoint}"));
     let at_vehicle = ["--zenoh", &listen, "--zenoh", "connect/endpoints=[]"];
@@ -355,6 +366,49 @@ fn two_network_namespaces_and_ten_megabits_give_the_map_of_one_process() {
     assert_same(&map, of_one_process("1"), &mapper);
     let account = driver.stdout();
     assert!(account.contains(" 0 that a mapper missed"), "{account}");
+}
+
+#[test]
+fn the_map_goes_on_where_the_driver_was_killed_and_started_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("map.ply");
+    let (port, sonar_port) = (free_port(), free_port());
+    let sonar = format!("tcp://127.0.0.1:{sonar_port}");
+    let start = || {
+        let mut driver = run("driver", "rov", &host(port), &["--sonar", &sonar]);
+        wait_until_listening(&mut driver, port);
+        driver
+    };
+    let first = start();
+    let emulate = [
+        "emulate",
+        "--publish-poses",
+        "--node",
+        "rov",
+        "--listen",
+        &sonar,
+    ];
+    let emulate = emulate.map(str::to_owned).to_vec();
+    let mut emulated = Program::echosplat(&[emulate, guest(port)].concat());
+    emulated.wait_for_text("listening on", LONG);
+    let mut mapper = run("mapper", "rov", &guest(port), &["--map", path(&map)]);
+    let mut wait_mapped_beyond = |count| {
+        mapper.wait_for("more pings in the map", LONG, |mapper| {
+            newest_count(&mapper.stderr(), "pings_mapped").filter(|&mapped| mapped > count)
+        })
+    };
+    let mapped = wait_mapped_beyond(100);
+    drop(first);
+    let _second = start();
+    wait_mapped_beyond(mapped + 100);
+    let told = mapper.stderr();
+    assert!(
+        told.contains("the driver was started again; the map goes on"),
+        "{told}"
+    );
+    mapper.interrupt();
+    let code = mapper.wait_exit(LONG).code();
+    assert!(matches!(code, Some(0 | 3)), "{}", mapper.account());
 }
 
 #[test]

@@ -49,7 +49,7 @@ impl Diagnosis {
     /// All that is wrong at `now`.
     pub(crate) fn findings(&mut self, status: &Status, now: Instant) -> Vec<Finding> {
         let mut findings = Vec::new();
-        let without_driver = status.tape.as_ref().and_then(|tape| tape::finding(tape));
+        let without_driver = status.tape.as_ref().and_then(tape::finding);
         match without_driver {
             // Nothing can be said of a sonar and poses that nobody tells of.
             Some(finding) => findings.push(finding),

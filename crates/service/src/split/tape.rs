@@ -334,11 +334,12 @@ impl Iterator for VehicleTape {
     type Item = Result<(Timestamp, TapeItem), String>;
 
     fn next(&mut self) -> Option<Self::Item> {
-        if self.ready.is_empty() && !self.is_over {
-            if let Err(words) = self.read_on() {
-                self.is_over = true;
-                return Some(Err(words));
-            }
+        if self.ready.is_empty()
+            && !self.is_over
+            && let Err(words) = self.read_on()
+        {
+            self.is_over = true;
+            return Some(Err(words));
         }
         match self.ready.pop_front() {
             Some(Next::Item(time, item)) => Some(Ok((time, item))),
@@ -385,7 +386,6 @@ fn wait_for_driver(
 }
 
 fn not_a_driver(told: &serde_json::Value) -> String {
-    let mut told = told.to_string();
-    told.truncate(told.floor_char_boundary(200));
+    let told: String = told.to_string().chars().take(200).collect();
     format!("what answers as the driver begins with {told}, which no driver of this version does")
 }
