@@ -66,7 +66,10 @@ pub struct TapeFollower {
     position: Option<(u64, u64)>,
     pending: Option<Receiver<Reply>>,
     asked: Option<Instant>,
-    heard: Option<Instant>,
+    /// Whether there ever was an answer.
+    has_heard: bool,
+    /// The first question since the last answer.
+    unanswered: Option<Instant>,
     counters: TapeFollowerCounters,
     first_fault: Option<String>,
 }
@@ -78,7 +81,8 @@ impl TapeFollower {
             position: None,
             pending: None,
             asked: None,
-            heard: None,
+            has_heard: false,
+            unanswered: None,
             counters: TapeFollowerCounters::default(),
             first_fault: None,
         }
@@ -124,10 +128,14 @@ impl TapeFollower {
         Ok(())
     }
 
-    /// Time since the last answer; `None` before the first.
+    /// For how long the driver has owed an answer; `None` before the first ever. Time in which
+    /// nothing was asked does not count.
     #[must_use]
     pub fn silent_for(&self) -> Option<Duration> {
-        self.heard.map(|heard| heard.elapsed())
+        let owed = self
+            .unanswered
+            .map_or(Duration::ZERO, |asked| asked.elapsed());
+        self.has_heard.then_some(owed)
     }
 
     /// What came of the questions so far.
@@ -151,7 +159,9 @@ impl TapeFollower {
                 return Ok(None);
             }
         }
-        self.asked = Some(Instant::now());
+        let now = Instant::now();
+        self.asked = Some(now);
+        self.unanswered.get_or_insert(now);
         self.counters.queries += 1;
         let key = self.link.keys.tape();
         let selector = match self.position {
@@ -189,7 +199,8 @@ impl TapeFollower {
         let payload = sample.payload().to_bytes().into_owned().into();
         match self.read(attachment.as_deref().unwrap_or_default(), &payload) {
             Ok(heard) => {
-                self.heard = Some(Instant::now());
+                self.has_heard = true;
+                self.unanswered = None;
                 // Answered: the next question is due at once.
                 self.asked = None;
                 self.counters.bytes += payload.len() as u64;

@@ -35,7 +35,7 @@ pub(crate) struct TapeReport {
     pub(crate) resumed: u64,
     /// Number of the record that is asked for next.
     pub(crate) next: u64,
-    /// Seconds since the driver last answered.
+    /// For how long the driver has owed an answer, seconds; `null` before the first.
     pub(crate) silent_s: Option<f64>,
     #[serde(flatten)]
     pub(crate) counters: TapeFollowerCounters,
@@ -45,24 +45,18 @@ pub(crate) struct TapeReport {
 
 /// The newest report, written by the thread that reads the tape.
 #[derive(Debug, Clone, Default)]
-pub(crate) struct TapeState(Arc<Mutex<(TapeReport, Option<Instant>)>>);
+pub(crate) struct TapeState(Arc<Mutex<TapeReport>>);
 
 impl TapeState {
-    /// As of now.
     pub(crate) fn read(&self) -> TapeReport {
-        let (report, heard) = self
-            .0
+        self.0
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
-            .clone();
-        TapeReport {
-            silent_s: heard.map(|heard| heard.elapsed().as_secs_f64()),
-            ..report
-        }
+            .clone()
     }
 
-    fn write(&self, report: TapeReport, heard: Option<Instant>) {
-        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = (report, heard);
+    fn write(&self, report: TapeReport) {
+        *self.0.lock().unwrap_or_else(PoisonError::into_inner) = report;
     }
 }
 
@@ -321,12 +315,11 @@ impl VehicleTape {
             driver: self.position.map(|(driver, _)| driver),
             resumed: self.resumed_count,
             next: self.position.map_or(0, |(_, next)| next),
-            silent_s: None,
+            silent_s: silent.map(|silent| silent.as_secs_f64()),
             counters,
             first_fault: self.follower.first_fault().map(str::to_owned),
         };
-        let heard = silent.and_then(|silent| Instant::now().checked_sub(silent));
-        self.state.write(report, heard);
+        self.state.write(report);
     }
 }
 
