@@ -26,6 +26,7 @@ mod python_tools;
 mod recording;
 mod render;
 mod replay;
+mod roles;
 mod ros2;
 mod serial_line;
 mod supervision;

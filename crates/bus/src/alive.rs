@@ -27,10 +27,15 @@ const MAX_ZENOH_ID_CHARS: usize = 32;
 /// How often the bus is asked again while it may still be connecting.
 const ASK_EVERY: Duration = Duration::from_millis(50);
 
+/// The role of a service that publishes a map; followers of the map look for the plain token too.
+pub const MAPPER_ROLE: &str = "mapper";
+/// The role of a service that talks to the sonar.
+pub const DRIVER_ROLE: &str = "driver";
+
 /// While it is held, others see the service as alive.
 #[derive(Debug)]
 #[expect(dead_code, reason = "held for its end")]
-pub struct AliveToken([LivelinessToken; 2]);
+pub struct AliveToken(Vec<LivelinessToken>);
 
 /// A session that says to be the service, in a role.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord)]
@@ -59,10 +64,11 @@ pub(crate) fn declare(link: &Link, role: &str) -> Result<AliveToken, BusError> {
         let declared = link.session.liveliness().declare_token(key).wait();
         declared.map_err(BusError::zenoh("declare the liveliness token"))
     };
-    Ok(AliveToken([
-        token(link.keys.alive())?,
-        token(link.keys.alive_as(role, &zenoh_id))?,
-    ]))
+    let mut tokens = vec![token(link.keys.alive_as(role, &zenoh_id))?];
+    if role == MAPPER_ROLE {
+        tokens.push(token(link.keys.alive())?);
+    }
+    Ok(AliveToken(tokens))
 }
 
 /// Those seen of other sessions, from its beginning on.
@@ -129,10 +135,11 @@ fn claim_of(key: &str) -> Option<Claim> {
     })
 }
 
-/// Words naming the service that is there already. Where the bus may still be connecting
+/// Words naming the service that is there already in one of these roles. Where the bus may still be connecting
 /// (`may_connect` says so), it is asked until `limit` is over; else once.
 pub(crate) fn elsewhere(
     link: &Link,
+    roles: &[&str],
     limit: Duration,
     may_connect: impl Fn() -> bool,
 ) -> Result<Option<String>, BusError> {
@@ -142,7 +149,7 @@ pub(crate) fn elsewhere(
         let is_last = !may_connect();
         let left = deadline.saturating_duration_since(Instant::now());
         let keys = ask(link, left.max(ASK_EVERY))?;
-        if let Some(who) = who(link, &keys) {
+        if let Some(who) = who(link, roles, &keys) {
             return Ok(Some(who));
         }
         if is_last || Instant::now() + ASK_EVERY >= deadline {
@@ -172,10 +179,12 @@ fn ask(link: &Link, limit: Duration) -> Result<Vec<String>, BusError> {
 }
 
 /// Whom these tokens stand for, our own left out.
-fn who(link: &Link, keys: &[String]) -> Option<String> {
+fn who(link: &Link, roles: &[&str], keys: &[String]) -> Option<String> {
     let ours = link.session.zid().to_string();
     let claims: Vec<Claim> = keys.iter().filter_map(|key| claim_of(key)).collect();
-    let other = claims.iter().find(|claim| claim.zenoh_id != ours);
+    let in_the_way =
+        |claim: &&Claim| claim.zenoh_id != ours && roles.contains(&claim.role.as_str());
+    let other = claims.iter().find(in_the_way);
     let name = match (other, claims.is_empty() && !keys.is_empty()) {
         (Some(other), _) => format!("role {}, zenoh id {}", other.role, other.zenoh_id),
         (None, true) => "of a version that does not say its role".to_owned(),

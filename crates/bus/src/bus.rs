@@ -25,6 +25,7 @@ use crate::streams::{
     MAX_STATUS_BYTES, MessageSubscription, PingSubscription, PoseSubscription, StatusSubscription,
 };
 use crate::subscriber::MapSubscriber;
+use crate::tape::{TapeFollower, TapeKeeper};
 use crate::taps::{DeltaTap, StaticTransformTap, TapBoard};
 use crate::zenoh_config::Plan;
 use crate::{BusConfig, BusError, pose_message};
@@ -206,7 +207,19 @@ impl Bus {
     /// # Errors
     /// If it is longer than a subscriber takes, 256 KiB, or the session is closed.
     pub fn publish_status(&self, status: &serde_json::Value) -> Result<(), BusError> {
-        let sent = self.put_status(status.to_string());
+        self.publish_status_on(self.link.keys.status(), status)
+    }
+
+    /// The same for a driver that runs apart from its mapper.
+    ///
+    /// # Errors
+    /// As [`Bus::publish_status`].
+    pub fn publish_driver_status(&self, status: &serde_json::Value) -> Result<(), BusError> {
+        self.publish_status_on(self.link.keys.driver_status(), status)
+    }
+
+    fn publish_status_on(&self, key: String, status: &serde_json::Value) -> Result<(), BusError> {
+        let sent = self.put_status(key, status.to_string());
         count(match sent {
             Ok(()) => &self.tally.statuses_sent,
             Err(_) => &self.tally.statuses_failed,
@@ -214,7 +227,7 @@ impl Bus {
         sent
     }
 
-    fn put_status(&self, json: String) -> Result<(), BusError> {
+    fn put_status(&self, key: String, json: String) -> Result<(), BusError> {
         if json.len() > MAX_STATUS_BYTES {
             return Err(BusError::TooLong {
                 what: "status",
@@ -222,27 +235,32 @@ impl Bus {
                 limit: MAX_STATUS_BYTES,
             });
         }
-        let put = self.link.session.put(self.link.keys.status(), json);
+        let put = self.link.session.put(key, json);
         put.encoding(Encoding::APPLICATION_JSON)
             .congestion_control(CongestionControl::Drop)
             .wait()
             .map_err(BusError::zenoh("publish the status"))
     }
 
-    /// Words naming another service of this node, if one is on the bus in whatever role; to be
+    /// Words naming another service of this node, if one is on the bus in any of these roles; to be
     /// asked before [`Bus::declare_alive`]. Where it is told to connect to others and none is
     /// there yet, it is asked again until `limit` is over; else once, in milliseconds.
     ///
     /// # Errors
     /// If the session is closed.
-    pub fn service_alive_elsewhere(&self, limit: Duration) -> Result<Option<String>, BusError> {
+    pub fn service_alive_elsewhere(
+        &self,
+        roles: &[&str],
+        limit: Duration,
+    ) -> Result<Option<String>, BusError> {
         let connects = !self.endpoints.connects_elsewhere().is_empty();
         let may_connect = || connects && company(&self.link.session) == 0;
-        alive::elsewhere(&self.link, limit, may_connect)
+        alive::elsewhere(&self.link, roles, limit, may_connect)
     }
 
-    /// Says that the service is there in this role (`mapper`, `driver`), until the token is
-    /// dropped, and begins to watch for others of this node.
+    /// Says that the service is there in this role ([`crate::MAPPER_ROLE`],
+    /// [`crate::DRIVER_ROLE`]), until the token is dropped, and begins to watch for others of this
+    /// node.
     ///
     /// # Errors
     /// If the role cannot stand in a key, or the session is closed.
@@ -343,6 +361,21 @@ impl Bus {
     /// If zenoh refuses.
     pub fn subscribe_pings(&self) -> Result<PingSubscription, BusError> {
         PingSubscription::start(&self.link)
+    }
+
+    /// Starts to keep what a driver hears, for a mapper elsewhere. `driver` names this run of it, and
+    /// `begin` is told to every mapper before anything else.
+    ///
+    /// # Errors
+    /// If zenoh refuses, or no thread can be started.
+    pub fn keep_tape(&self, driver: u64, begin: serde_json::Value) -> Result<TapeKeeper, BusError> {
+        TapeKeeper::start(&self.link, driver, begin)
+    }
+
+    /// Follows what this node's driver hears.
+    #[must_use]
+    pub fn follow_tape(&self) -> TapeFollower {
+        TapeFollower::new(&self.link)
     }
 
     /// Starts to take the service's status.

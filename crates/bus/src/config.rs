@@ -56,6 +56,8 @@ pub struct BusConfig {
     pub pose_queue_len: usize,
     /// Pings that wait to be sent or taken; beyond that the newest is dropped and counted.
     pub ping_queue_len: usize,
+    /// Bytes of the newest records that a driver keeps for a mapper elsewhere; the oldest go first.
+    pub history_bytes: usize,
     /// Most Gaussians a subscriber holds.
     pub max_gaussians: usize,
     /// How long a query for the map may take, seconds.
@@ -86,6 +88,8 @@ impl Default for BusConfig {
             tile_edge_m: 4.0,
             pose_queue_len: 65_536,
             ping_queue_len: 256,
+            // 13 minutes of 58 pings/s of 600 bins and 50 poses/s.
+            history_bytes: 64 << 20,
             max_gaussians: 2_000_000,
             // A map of 200,000 Gaussians takes 10 s on a tether of 10 Mbit/s.
             query_timeout_s: 60.0,
@@ -163,6 +167,13 @@ impl BusConfig {
             1,
             65_536,
             "1 to 65536",
+        )?;
+        count(
+            "history_bytes",
+            self.history_bytes,
+            1 << 20,
+            1 << 30,
+            "1048576 to 1073741824",
         )?;
         count(
             "max_gaussians",

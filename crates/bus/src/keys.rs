@@ -43,6 +43,18 @@ impl Keys {
         format!("{}/sonar/ping", self.base)
     }
 
+    /// What the driver hears, for a mapper elsewhere.
+    #[must_use]
+    pub fn tape(&self) -> String {
+        format!("{}/driver/tape", self.base)
+    }
+
+    /// The driver's rates and counters, where it runs apart from the mapper.
+    #[must_use]
+    pub fn driver_status(&self) -> String {
+        format!("{}/driver/status", self.base)
+    }
+
     /// Changes of one tile.
     #[must_use]
     pub fn delta(&self, tile: TileName) -> String {
@@ -125,6 +137,8 @@ mod tests {
         let tile = TileName(TileKey { x: 3, y: -1, z: 0 });
         assert_eq!(keys.pose(), "echosplat/rov-1/pose");
         assert_eq!(keys.ping(), "echosplat/rov-1/sonar/ping");
+        assert_eq!(keys.tape(), "echosplat/rov-1/driver/tape");
+        assert_eq!(keys.driver_status(), "echosplat/rov-1/driver/status");
         assert_eq!(keys.delta(tile), "echosplat/rov-1/map/delta/3_-1_0");
         assert_eq!(keys.snapshot(), "echosplat/rov-1/map/snapshot");
         assert_eq!(keys.status(), "echosplat/rov-1/status");

@@ -6,11 +6,13 @@
 //! |---|---|---|
 //! | `<prefix>/<node>/pose` | subscribed | see [`pose_message`] |
 //! | `<prefix>/<node>/sonar/ping` | published | the raw Ping frame; attachment `{"host_time_ns": …}` |
+//! | `<prefix>/<node>/driver/tape` | queryable | what a driver hears, for a mapper elsewhere; `?driver=E;from=N` |
+//! | `<prefix>/<node>/driver/status` | published | JSON, of a driver apart from its mapper |
 //! | `<prefix>/<node>/map/delta/<tile>` | published | see [`point_cloud`] and [`map_message`] |
 //! | `<prefix>/<node>/map/snapshot` | queryable | the same; `?bbox=x0,y0,z0,x1,y1,z1;since=N;epoch=E`. Ask with consolidation `None`: all replies bear one key |
 //! | `<prefix>/<node>/tf_static` | published and queryable | where the map's own frame lies, `tf2_msgs/msg/TFMessage` in CDR; only if it has one |
 //! | `<prefix>/<node>/status` | published | JSON |
-//! | `<prefix>/<node>/alive` | liveliness token | of any service |
+//! | `<prefix>/<node>/alive` | liveliness token | of the service that maps |
 //! | `<prefix>/<node>/alive/<role>/<zid>` | liveliness token | of the session with this zenoh id, in this role |
 //!
 //! A map that begins within 10 km of the poses' origin is in the poses' frame (`frame_id`, `map`):
@@ -55,10 +57,11 @@ mod ros;
 mod ros2;
 mod streams;
 mod subscriber;
+mod tape;
 mod taps;
 mod zenoh_config;
 
-pub use alive::{AliveToken, gives_way};
+pub use alive::{AliveToken, DRIVER_ROLE, MAPPER_ROLE, gives_way};
 pub use bus::{Bus, BusCounters};
 pub use cdr::CdrError;
 pub use config::{BusConfig, DEFAULT_NODE};
@@ -74,6 +77,10 @@ pub use streams::{
     ReceivedMessage, ReceivedPing, ReceivedPose, StatusSubscription,
 };
 pub use subscriber::{Liveliness, MapSubscriber, MapSubscriberCounters, MapWaitError};
+pub use tape::{
+    Heard, TapeEntry, TapeFollower, TapeFollowerCounters, TapeKeeper, TapeKeeperCounters,
+    TapeMessageError, TapeRecord,
+};
 pub use taps::{DeltaTap, StaticTransformTap};
 pub use zenoh_config::LOOPBACK;
 

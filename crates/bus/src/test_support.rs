@@ -6,6 +6,7 @@ use echosplat_model::{Gaussian, Snapshot, Standing, Timestamp};
 use glam::{DVec3, Quat, Vec3};
 
 pub(crate) use crate::delta::bits;
+use crate::{Bus, BusConfig};
 
 /// One that differs from every other by its id in every field.
 pub(crate) fn gaussian(id: u32) -> Gaussian {
@@ -43,4 +44,30 @@ pub(crate) fn snapshot(epoch: u64, sequence: u64, gaussians: Vec<Gaussian>) -> A
 /// Bit for bit the same Gaussians in the same order.
 pub(crate) fn same(a: &[Gaussian], b: &[Gaussian]) -> bool {
     a.iter().map(bits).eq(b.iter().map(bits))
+}
+
+/// One port of this machine to listen on and to connect to, as by default.
+pub(crate) fn endpoints() -> String {
+    let listener = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = listener.local_addr().unwrap().port();
+    format!("['tcp/127.0.0.1:{port}']")
+}
+
+/// A session there.
+pub(crate) fn bus_with(endpoints: &str, change: impl FnOnce(&mut BusConfig)) -> Bus {
+    let setting = |key: &str| (key.to_owned(), endpoints.to_owned());
+    let mut config = BusConfig {
+        node: "test".to_owned(),
+        zenoh: vec![setting("connect/endpoints"), setting("listen/endpoints")],
+        ..BusConfig::default()
+    };
+    change(&mut config);
+    Bus::open(config).unwrap()
+}
+
+/// Two sessions that see each other.
+pub(crate) fn bus_pair() -> (Bus, Bus) {
+    let endpoints = endpoints();
+    let open = || bus_with(&endpoints, |_| {});
+    (open(), open())
 }

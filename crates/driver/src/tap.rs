@@ -35,6 +35,9 @@ pub enum TapeItem {
     HalfFrameExpired,
     /// The link was gone.
     LinkDown,
+    /// Nothing came for a while, on a tape that is still being written: the reader looks whether it
+    /// is to stop.
+    Nothing,
     /// Something else was recorded here: it is told as [`crate::DriverEvent::Mark`], so that whoever
     /// reads the rest of the recording keeps step.
     Mark(u64),
@@ -49,7 +52,7 @@ impl TapeItem {
             Self::Bytes(bytes) => Tapped::Bytes(bytes),
             Self::HalfFrameExpired => Tapped::HalfFrameExpired,
             Self::LinkDown => Tapped::LinkDown,
-            Self::Mark(_) => return None,
+            Self::Nothing | Self::Mark(_) => return None,
         })
     }
 }

@@ -71,6 +71,12 @@ impl TapeReader {
         if let TapeItem::Mark(number) = item {
             return self.outlet.send(DriverEvent::Mark(*number));
         }
+        if *item == TapeItem::Nothing {
+            return match self.outlet.stop.is_set() {
+                true => Flow::Ends,
+                false => Flow::GoesOn,
+            };
+        }
         let wait = self.pace.wait(time, Instant::now());
         if self.outlet.stop.is_set() || (!wait.is_zero() && self.outlet.stop.wait(wait)) {
             return Flow::Ends;
@@ -94,7 +100,7 @@ impl TapeReader {
                 session.expire_half_frame(time);
                 (LinkState::Up, None)
             }
-            TapeItem::Mark(_) => return Flow::GoesOn,
+            TapeItem::Nothing | TapeItem::Mark(_) => return Flow::GoesOn,
             TapeItem::LinkUp => {
                 session.link_restored(time);
                 (LinkState::Up, Some(DriverEvent::LinkUp))

@@ -4,6 +4,7 @@ use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
@@ -35,8 +36,30 @@ pub enum PoseSource {
     Recorded(std::vec::IntoIter<ArrivedPose>),
     /// One after another as they are asked for, in order of time: of a dive too long to be held.
     Made(MadePoses),
+    /// Handed over in step with a tape; they arrived where the tape was made.
+    Taped(TapedPoses),
     /// As they arrive.
     Live(Box<LivePoses>),
+}
+
+/// Poses in step with a tape, from the thread that reads it.
+#[derive(Debug)]
+pub struct TapedPoses {
+    poses: Receiver<ArrivedPose>,
+    /// Set once none will follow.
+    is_ended: Arc<AtomicBool>,
+    taken: u64,
+    rate: Rate,
+}
+
+impl TapedPoses {
+    fn next(&mut self) -> Option<ArrivedPose> {
+        let pose = self.poses.try_recv().ok()?;
+        self.taken += 1;
+        // By this host's clock: the tape may come from one whose clock differs.
+        self.rate.count(now());
+        Some(pose)
+    }
 }
 
 /// Poses that nobody holds; they arrived when they were valid.
@@ -175,6 +198,18 @@ impl PoseSource {
         Self::Recorded(poses.into_iter())
     }
 
+    /// Poses that whoever reads a tape hands over, each before the tape's mark that stands for it.
+    /// `is_ended` is set once none will follow.
+    #[must_use]
+    pub fn taped(poses: Receiver<ArrivedPose>, is_ended: Arc<AtomicBool>) -> Self {
+        Self::Taped(TapedPoses {
+            poses,
+            is_ended,
+            taken: 0,
+            rate: Rate::default(),
+        })
+    }
+
     /// Poses that are made when they are asked for.
     #[must_use]
     pub fn made(mut poses: impl Iterator<Item = StampedPose> + Send + 'static) -> Self {
@@ -192,6 +227,7 @@ impl PoseSource {
             Self::File(poses) => poses.next().map(ArrivedPose::at_its_stamp),
             Self::Recorded(poses) => poses.next(),
             Self::Made(poses) => poses.take().map(ArrivedPose::at_its_stamp),
+            Self::Taped(taped) => taped.next(),
             Self::Live(live) => live.next(None),
         }
     }
@@ -208,7 +244,12 @@ impl PoseSource {
     /// Whether no pose will ever come again.
     #[must_use]
     pub fn is_ended(&self) -> bool {
-        !self.is_live() && self.known_len() == 0
+        let may_follow = match self {
+            Self::Live(_) => true,
+            Self::Taped(taped) => !taped.is_ended.load(Ordering::Acquire),
+            _ => false,
+        };
+        !may_follow && self.known_len() == 0
     }
 
     /// Whether poses come as time goes by.
@@ -226,6 +267,7 @@ impl PoseSource {
             Self::File(poses) => poses.len(),
             Self::Recorded(poses) => poses.len(),
             Self::Made(poses) => usize::from(poses.next.is_some()),
+            Self::Taped(taped) => taped.poses.len(),
             Self::Live(live) => live.waiting_len(),
         }
     }
@@ -252,6 +294,16 @@ impl PoseSource {
             Self::File(_) => named("tum://"),
             Self::Recorded(_) => named("log://"),
             Self::Made(_) => named("simulated"),
+            Self::Taped(taped) => {
+                let (rate_hz, age_s) = taped.rate.read(now());
+                PoseSourceStatus {
+                    received: taped.taken,
+                    accepted: taped.taken,
+                    rate_hz,
+                    age_s,
+                    ..named("driver")
+                }
+            }
             Self::Live(live) => live.status(),
         }
     }

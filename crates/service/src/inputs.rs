@@ -14,10 +14,12 @@ use echosplat_pose::{PoseSource, PoseSourceError, PoseUrl};
 use echosplat_recording::svlog::LogClock;
 use echosplat_recording::svlog::SvlogReader;
 use echosplat_session::{ClockSource, SessionConfig};
+use serde_json::Value;
 
 use crate::config::Config;
 use crate::exit::Usage;
 use crate::recorder::{Recorder, RecorderConfig};
+use crate::split::Begin;
 use crate::{files, replayed};
 
 /// A sonar's URL.
@@ -85,9 +87,9 @@ const OTHERS_ANSWER: Duration = Duration::from_millis(500);
 /// Two services of one name would publish under one key and mix their poses.
 ///
 /// # Errors
-/// If a service of this node is there already.
-pub(crate) fn refuse_a_second_service(bus: &Bus) -> anyhow::Result<()> {
-    match bus.service_alive_elsewhere(OTHERS_ANSWER)? {
+/// If a service of this node is there already in one of these roles.
+pub(crate) fn refuse_a_second_service(bus: &Bus, roles: &[&str]) -> anyhow::Result<()> {
+    match bus.service_alive_elsewhere(roles, OTHERS_ANSWER)? {
         None => Ok(()),
         Some(other) => Err(Usage::error(format!("{other} (--node)"))),
     }
@@ -136,6 +138,33 @@ pub(crate) fn recorder(
     session: &SessionConfig,
     is_log: bool,
 ) -> anyhow::Result<Option<Recorder>> {
+    let log_clock = match is_log {
+        true => LogClock::Kept,
+        false => live_clock(session),
+    };
+    begin_recorder(config, log_clock, replayed::begin_event(session, is_log))
+}
+
+/// The same for a driver, or for a mapper of what one hears.
+///
+/// # Errors
+/// As [`recorder`].
+pub(crate) fn recorder_of_tape(config: &Config, begin: &Begin) -> anyhow::Result<Option<Recorder>> {
+    begin_recorder(config, live_clock(&begin.session), begin.to_value())
+}
+
+fn live_clock(session: &SessionConfig) -> LogClock {
+    match session.clock {
+        ClockSource::Host => LogClock::Host,
+        ClockSource::Device => LogClock::Device,
+    }
+}
+
+fn begin_recorder(
+    config: &Config,
+    log_clock: LogClock,
+    begin: Value,
+) -> anyhow::Result<Option<Recorder>> {
     let asked = config.output.record.as_deref();
     if asked.is_none() && config.web.address.is_none() {
         return Ok(None);
@@ -145,13 +174,8 @@ pub(crate) fn recorder(
     let recorder_config = RecorderConfig {
         rotate_bytes: config.output.record_rotate_bytes,
         format: config.output.record_format,
-        log_clock: match (is_log, session.clock) {
-            (true, _) => LogClock::Kept,
-            (false, ClockSource::Host) => LogClock::Host,
-            (false, ClockSource::Device) => LogClock::Device,
-        },
+        log_clock,
     };
-    let begin = replayed::begin_event(session, is_log);
     let recorder = Recorder::idle(directory, recorder_config, settings, Some(begin));
     if asked.is_some() {
         recorder.begin()?;

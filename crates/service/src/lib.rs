@@ -22,6 +22,7 @@ mod replayed;
 mod rig;
 mod scene_files;
 pub mod signals;
+mod split;
 mod supervisor;
 pub mod truth;
 mod web;

@@ -119,6 +119,7 @@ impl Replayed {
             },
             tape: Some(Box::new(move || open_tape(&paths))),
             byte_count: Some(dive.scan.counts.raw_bytes),
+            records_itself: false,
         }
     }
 
@@ -261,6 +262,7 @@ fn of_log(log: &Path, config: &Config, rate: f64) -> Input {
         },
         tape: None,
         byte_count: fs::metadata(log).ok().map(|metadata| metadata.len()),
+        records_itself: false,
     }
 }
 

@@ -14,11 +14,17 @@ fn open_at(endpoints: &str) -> Bus {
 fn another_service_of_this_node_is_named_before_one_declares_itself() {
     let endpoints = format!("['tcp/127.0.0.1:{}']", free_port());
     let first = open_at(&endpoints);
-    assert_eq!(first.service_alive_elsewhere(SOON).unwrap(), None);
+    assert_eq!(
+        first.service_alive_elsewhere(&["mapper"], SOON).unwrap(),
+        None
+    );
     let alive = first.declare_alive("mapper").unwrap();
     // One question right after opening is what a service asks.
     let second = open_at(&endpoints);
-    let words = second.service_alive_elsewhere(SOON).unwrap().unwrap();
+    let words = second
+        .service_alive_elsewhere(&["mapper"], SOON)
+        .unwrap()
+        .unwrap();
     for named in [
         "another service of node \"test\"",
         "mapper",
@@ -26,10 +32,19 @@ fn another_service_of_this_node_is_named_before_one_declares_itself() {
     ] {
         assert!(words.contains(named), "{named} in {words}");
     }
-    assert_eq!(first.service_alive_elsewhere(SOON).unwrap(), None, "itself");
+    assert_eq!(
+        first.service_alive_elsewhere(&["mapper"], SOON).unwrap(),
+        None,
+        "itself"
+    );
+    let driver = second.service_alive_elsewhere(&["driver"], SOON);
+    assert_eq!(driver.unwrap(), None, "a driver beside a mapper");
     drop(alive);
     until("the token is gone", || {
-        second.service_alive_elsewhere(SOON).unwrap().is_none()
+        second
+            .service_alive_elsewhere(&["mapper"], SOON)
+            .unwrap()
+            .is_none()
     });
 }
 
@@ -40,7 +55,10 @@ fn a_service_without_a_role_is_seen_too() {
     let plain = first.session_for_tests().liveliness();
     let token = plain.declare_token(first.keys().alive()).wait().unwrap();
     let second = open_at(&endpoints);
-    let words = second.service_alive_elsewhere(SOON).unwrap().unwrap();
+    let words = second
+        .service_alive_elsewhere(&["mapper"], SOON)
+        .unwrap()
+        .unwrap();
     assert!(words.contains("does not say its role"), "{words}");
     drop(token);
 }
@@ -55,7 +73,10 @@ fn a_service_of_another_node_is_no_matter() {
         ..config(&endpoints, &endpoints)
     };
     let second = Bus::open(other).unwrap();
-    assert_eq!(second.service_alive_elsewhere(SOON).unwrap(), None);
+    assert_eq!(
+        second.service_alive_elsewhere(&["mapper"], SOON).unwrap(),
+        None
+    );
 }
 
 #[test]

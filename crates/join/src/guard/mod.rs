@@ -38,7 +38,7 @@ pub struct GuardReport {
     /// Added to the stamps since their clock stepped, seconds.
     pub clock_shift_s: f64,
     /// How far stamps lead their arrival, seconds, at the least delay of late; negative if they lag.
-    /// Says nothing where the data have a clock of their own.
+    /// 0 where the data have a clock of their own.
     pub lead_s: f64,
     /// For how long poses have been the same to the last bit, seconds.
     pub still_s: f64,
@@ -149,7 +149,9 @@ impl PoseGuard {
         let Some(track) = &mut self.track else { return };
         track.extend(&arrived);
         self.report.still_s = track.still_s();
-        self.report.lead_s = track.lead_s();
+        if self.clock == StampClock::Host {
+            self.report.lead_s = track.lead_s();
+        }
         self.hand_on(&arrived, take);
     }
 

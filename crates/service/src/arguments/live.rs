@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use clap::Args;
+use clap::{Args, ValueEnum};
 use echosplat_pose::PoseUrl;
 
 use super::dives::DiveArguments;
@@ -86,6 +86,25 @@ pub struct RunArguments {
     /// Added to the pings' times before poses are looked up
     #[arg(long, value_name = "SECONDS", allow_negative_numbers = true, value_parser = finite)]
     pub(crate) time_offset_s: Option<f64>,
+    /// Which part of the work this machine does; a driver and a mapper of one --node belong together
+    #[arg(long, value_name = "ROLE", value_enum, default_value_t = Role::All)]
+    pub(crate) role: Role,
+    /// With --role mapper: map first what these recordings hold of the dive, a mapper's or its
+    /// driver's in their order, then what comes
+    #[arg(long, value_name = "DIVE.mcap", num_args = 1..)]
+    pub(crate) resume: Vec<PathBuf>,
+}
+
+/// Which part of the work of a dive is done.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, ValueEnum)]
+pub(crate) enum Role {
+    /// All of it
+    #[default]
+    All,
+    /// On the vehicle: sonar, poses and recording; no map
+    Driver,
+    /// Elsewhere: the map, of what the driver hears
+    Mapper,
 }
 
 #[derive(Debug, Args)]

@@ -16,8 +16,8 @@ pub(crate) use files::{
     RecoverArguments, RenderArguments,
 };
 pub(crate) use live::{
-    BusArguments, DemoArguments, ProbeArguments, ReplayArguments, RunArguments, ServiceArguments,
-    WatchArguments,
+    BusArguments, DemoArguments, ProbeArguments, ReplayArguments, Role, RunArguments,
+    ServiceArguments, WatchArguments,
 };
 pub use values::positive;
 

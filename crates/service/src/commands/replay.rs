@@ -13,7 +13,7 @@ use crate::commands::judging::{Judge, Verdict};
 use crate::commands::show_figures;
 use crate::config::{Config, Overrides};
 use crate::exit::{Finish, Usage};
-use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Outcome, Setup, Span};
+use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Outcome, Part, Setup, Span};
 use crate::replayed::Replayed;
 use crate::signals::Stop;
 use crate::web::Page;
@@ -131,7 +131,7 @@ fn once(
         false => None,
     };
     if let Some(bus) = &bus {
-        inputs::refuse_a_second_service(bus)?;
+        inputs::refuse_a_second_service(bus, Part::Whole.roles())?;
     }
     let inputs = replayed.inputs(config, arguments.rate);
     let session = &inputs[0].config.session;
@@ -141,6 +141,7 @@ fn once(
     }
     let poses = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
     let setup = Setup {
+        part: Part::Whole,
         inputs,
         poses,
         gate: Gate::new(arguments.start, arguments.end, config.output.duration_s),

@@ -1,27 +1,31 @@
-//! `echosplat run`: the service.
+//! `echosplat run`: the service, or its part on one of two machines.
 
 use std::collections::HashSet;
 use std::sync::Arc;
 
-use echosplat_bus::Bus;
-use echosplat_driver::{ListenUrl, SonarUrl};
+use echosplat_bus::{Bus, DRIVER_ROLE};
+use echosplat_driver::{DriverConfig, ListenUrl, SonarUrl};
 use echosplat_join::StampClock;
 use echosplat_pose::PoseUrl;
 use echosplat_session::ClockSource;
 
-use crate::arguments::{DiveArguments, PoseClock, RunArguments};
+use crate::arguments::{DiveArguments, PoseClock, Role, RunArguments};
 use crate::commands::{judge, show_figures};
 use crate::config::{Config, Overrides};
-use crate::exit::Finish;
-use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Input, Patience, Poses, Setup};
+use crate::exit::{Finish, Usage};
+use crate::pipeline::{
+    self, Album, Expectations, Gate, Hooks, Input, Part, Patience, Poses, Setup,
+};
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
+use crate::split::{Resumed, Vehicle, VehicleTape};
 use crate::web::Page;
 use crate::{clock, dives, inputs, logging, maps};
 
 /// # Errors
 /// If something asked for cannot be, or the map cannot be written.
 pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
+    refuse_what_is_the_others(arguments)?;
     let overrides = Overrides {
         sonar: arguments.sonar.clone(),
         pose: arguments.pose.clone(),
@@ -29,21 +33,184 @@ pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
         ..Overrides::default()
     };
     let config = Config::assemble(&arguments.service, overrides)?;
+    match arguments.role {
+        Role::Driver => drive(&config),
+        Role::All | Role::Mapper => run_and_map(arguments, &config),
+    }
+}
+
+/// What is asked for on the command line and another role does.
+fn refuse_what_is_the_others(arguments: &RunArguments) -> anyhow::Result<()> {
+    let service = &arguments.service;
+    let of_mapper = [
+        ("--map", service.map.is_some()),
+        ("--maps-every", service.maps_every.is_some()),
+        ("--truth", service.truth.is_some()),
+        ("--web", service.web.is_some()),
+    ];
+    let of_driver = [
+        ("--sonar", arguments.sonar.is_some()),
+        ("--pose", arguments.pose.is_some()),
+    ];
+    let resume = ("--resume", !arguments.resume.is_empty());
+    let refused: &[_] = match arguments.role {
+        Role::All => &[resume],
+        Role::Driver => &[
+            of_mapper[0],
+            of_mapper[1],
+            of_mapper[2],
+            of_mapper[3],
+            resume,
+        ],
+        Role::Mapper => &of_driver,
+    };
+    let Some((option, _)) = refused.iter().find(|(_, is_asked)| *is_asked) else {
+        return Ok(());
+    };
+    let whose = match arguments.role {
+        Role::Mapper => "driver",
+        Role::All | Role::Driver => "mapper",
+    };
+    Err(Usage::error(format!(
+        "{option} is for --role {whose}: leave it out here, and give it there"
+    )))
+}
+
+fn run_and_map(arguments: &RunArguments, config: &Config) -> anyhow::Result<Finish> {
+    let is_whole = arguments.role == Role::All;
     let album = Album::parse(arguments.service.maps_every.as_deref())?;
     let url = inputs::sonar_url(&config.sonar.url)?;
-    if let SonarUrl::File(log) = &url {
+    if let (SonarUrl::File(log), true) = (&url, is_whole) {
         inputs::check_log(log)?;
     }
+    let resumed = Resumed::open(&arguments.resume)?;
     if let Some(map) = &config.output.map {
         maps::prepare(map)?;
     }
     let stop = Stop::on_signals()?;
-    let page = Page::start(&config)?;
+    let page = Page::start(config)?;
     let bus = inputs::open_bus(config.bus.clone())?;
-    inputs::refuse_a_second_service(&bus)?;
-    let finish = serve(&config, (album, page.as_ref()), url, &bus, &stop);
+    let shown = (album, page.as_ref());
+    let finish = if is_whole {
+        inputs::refuse_a_second_service(&bus, Part::Whole.roles())?;
+        serve(config, shown, url, &bus, &stop)
+    } else {
+        let part = Part::Mapper(Default::default());
+        inputs::refuse_a_second_service(&bus, part.roles())?;
+        map_what_the_driver_hears(config, shown, resumed, &bus, &stop)
+    };
     inputs::close_bus(Some(bus));
     finish
+}
+
+/// `--role driver`.
+fn drive(config: &Config) -> anyhow::Result<Finish> {
+    let url = inputs::sonar_url(&config.sonar.url)?;
+    if let SonarUrl::File(log) = &url {
+        return Err(Usage::error(format!(
+            "--role driver talks to a sonar, and {} is a log: map it with `echosplat replay`",
+            log.display()
+        )));
+    }
+    if config.output.map.is_some() || config.web.address.is_some() {
+        tracing::info!("output.map and web.address of the configuration are for --role mapper");
+    }
+    let stop = Stop::on_signals()?;
+    let bus = inputs::open_bus(config.bus.clone())?;
+    inputs::refuse_a_second_service(&bus, &[DRIVER_ROLE])?;
+    let (driver, rig) = sonar(config, url, &bus)?;
+    let (_, clock) = clock_of(&driver);
+    let vehicle = Vehicle {
+        config,
+        poses: inputs::poses(&config.pose.url, Some(&bus), clock)?,
+        driver,
+        bus: &bus,
+        is_over: rig.map(Rig::end_of_dive),
+    };
+    let finish = vehicle.run(&stop);
+    inputs::close_bus(Some(bus));
+    finish
+}
+
+fn sonar(
+    config: &Config,
+    url: SonarUrl,
+    bus: &Arc<Bus>,
+) -> anyhow::Result<(DriverConfig, Option<Rig>)> {
+    let rig = match &url {
+        SonarUrl::Sim(scene) => Some(simulate(config, scene, bus)?),
+        _ => None,
+    };
+    let driver = match &rig {
+        Some(rig) => rig.driver(config)?,
+        None => inputs::driver(config, url),
+    };
+    Ok((driver, rig))
+}
+
+/// Whose clock the pings are on, and what that means for those whose poses are late.
+fn clock_of(driver: &DriverConfig) -> (Patience, StampClock) {
+    match driver.session.clock {
+        ClockSource::Device => (Patience::HoldBack, StampClock::Data),
+        ClockSource::Host => (Patience::LetGo, StampClock::Host),
+    }
+}
+
+/// `--role mapper`: waits for the driver first.
+fn map_what_the_driver_hears(
+    config: &Config,
+    (album, page): (Option<Album>, Option<&Page>),
+    resumed: Option<Resumed>,
+    bus: &Arc<Bus>,
+    stop: &Stop,
+) -> anyhow::Result<Finish> {
+    let queue_pings = config.pipeline.queue_pings;
+    let met = VehicleTape::meet(bus.follow_tape(), resumed, queue_pings, stop)?;
+    let Some((tape, source)) = met else {
+        return Ok(Finish::Done);
+    };
+    let begin = tape.begin().clone();
+    let (patience, clock) = begin.clock();
+    let recorder = inputs::recorder_of_tape(config, &begin)?;
+    if let Some(page) = page {
+        page.control(recorder.as_ref());
+    }
+    let poses = Poses::new(&config.pose, source, patience, recorder.clone())?;
+    let duration_s = config.output.duration_s.or(begin.duration_s);
+    let setup = Setup {
+        expectations: Expectations {
+            sonar: begin.sonar.clone(),
+            is_live: true,
+            ping_interval_s: begin.session.expected_interval_s(),
+        },
+        part: Part::Mapper(tape.state()),
+        inputs: vec![tape.recorded_by(recorder.clone()).into_input()],
+        poses: poses.of_tape(clock, begin.guards_poses),
+        gate: Gate::new(None, None, duration_s),
+        bus: Some(Arc::clone(bus)),
+        recorder,
+        shed: HashSet::new(),
+        epoch: clock::now().nanos().unsigned_abs(),
+        hooks: hooks(album, page),
+    };
+    conclude(config, setup, stop)
+}
+
+fn hooks(album: Option<Album>, page: Option<&Page>) -> Hooks {
+    Hooks {
+        album,
+        on_status: Some(show_figures()),
+        page: page.map(Page::feed),
+        page_heartbeats: page.map(Page::heartbeats).unwrap_or_default(),
+        ..Hooks::default()
+    }
+}
+
+fn conclude(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<Finish> {
+    let outcome = pipeline::run(config, setup, stop)?;
+    judge(config.output.truth.as_deref(), &outcome.snapshot)?;
+    logging::print(&outcome.status.account());
+    Ok(outcome.finish())
 }
 
 fn serve(
@@ -53,18 +220,8 @@ fn serve(
     bus: &Arc<Bus>,
     stop: &Stop,
 ) -> anyhow::Result<Finish> {
-    let rig = match &url {
-        SonarUrl::Sim(scene) => Some(simulate(config, scene, bus)?),
-        _ => None,
-    };
-    let driver = match &rig {
-        Some(rig) => rig.driver(config)?,
-        None => inputs::driver(config, url),
-    };
-    let (patience, clock) = match driver.session.clock {
-        ClockSource::Device => (Patience::HoldBack, StampClock::Data),
-        ClockSource::Host => (Patience::LetGo, StampClock::Host),
-    };
+    let (driver, rig) = sonar(config, url, bus)?;
+    let (patience, clock) = clock_of(&driver);
     let source = inputs::poses(&config.pose.url, Some(bus), clock)?;
     let is_log = matches!(driver.url, SonarUrl::File(_));
     let recorder = inputs::recorder(config, &driver.session, is_log)?;
@@ -77,6 +234,7 @@ fn serve(
             is_live: !is_log,
             ping_interval_s: driver.session.expected_interval_s(),
         },
+        part: Part::Whole,
         inputs: vec![Input::link(driver)],
         poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
         gate: Gate::new(None, None, config.output.duration_s),
@@ -85,18 +243,11 @@ fn serve(
         shed: HashSet::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
-            album,
-            on_status: Some(show_figures()),
             is_over: rig.map(Rig::end_of_dive),
-            page: page.map(Page::feed),
-            page_heartbeats: page.map(Page::heartbeats).unwrap_or_default(),
-            ..Hooks::default()
+            ..hooks(album, page)
         },
     };
-    let outcome = pipeline::run(config, setup, stop)?;
-    judge(config.output.truth.as_deref(), &outcome.snapshot)?;
-    logging::print(&outcome.status.account());
-    Ok(outcome.finish())
+    conclude(config, setup, stop)
 }
 
 /// The sonar of `sim://SCENE`, at real time, on a port of its own.

@@ -88,6 +88,7 @@ fn costs(config: &Config) -> Vec<Cost> {
         cost("mapper.resolution_m", 1, evidence_bytes(config)),
         cost("bus.pose_queue_len", bus.pose_queue_len, pose),
         cost("bus.ping_queue_len", bus.ping_queue_len, ping),
+        cost("bus.history_bytes", bus.history_bytes, 1.0),
         cost("bus.max_gaussians", bus.max_gaussians, HELD_GAUSSIAN_BYTES),
         cost(
             "bus.max_received_bytes",

@@ -4,6 +4,7 @@
 mod disk;
 mod poses;
 mod sonar;
+mod tape;
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
@@ -48,8 +49,15 @@ impl Diagnosis {
     /// All that is wrong at `now`.
     pub(crate) fn findings(&mut self, status: &Status, now: Instant) -> Vec<Finding> {
         let mut findings = Vec::new();
-        self.sonar(status, now, &mut findings);
-        self.poses(status, now, &mut findings);
+        let without_driver = status.tape.as_ref().and_then(tape::finding);
+        match without_driver {
+            // Nothing can be said of a sonar and poses that nobody tells of.
+            Some(finding) => findings.push(finding),
+            None => {
+                self.sonar(status, now, &mut findings);
+                self.poses(status, now, &mut findings);
+            }
+        }
         self.disk_and_queues(status, now, &mut findings);
         findings
     }

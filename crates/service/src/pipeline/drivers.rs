@@ -1,25 +1,31 @@
 //! The sonar's thread, or one such thread per log, one after another.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use crossbeam_channel::Sender;
 use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, SonarUrl, Tape,
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, RawTap,
+    SonarUrl, Tape,
 };
 use echosplat_liveness::Heartbeat;
 use echosplat_session::{ProfilesRejected, SessionCounters};
 
 use crate::exit::Usage;
-use crate::recorder::Recorder;
 
-/// Where pings come from: a link, a log, or a recording.
+/// Where pings come from: a link, a log, a recording, or a driver elsewhere.
 pub(crate) struct Input {
     pub(crate) config: DriverConfig,
     /// Opens a recording in place of the link; `None` for a link or a log.
     pub(crate) tape: Option<OpenTape>,
     /// How many bytes it holds, where that is known.
     pub(crate) byte_count: Option<u64>,
+    /// What it gives is recorded by whoever opened it.
+    pub(crate) records_itself: bool,
 }
+
+/// Makes what is shown a link's bytes before they are decoded, for each thread that reads them.
+pub(crate) type MakeTap = Arc<dyn Fn() -> RawTap + Send + Sync>;
 
 pub(crate) type OpenTape = Box<dyn FnOnce() -> anyhow::Result<Tape>>;
 
@@ -30,6 +36,7 @@ impl Input {
             config,
             tape: None,
             byte_count: None,
+            records_itself: false,
         }
     }
 }
@@ -41,7 +48,7 @@ pub(crate) struct Drivers {
     link: Option<DriverConfig>,
     waiting: VecDeque<Input>,
     done: Vec<DriverStatus>,
-    recorder: Option<Recorder>,
+    tap: Option<MakeTap>,
     /// Given up with the last log, so that the mapper's thread sees the end.
     events: Option<Sender<DriverEvent>>,
     /// Of all inputs, if all say it.
@@ -55,7 +62,7 @@ impl Drivers {
     /// If it cannot be started.
     pub(crate) fn start(
         inputs: Vec<Input>,
-        recorder: Option<&Recorder>,
+        tap: Option<MakeTap>,
         events: Sender<DriverEvent>,
     ) -> anyhow::Result<Self> {
         let mut drivers = Self {
@@ -64,7 +71,7 @@ impl Drivers {
             byte_count: inputs.iter().map(|input| input.byte_count).sum(),
             waiting: inputs.into(),
             done: Vec::new(),
-            recorder: recorder.cloned(),
+            tap,
             events: Some(events),
         };
         drivers.start_next()?;
@@ -107,7 +114,8 @@ impl Drivers {
             false => self.events.clone(),
         };
         let Some(events) = events else { return Ok(()) };
-        let tap = self.recorder.as_ref().map(Recorder::raw_tap);
+        let tap = self.tap.as_ref().filter(|_| !input.records_itself);
+        let tap = tap.map(|make| make());
         let url = input.config.url.to_string();
         let handle = match input.tape {
             Some(open) => echosplat_driver::spawn_tape(input.config, open()?, tap, events),
@@ -138,7 +146,7 @@ impl Drivers {
         let Some(hung) = self.running.take_if(hangs) else {
             return Ok(());
         };
-        let tap = self.recorder.as_ref().map(Recorder::raw_tap);
+        let tap = self.tap.as_ref().map(|make| make());
         let (config, events) = (link.clone(), events.clone());
         let (running, last) = echosplat_driver::spawn_in_place_of(hung, config, tap, events)?;
         self.done.push(last);

@@ -32,7 +32,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 use crossbeam_channel::Receiver;
-use echosplat_bus::Bus;
+use echosplat_bus::{Bus, DRIVER_ROLE, MAPPER_ROLE};
 use echosplat_driver::{DriverEvent, DriverStatus};
 use echosplat_liveness::{Drill, Heartbeat};
 use echosplat_mapper::Mapper;
@@ -44,25 +44,26 @@ use crate::exit::{Finish, Usage};
 use crate::maps;
 use crate::recorder::Recorder;
 use crate::signals::Stop;
+use crate::split::{TapeReport, TapeState};
 
 pub(crate) use album::Album;
-pub(crate) use diagnosis::Expectations;
-pub(crate) use drivers::{Drivers, Input};
+pub(crate) use diagnosis::{Diagnosis, Expectations};
+pub(crate) use drivers::{Drivers, Input, MakeTap};
 use earlier::EarlierMaps;
 use ending::Ending;
 use frame_check::FrameCheck;
-pub(crate) use gate::Gate;
+pub(crate) use gate::{Gate, Passage};
+pub(crate) use listening::Listening;
 pub use mapping::Mapping;
-pub(crate) use notices::Finding;
+pub(crate) use notices::{Finding, Notice, Notices};
 use outlet::Outlet;
 pub use outlet::{Moment, Observed, Observer, Schedule};
 pub use poses::{Joined, Poses};
 pub(crate) use poses::{Patience, Span};
 use run::Run;
-pub(crate) use shared::Phase;
-use shared::Shared;
+pub(crate) use shared::{Link, Phase, Shared};
 pub use shared::{MapperReport, Spent};
-pub(crate) use status::Status;
+pub(crate) use status::{RateMeter, Rates, Status};
 use worker::{THREAD_NAME, Worker};
 
 /// All a run needs that differs between commands.
@@ -79,7 +80,39 @@ pub(crate) struct Setup {
     /// Names this run's map; no two runs that somebody may follow have the same.
     pub(crate) epoch: u64,
     pub(crate) expectations: Expectations,
+    pub(crate) part: Part,
     pub(crate) hooks: Hooks,
+}
+
+/// Which part of a dive's work the run does.
+#[derive(Debug, Clone, Default)]
+pub(crate) enum Part {
+    /// All of it.
+    #[default]
+    Whole,
+    /// It maps what a driver elsewhere hears, of which this tells.
+    Mapper(TapeState),
+}
+
+impl Part {
+    /// The roles of the service in its liveliness tokens.
+    pub(crate) fn roles(&self) -> &'static [&'static str] {
+        match self {
+            Self::Whole => &[MAPPER_ROLE, DRIVER_ROLE],
+            Self::Mapper(_) => &[MAPPER_ROLE],
+        }
+    }
+
+    fn publishes_pings(&self) -> bool {
+        matches!(self, Self::Whole)
+    }
+
+    fn tape(&self) -> Option<TapeReport> {
+        match self {
+            Self::Whole => None,
+            Self::Mapper(tape) => Some(tape.read()),
+        }
+    }
 }
 
 /// What a command wants to know while it runs.

@@ -90,6 +90,8 @@ pub struct Poses {
     taken: u64,
     /// They are taken as the recording's marks say, and not as pings ask for them.
     follows_marks: bool,
+    /// Whether poses are recorded here as they are taken.
+    records_poses: bool,
     pose_times: Option<Span>,
     ping_times: Option<Span>,
 }
@@ -136,6 +138,7 @@ impl Poses {
             recorder,
             taken: 0,
             follows_marks: false,
+            records_poses: true,
             pose_times: None,
             ping_times: None,
         })
@@ -151,6 +154,15 @@ impl Poses {
         self.guard = Some(PoseGuard::new(clock));
         self.join.let_go_again(let_go);
         self.follows_marks = true;
+        self
+    }
+
+    /// The poses of a dive whose driver is elsewhere: taken as its tape's marks say, recorded by
+    /// whoever reads that, and judged if their source was live, on the clock of the pings.
+    pub(crate) fn of_tape(mut self, clock: StampClock, guards: bool) -> Self {
+        self.guard = guards.then(|| PoseGuard::new(clock));
+        self.follows_marks = true;
+        self.records_poses = false;
         self
     }
 
@@ -298,7 +310,8 @@ impl Poses {
 
     fn take(&mut self, arrived: ArrivedPose) {
         self.taken += 1;
-        if let Some(recorder) = &self.recorder {
+        let recorder = self.recorder.as_ref().filter(|_| self.records_poses);
+        if let Some(recorder) = recorder {
             recorder.record(arrived.arrived, Record::Pose(arrived.pose));
         }
         let Some(mut guard) = self.guard.take() else {

@@ -8,7 +8,6 @@ use echosplat_model::Pose;
 use echosplat_recording::mcap::Record;
 
 use super::Setup;
-use super::run::ROLE;
 use crate::clock;
 use crate::recorder::Recorder;
 
@@ -18,7 +17,7 @@ pub(super) struct Published {
     pub(super) map: Option<Arc<MapPublisher>>,
     /// For nodes of ROS, where it is asked for.
     pub(super) ros: Option<Arc<RosPublisher>>,
-    pub(super) alive: Option<AliveToken>,
+    pub(super) alive: Vec<AliveToken>,
 }
 
 impl Published {
@@ -30,10 +29,15 @@ impl Published {
         if let Some(recorder) = &setup.recorder {
             record_what_is_published(bus, recorder);
         }
+        let alive = setup
+            .part
+            .roles()
+            .iter()
+            .map(|role| bus.declare_alive(role));
         Ok(Self {
             map: Some(Arc::new(bus.publish_map()?)),
             ros: bus.publish_ros(vehicle_from_sensor)?.map(Arc::new),
-            alive: Some(bus.declare_alive(ROLE)?),
+            alive: alive.collect::<Result<_, _>>()?,
         })
     }
 

@@ -25,7 +25,7 @@ use super::shared::{Phase, Shared};
 use super::status::RateMeter;
 use super::telling::other_service;
 use super::worker::THREAD_NAME;
-use super::{Hooks, Observer, Outlet, Setup, Wiring, start_worker};
+use super::{Hooks, Observer, Outlet, Part, Setup, Wiring, start_worker};
 use crate::config::Config;
 use crate::exit::Usage;
 use crate::maps::MapNotes;
@@ -43,9 +43,6 @@ const REPORT_TIME: Duration = Duration::from_millis(100);
 /// Two services that ask for each other at the same moment find nobody; so long after the start one of
 /// them still gives way.
 const GIVES_WAY_WITHIN: Duration = Duration::from_secs(10);
-
-/// The role of a service in its liveliness token: it maps.
-pub(super) const ROLE: &str = "mapper";
 
 /// A run under way.
 pub(super) struct Run {
@@ -65,6 +62,7 @@ pub(super) struct Run {
     heartbeat: Heartbeat,
     pub(super) systemd: Systemd,
     pub(super) hooks: Hooks,
+    pub(super) part: Part,
     pub(super) begin: Instant,
     pub(super) rates: RateMeter,
 }
@@ -85,7 +83,8 @@ impl Run {
         supervisor.spare(album.iter().map(AlbumWriter::heartbeat));
         let outlet = outlet(&mut setup, &published, keeps, helpers.prediction);
         let (sender, events) = bounded(config.pipeline.queue_pings);
-        let drivers = Drivers::start(setup.inputs, setup.recorder.as_ref(), sender)?;
+        let tap = setup.recorder.as_ref().map(Recorder::taps);
+        let drivers = Drivers::start(setup.inputs, tap, sender)?;
         let wiring = Wiring {
             events,
             inputs_left: drivers.count(),
@@ -116,6 +115,7 @@ impl Run {
             heartbeat: own_heartbeat(config),
             systemd: Systemd::of_environment(),
             hooks: setup.hooks,
+            part: setup.part,
             begin,
             rates: RateMeter::default(),
         };
@@ -226,18 +226,17 @@ impl Run {
     /// # Errors
     /// If another service of this name began at the same time, and this one is to end.
     fn give_way(&mut self) -> anyhow::Result<()> {
-        let Some(bus) = self
-            .bus
-            .as_ref()
-            .filter(|_| self.begin.elapsed() < GIVES_WAY_WITHIN)
-        else {
+        let is_new = self.begin.elapsed() < GIVES_WAY_WITHIN;
+        let Some(bus) = self.bus.as_ref().filter(|_| is_new) else {
             return Ok(());
         };
-        let others = bus.others_alive(ROLE);
-        match echosplat_bus::gives_way(&bus.zenoh_id(), &others) {
-            false => Ok(()),
-            true => Err(Usage::error(other_service(&others).unwrap_or_default())),
+        for role in self.part.roles() {
+            let others = bus.others_alive(role);
+            if echosplat_bus::gives_way(&bus.zenoh_id(), &others) {
+                return Err(Usage::error(other_service(&others).unwrap_or_default()));
+            }
         }
+        Ok(())
     }
 
     /// Ends the run without its map.
@@ -304,7 +303,8 @@ fn outlet(
     prediction: Option<Prediction>,
 ) -> Outlet {
     let observers = setup.hooks.observer.take().into_iter().chain(keeps);
-    Outlet::new(setup.bus.clone(), published.map.clone(), observers)
+    let pings_to = setup.bus.clone().filter(|_| setup.part.publishes_pings());
+    Outlet::new(pings_to, published.map.clone(), observers)
         .predicting(prediction)
         .told_to_ros(published.ros.clone())
         .shown_on(setup.hooks.page.clone())

@@ -12,6 +12,7 @@ use super::notices::Notice;
 use super::shared::{Link, MapperReport, Phase};
 use crate::processor;
 use crate::recorder::RecorderCounters;
+use crate::split::TapeReport;
 use crate::supervisor::PartReport;
 
 /// Share of pings left out beyond which a run counts as lossy.
@@ -62,6 +63,8 @@ pub(crate) struct Status {
     pub(crate) newest_notice: Option<String>,
     /// How much of the logs has been read, 0 to 1; `null` for a sonar.
     pub(crate) input_share: Option<f64>,
+    /// Of a mapper whose driver is elsewhere: what came from there.
+    pub(crate) tape: Option<TapeReport>,
     /// Where every ping received is.
     pub(crate) ledger: Ledger,
     pub(crate) memory_bytes: u64,
@@ -179,6 +182,7 @@ impl Status {
             notices: Vec::new(),
             newest_notice: None,
             input_share: None,
+            tape: None,
             memory_bytes: processor::memory_bytes(),
             peak_memory_bytes: processor::peak_memory_bytes(),
         }
@@ -203,6 +207,7 @@ impl Status {
             "pairs": self.report.work.pairs,
             "snapshots": self.report.snapshots,
             "lossy": self.loss(),
+            "tape": self.tape,
             "poses": self.report.poses,
             "pings_before_start": self.report.pings_before_start,
             "pings_after_end": self.report.pings_after_end,
@@ -258,6 +263,10 @@ impl Status {
                 "{} damaged frames, {damaged} damaged profiles, {} bytes skipped",
                 session.frames_bad, session.bytes_skipped
             ));
+        }
+        let missing = self.tape.as_ref().map_or(0, |tape| tape.counters.missing);
+        if missing > 0 {
+            return Some(format!("{missing} records of the driver never came"));
         }
         let left_out = self.pings_left_out;
         let share = left_out as f64 / (self.pings_received.max(1)) as f64;

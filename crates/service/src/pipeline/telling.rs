@@ -3,12 +3,13 @@
 
 use std::time::Instant;
 
+use echosplat_bus::MAPPER_ROLE;
 use echosplat_recording::mcap::Record;
 
 use super::album::AlbumWriter;
 use super::keeper::Keeper;
 use super::notices::Finding;
-use super::run::{ROLE, Run};
+use super::run::Run;
 use super::shared::Phase;
 use super::status::Status;
 use crate::clock;
@@ -80,7 +81,7 @@ impl Run {
         // In this order, so that what was taken is never more than what was sent.
         let report = self.shared.report();
         let sonar = self.drivers.status();
-        let others = self.bus.as_ref().map(|bus| bus.others_alive(ROLE));
+        let others = self.bus.as_ref().map(|bus| bus.others_alive(MAPPER_ROLE));
         let mut status = Status {
             phase: self.shared.phase(),
             is_final,
@@ -102,6 +103,7 @@ impl Run {
             notices: self.notices.all(),
             newest_notice: self.notices.newest_standing().map(str::to_owned),
             input_share: self.drivers.share_read(),
+            tape: self.part.tape(),
             ..Status::of(report, sonar)
         };
         let counters = [

@@ -29,6 +29,7 @@ use serde_json::Value;
 
 use crate::clock;
 use crate::exit::Usage;
+use crate::pipeline::MakeTap;
 use crate::replayed::PING_SHED;
 use progress::Progress;
 use queue::Queue;
@@ -160,6 +161,12 @@ impl Recorder {
         &self.plan.directory
     }
 
+    /// For the driver: a tap for each thread that it reads with.
+    pub(crate) fn taps(&self) -> MakeTap {
+        let recorder = self.clone();
+        Arc::new(move || recorder.raw_tap())
+    }
+
     /// For the driver: records bytes as they come.
     pub(crate) fn raw_tap(&self) -> RawTap {
         let recorder = self.clone();
@@ -186,7 +193,8 @@ impl Recorder {
         }
     }
 
-    fn link(&self, host_time: Timestamp, is_up: bool) {
+    /// Records that the link came or went.
+    pub(crate) fn link(&self, host_time: Timestamp, is_up: bool) {
         let record = match is_up {
             true => Record::LinkUp,
             false => Record::LinkDown,

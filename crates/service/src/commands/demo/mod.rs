@@ -24,8 +24,8 @@ use crate::commands::judging::Judge;
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::pipeline::{
-    self, Expectations, Gate, Hooks, Input, OnFinal, OnStatus, Outcome, Patience, Phase, Poses,
-    Setup,
+    self, Expectations, Gate, Hooks, Input, OnFinal, OnStatus, Outcome, Part, Patience, Phase,
+    Poses, Setup,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
@@ -123,6 +123,7 @@ fn set_up(
     let driver = rig.driver(config)?;
     let recorder = inputs::recorder(config, &driver.session, false)?;
     Ok(Setup {
+        part: Part::Whole,
         expectations: Expectations {
             sonar: rig.url().to_owned(),
             is_live: false,

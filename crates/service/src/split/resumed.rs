@@ -1,0 +1,114 @@
+//! What recordings hold of a dive that still goes on.
+
+use std::path::PathBuf;
+
+use echosplat_bus::{TapeEntry, TapeRecord};
+use echosplat_recording::mcap::{Record, RecordingReader};
+
+use super::begin::{Begin, position_of};
+use crate::exit::Usage;
+
+/// The records of a dive from its recordings, a driver's or a mapper's, in their order.
+pub(crate) struct Resumed {
+    reader: RecordingReader<'static>,
+    begin: Begin,
+    /// The driver, and the number of the record that comes next.
+    position: Option<(u64, u64)>,
+    /// Records that a recording lacks.
+    lacking: u64,
+}
+
+impl Resumed {
+    /// `None` without files.
+    ///
+    /// # Errors
+    /// Says which file is no recording of a driver or a mapper.
+    pub(crate) fn open(paths: &[PathBuf]) -> anyhow::Result<Option<Self>> {
+        let Some(first) = paths.first() else {
+            return Ok(None);
+        };
+        let refused = |why: &dyn std::fmt::Display| Usage::error(format!("--resume: {why}"));
+        let mut looking = RecordingReader::open(paths).map_err(|error| refused(&error))?;
+        let (mut begin, mut is_of_tape) = (None, false);
+        while begin.is_none() || !is_of_tape {
+            let next = looking.next_message().map_err(|error| refused(&error))?;
+            let Some(recorded) = next else { break };
+            if let Record::Event(event) = &recorded.record {
+                begin = begin.or_else(|| Begin::read(event));
+                is_of_tape |= position_of(event).is_some();
+            }
+        }
+        let reader = RecordingReader::open(paths).map_err(|error| refused(&error))?;
+        match begin.filter(|_| is_of_tape) {
+            Some(begin) => Ok(Some(Self {
+                reader,
+                begin,
+                position: None,
+                lacking: 0,
+            })),
+            None => Err(refused(&format!(
+                "{} is no recording made with --role driver or --role mapper; `echosplat replay` \
+                 maps any other",
+                first.display()
+            ))),
+        }
+    }
+
+    pub(crate) fn begin(&self) -> &Begin {
+        &self.begin
+    }
+
+    /// What the driver is to be asked for next, once all is read.
+    pub(crate) fn position(&self) -> Option<(u64, u64)> {
+        self.position
+    }
+
+    /// The next record, `None` at the end.
+    ///
+    /// # Errors
+    /// In words, if a file cannot be read further.
+    pub(crate) fn next_record(&mut self) -> Result<Option<TapeRecord>, String> {
+        loop {
+            let next = self.reader.next_message();
+            let Some(recorded) = next.map_err(|error| error.to_string())? else {
+                if self.lacking > 0 {
+                    tracing::warn!(
+                        "the recording lacks {} records of the dive: they are missing in the map",
+                        self.lacking
+                    );
+                }
+                return Ok(None);
+            };
+            let entry = match recorded.record {
+                Record::LinkUp => TapeEntry::LinkUp,
+                Record::LinkDown => TapeEntry::LinkDown,
+                Record::HalfFrameExpired => TapeEntry::HalfFrameExpired,
+                Record::Raw(bytes) => TapeEntry::Bytes(bytes),
+                Record::Pose(pose) => TapeEntry::Pose(pose),
+                Record::Event(event) => {
+                    self.note_position(position_of(&event));
+                    continue;
+                }
+                _ => continue,
+            };
+            if let Some((_, next)) = &mut self.position {
+                *next += 1;
+            }
+            return Ok(Some(TapeRecord {
+                host_time: recorded.host_time,
+                entry,
+            }));
+        }
+    }
+
+    /// What is told goes before what was counted: a disk that was full leaves a gap.
+    fn note_position(&mut self, told: Option<(u64, u64)>) {
+        let Some((driver, next)) = told else { return };
+        if let Some((before, counted)) = self.position
+            && before == driver
+        {
+            self.lacking += next.saturating_sub(counted);
+        }
+        self.position = Some((driver, next));
+    }
+}
