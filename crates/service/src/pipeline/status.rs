@@ -209,6 +209,7 @@ impl Status {
             "sonar": self.sonar,
             "prediction": self.report.prediction,
             "mapper": self.report.mapper,
+            "calibration": self.report.calibration,
             "recording": self.recording,
             "ledger": self.ledger,
             "parts": self.parts,
