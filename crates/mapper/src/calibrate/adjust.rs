@@ -78,10 +78,10 @@ impl State<'_> {
         let parts: Vec<Option<Reduced>> = landmarks.map(reduce).collect();
         let (mut gradient, mut curvature) = ([0.0; PARAMETERS], [[0.0; PARAMETERS]; PARAMETERS]);
         for part in parts.iter().flatten() {
-            for i in 0..PARAMETERS {
+            for (i, row) in curvature.iter_mut().enumerate() {
                 gradient[i] += part.gradient[i];
-                for j in 0..PARAMETERS {
-                    curvature[i][j] += part.curvature[i][j];
+                for (sum, add) in row.iter_mut().zip(part.curvature[i]) {
+                    *sum += add;
                 }
             }
         }
@@ -153,5 +153,122 @@ impl State<'_> {
         let half = inverse_times(&factor, &scatter);
         let turned = std::array::from_fn(|i| std::array::from_fn(|j| half[j][i]));
         Some(inverse_times(&factor, &turned))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
+
+    use super::*;
+    use crate::calibrate::landmarks::{Landmark, LookAt};
+    use crate::calibrate::parameters::{RANGE, TIME, TURN};
+    use crate::calibrate::point::Point;
+
+    const BEAM_SIGMA_RAD: f32 = 0.006;
+    const STEP_M: f32 = 0.02;
+
+    /// Of a vehicle that goes by, sweeps, rolls and heaves.
+    fn pose(time_s: f32) -> (Vec3, Quat) {
+        let yaw = 0.6 * (0.7 * time_s).sin();
+        let roll = 0.4 * (0.43 * time_s).sin();
+        let place_m = Vec3::new(
+            0.8 * (0.11 * time_s).sin(),
+            0.05 * time_s - 3.0,
+            0.5 * (0.3 * time_s).cos(),
+        );
+        (place_m, Quat::from_euler(EulerRot::ZYX, yaw, 0.0, roll))
+    }
+
+    /// A look at a landmark believed 3 cm from where it is, which sounds as `values` have it.
+    fn look(at_m: Vec3, number: u32, values: &Values) -> Option<LookAt> {
+        const DT_S: f32 = 0.01;
+        let time_s = 0.05 * number as f32;
+        let (place_m, turn) = pose(time_s);
+        let ((before_m, before), (after_m, after)) = (pose(time_s - DT_S), pose(time_s + DT_S));
+        let into = turn.conjugate();
+        let angular_radps = (before.conjugate() * after).to_scaled_axis() / (2.0 * DT_S);
+        let believed_m = at_m + Vec3::new(0.0, 0.02, 0.02);
+        let mut look = LookAt {
+            place_m: into * (believed_m - place_m),
+            turn: Mat3::from_quat(into),
+            linear_mps: into * (after_m - before_m) / (2.0 * DT_S),
+            angular_radps,
+            after_s: 0.0,
+            first_m: 0.0,
+            step_m: STEP_M,
+            heard: Vec::new(),
+            weight: 1.0,
+            block: number / 200,
+        };
+        if look.place_m.y.abs() > 0.07 * look.place_m.x {
+            return None;
+        }
+        let point = Point::of(&look, values, &[0.0, -0.02, -0.02, 0.0]);
+        look.first_m = look.place_m.length() - 0.4;
+        let loud = (-0.5 * (point.azimuth_rad / BEAM_SIGMA_RAD).powi(2)).exp();
+        let echo = |bin: u32| {
+            let off_m = look.first_m + STEP_M * bin as f32 - point.range_m;
+            loud * (-0.5 * (off_m / 0.02).powi(2)).exp()
+        };
+        look.heard = (0..41).map(echo).collect();
+        Some(look)
+    }
+
+    fn landmarks(values: &Values) -> Landmarks {
+        let places = (0..24_u32).map(|i| {
+            let i = i as f32;
+            Vec3::new(5.0 + (1.7 * i).sin(), 0.3 * i - 3.5, 1.2 * (2.3 * i).cos())
+        });
+        let of = places.map(|at_m| Landmark {
+            looks: (0..2400)
+                .filter_map(|number| look(at_m, number, values))
+                .collect(),
+        });
+        Landmarks {
+            of: of.collect(),
+            blocks: 12,
+            beam_sigma_rad: BEAM_SIGMA_RAD,
+        }
+    }
+
+    #[test]
+    fn what_is_off_is_found_although_landmarks_are_free() {
+        let degree = 1f64.to_radians();
+        for (which, value, tolerance) in [
+            (TIME, 0.03, 0.003),
+            (TURN, 2.0 * degree, 0.2 * degree),
+            (TURN + 2, 2.0 * degree, 0.2 * degree),
+            (RANGE, 0.015, 0.002),
+        ] {
+            let mut values = [0.0; PARAMETERS];
+            values[which] = value;
+            let found = estimate(&landmarks(&values)).unwrap();
+            let off = found.values[which] - value;
+            assert!(
+                off.abs() < tolerance,
+                "{which}: {} for {value}",
+                found.values[which]
+            );
+        }
+    }
+
+    #[test]
+    fn nothing_is_found_where_nothing_is_off_and_little_said_of_what_is_not_seen() {
+        let found = estimate(&landmarks(&[0.0; PARAMETERS])).unwrap();
+        assert!(found.values[TIME].abs() < 1e-3, "{:?}", found.values);
+        assert!(found.values[TURN + 2].abs() < 2e-3, "{:?}", found.values);
+        assert!(found.values[RANGE].abs() < 2e-3, "{:?}", found.values);
+        // A turn within the fan's own plane changes nothing that is heard.
+        let sigma = found.covariance[TURN + 1][TURN + 1].sqrt();
+        assert!(sigma > 0.5 * PRIOR[TURN + 1], "{sigma}");
+    }
+
+    #[test]
+    fn too_few_landmarks_say_nothing() {
+        let mut few = landmarks(&[0.0; PARAMETERS]);
+        few.of.truncate(LEAST_LANDMARKS - 1);
+        assert!(estimate(&few).is_none());
+        assert!(estimate(&Landmarks::default()).is_none());
     }
 }

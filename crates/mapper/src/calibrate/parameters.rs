@@ -82,10 +82,12 @@ const TRIED_SIGMAS: f64 = 4.0;
 const LIKELIER_SIGMAS: f64 = 4.0;
 /// Another speed of sound is tried from here on, whatever the residual: maps take up nearly all of its error.
 const TRIED_SOUND: f64 = 0.005;
-/// What part of an error a map made with it leaves to see: of time offset and mount as on the survey of a fence.
+/// What part of an error a map made with it leaves to see, as on the survey of a fence.
 const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 0.4];
-/// What part of a true error may vanish when it is put right: less is none, and more is something else.
-const SEEN_RANGE: std::ops::Range<f64> = 0.2..1.3;
+/// What part of the step has to vanish from the residual where it is right, and at most does.
+const LEAST_SEEN: f64 = 0.2;
+const LEAST_SEEN_SOUND: f64 = 0.05;
+const MOST_SEEN: f64 = 1.3;
 
 /// What trials brought.
 #[derive(Debug, Clone, Copy)]
@@ -118,7 +120,12 @@ impl Verdict {
         gain_sigmas: f64,
     ) -> bool {
         let seen = (before.residual()[which] - after.residual()[which]) / step;
-        let is_seen = which == RANGE || SEEN_RANGE.contains(&seen);
+        let least = if which == RANGE {
+            LEAST_SEEN_SOUND
+        } else {
+            LEAST_SEEN
+        };
+        let is_seen = (least..MOST_SEEN).contains(&seen);
         let is_believed = is_seen && gain_sigmas > LIKELIER_SIGMAS;
         self.tried[which] = true;
         self.believed[which] = is_believed;
@@ -131,8 +138,11 @@ impl Verdict {
 }
 
 impl Difference {
-    pub(crate) fn of(heard: Found, predicted: Found) -> Self {
-        Self { heard, predicted }
+    pub(crate) fn of(heard: &Found, predicted: &Found) -> Self {
+        Self {
+            heard: *heard,
+            predicted: *predicted,
+        }
     }
 
     /// What is heard alone.
@@ -195,5 +205,68 @@ impl Difference {
             landmarks: self.heard.landmarks,
             looks: self.heard.looks,
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn found(which: usize, value: f64) -> Found {
+        let mut values = [0.0; PARAMETERS];
+        values[which] = value;
+        let variance = |i: usize| (0.01 * PRIOR[i]).powi(2);
+        let covariance = std::array::from_fn(|i| {
+            std::array::from_fn(|j| if i == j { variance(i) } else { 0.0 })
+        });
+        Found {
+            values,
+            covariance,
+            landmarks: 20,
+            looks: 400,
+        }
+    }
+
+    fn difference(which: usize, value: f64) -> Difference {
+        Difference::of(&found(which, value), &found(which, 0.0))
+    }
+
+    #[test]
+    fn what_a_trial_bears_out_is_believed_and_what_is_left_over_is_added() {
+        let mut verdict = Verdict::default();
+        let before = difference(TIME, 0.024);
+        assert_eq!(before.most_off(&verdict), Some(TIME));
+        let after = difference(TIME, 0.0008);
+        assert!(verdict.judge(TIME, 0.029, &before, &after, 6.0));
+        assert_eq!(after.most_off(&verdict), None);
+        let told = after.told(&verdict).time_offset_ms;
+        assert!(
+            told.is_believed && (told.value - 30.0).abs() < 0.1,
+            "{told:?}"
+        );
+    }
+
+    #[test]
+    fn a_trial_that_makes_pings_no_likelier_counts_as_an_error_of_the_method() {
+        for (after, gain) in [(0.0008, 1.0), (0.024, 6.0), (0.0008, f64::NAN)] {
+            let mut verdict = Verdict::default();
+            let before = difference(TIME, 0.024);
+            let after = difference(TIME, after);
+            assert!(!verdict.judge(TIME, 0.029, &before, &after, gain));
+            assert_eq!(before.most_off(&verdict), None);
+            let told = before.told(&verdict).time_offset_ms;
+            assert!(
+                !told.is_believed && told.value.abs() < 1.01 * told.sigma,
+                "{told:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn another_speed_of_sound_is_tried_though_the_map_took_it_up() {
+        let same = Difference::of(&found(RANGE, 0.015), &found(RANGE, 0.015));
+        assert_eq!(same.most_off(&Verdict::default()), Some(RANGE));
+        let small = Difference::of(&found(RANGE, 0.002), &found(RANGE, 0.002));
+        assert_eq!(small.most_off(&Verdict::default()), None);
     }
 }

@@ -71,7 +71,7 @@ mod tests {
             turn: Mat3::from_quat(Quat::from_euler(EulerRot::ZYX, 0.4, -0.2, 0.3)),
             linear_mps: Vec3::new(0.3, -0.2, 0.1),
             angular_radps: Vec3::new(0.1, -0.05, 0.3),
-            after_s: 0.002,
+            after_s: 0.0,
             first_m: 0.0,
             step_m: 0.02,
             heard: Vec::new(),

@@ -87,8 +87,8 @@ fn sums(landmark: &Landmark, at: (&Values, &Free), kernel: Kernel) -> Sums {
         at,
         kernel,
         |_, gradient, point, [along, across]| {
-            for i in 0..ALL {
-                sums.gradient[i] += gradient[i];
+            for (i, add) in gradient.into_iter().enumerate() {
+                sums.gradient[i] += add;
                 let (r, a) = (along * point.by_range[i], across * point.by_azimuth[i]);
                 for j in 0..=i {
                     sums.curvature[i][j] += r * point.by_range[j] + a * point.by_azimuth[j];

@@ -124,7 +124,7 @@ impl Trial {
         let heard = Landmarks::find(&moving, scene, false).estimate()?;
         let predicted = Landmarks::find(&moving, scene, true).estimate()?;
         Some(Self {
-            difference: Difference::of(heard, predicted),
+            difference: Difference::of(&heard, &predicted),
             map,
             moving,
         })
