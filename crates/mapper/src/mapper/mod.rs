@@ -1,9 +1,10 @@
 //! The face of the mapper.
 
+mod calibrator;
 mod intake;
 mod published;
 mod schedule;
-mod shadow;
+
 mod status;
 mod work;
 mod workout;
@@ -26,7 +27,7 @@ use crate::seabed::Seabed;
 use crate::spawn::gaussians::Gaussians;
 use crate::world::World;
 use crate::{ConfigError, MapperConfig};
-pub use shadow::Calibrator;
+pub use calibrator::Calibrator;
 pub use status::{InsertReport, MapperStatus};
 
 /// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
