@@ -1,7 +1,7 @@
 //! Whether clock, mount and speed of sound fit the dive, looked at while it goes on, on a thread of its own that
 //! nothing waits for. What is found is told; it changes nothing.
 //!
-//! Cost: maps of 2,048 pings at 3,600 pings and whenever there are twice as many as the time before.
+//! Cost: two to five maps of 2,048 pings at 3,600 pings, and whenever there are three times as many as the time before.
 
 mod advice;
 
@@ -16,6 +16,8 @@ pub(crate) use advice::{Advice, Settings};
 
 /// Pings of the first look; a minute and a half at 40 a second.
 const FIRST_PINGS: u64 = 3600;
+/// The next is due at so many times as many.
+const GROWN: u64 = 3;
 /// A look that is under way when a log ends is waited for so long.
 const LAST: Duration = Duration::from_secs(60);
 const THREAD_NAME: &str = "calibration";
@@ -80,7 +82,7 @@ impl Watch {
         if self.under_way.is_some() || self.next_pings.is_none_or(|next| pings < next) {
             return;
         }
-        self.next_pings = Some(2 * pings);
+        self.next_pings = Some(GROWN * pings);
         let calibrator = match mapper.calibrator() {
             Ok(Some(calibrator)) => calibrator,
             Ok(None) => return,
