@@ -47,7 +47,7 @@ fn poses_of_another_time_are_no_verdict() {
 fn late_poses_are_told_in_the_status_and_as_a_notice() {
     let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("late-dive");
     let out = directory.display().to_string();
-    let late = ["simulate", "--duration", "100", "--out", &out];
+    let late = ["simulate", "--duration", "125", "--out", &out];
     let late = [&late[..], &["--disturb", "pose_latency_s=0.06"]].concat();
     Program::echosplat(&late).wait_exit_code(0, LONG);
     let of = |name: &str| directory.join(name).display().to_string();

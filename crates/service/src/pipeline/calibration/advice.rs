@@ -81,7 +81,9 @@ impl Settings {
         let [yaw, pitch, roll] = off.map(|angle| angle.map_or(0.0, |(_, a)| a.value.to_radians()));
         let turn = DQuat::from_scaled_axis(DVec3::new(roll, pitch, yaw));
         let (yaw, pitch, roll) = (self.vehicle_from_sensor * turn).to_euler(EulerRot::ZYX);
-        let [yaw, pitch, roll] = [yaw, pitch, roll].map(f64::to_degrees);
+        // In tenths of a degree; a zero is added since there is one below zero too.
+        let shown = |angle: f64| (10.0 * angle.to_degrees()).round() / 10.0 + 0.0;
+        let [yaw, pitch, roll] = [yaw, pitch, roll].map(shown);
         Some(Advice {
             code: "pose-mount",
             sentence: format!(

@@ -1,7 +1,7 @@
 //! Whether clock, mount and speed of sound fit the dive, looked at while it goes on, on a thread of its own that
 //! nothing waits for. What is found is told; it changes nothing.
 //!
-//! Cost: two to five maps of 2,048 pings at 3,600 pings, and whenever there are three times as many as the time before.
+//! Cost: two to five maps of 2,048 pings at 4,800 pings, and whenever there are three times as many as the time before.
 
 mod advice;
 
@@ -14,8 +14,8 @@ use serde::{Deserialize, Serialize};
 use crate::config::Config;
 pub(crate) use advice::{Advice, Settings};
 
-/// Pings of the first look; a minute and a half at 40 a second.
-const FIRST_PINGS: u64 = 3600;
+/// Pings of the first look, two minutes at 40 a second: less tells next to nothing of small errors.
+const FIRST_PINGS: u64 = 4800;
 /// The next is due at so many times as many.
 const GROWN: u64 = 3;
 /// A look that is under way when a log ends is waited for so long.
