@@ -42,3 +42,29 @@ fn poses_of_another_time_are_no_verdict() {
     let error = program.stderr();
     assert!(error.contains("have a pose"), "{error}");
 }
+
+#[test]
+fn late_poses_are_told_in_the_status_and_as_a_notice() {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("late-dive");
+    let out = directory.display().to_string();
+    let late = ["simulate", "--duration", "125", "--out", &out];
+    let late = [&late[..], &["--disturb", "pose_latency_s=0.06"]].concat();
+    Program::echosplat(&late).wait_exit_code(0, LONG);
+    let of = |name: &str| directory.join(name).display().to_string();
+    let (log, poses) = (of("dive.svlog"), of("dive.tum"));
+    let mut program = Program::echosplat(&["replay", &log, "--poses", &poses, "--json"]);
+    program.wait_exit_code(0, LONG);
+    let said = program.only_json();
+    let found = &said["calibration"];
+    let late_ms = found["time_offset_ms"]["value"].as_f64();
+    let is_near = |late_ms: f64| (late_ms - 60.0).abs() < 15.0;
+    assert!(late_ms.is_some_and(is_near), "{found}");
+    assert_eq!(found["mount_yaw_deg"]["is_believed"], false, "{found}");
+    let notices = said["notices"].as_array().expect("notices");
+    let sentence = notices.iter().find(|notice| notice["code"] == "pose-clock");
+    let sentence = sentence.and_then(|notice| notice["sentence"].as_str());
+    assert!(
+        sentence.is_some_and(|said| said.contains("pose.time_offset_s = 0.0")),
+        "{notices:?}"
+    );
+}

@@ -48,6 +48,7 @@
 //! `examples/map_a_log.rs` maps a log with the poses of a file.
 
 mod accumulate;
+mod calibrate;
 mod classify;
 mod config;
 mod detect;
@@ -59,7 +60,8 @@ mod spawn;
 mod world;
 
 pub use accumulate::history::look_of;
+pub use calibrate::{Calibration, Estimate};
 pub use config::{ConfigError, MapperConfig};
-pub use mapper::{InsertReport, Mapper, MapperStatus};
+pub use mapper::{Calibrator, InsertReport, Mapper, MapperStatus};
 pub use parts::{LeftOut, Parts};
 pub use refine::step::damped_step;

@@ -40,6 +40,14 @@ impl World {
         }
     }
 
+    /// The same axes and nothing on them.
+    pub(crate) fn emptied(&self) -> Self {
+        Self {
+            evidence: Evidence::new(self.evidence.voxel_m()),
+            ..*self
+        }
+    }
+
     /// The ping on the mapper's own axes.
     pub(crate) fn enter(&self, posed: &PosedPing) -> PosedPing {
         let into = self.heading.conjugate();

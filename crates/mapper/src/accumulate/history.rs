@@ -11,7 +11,7 @@ use crate::accumulate::fan::Fan;
 use crate::detect::profile::Profile;
 
 /// Slices are cut where the beam has fallen to 1 %.
-const FAN_SIGMAS: f32 = 3.0;
+pub(crate) const FAN_SIGMAS: f32 = 3.0;
 
 /// Most pings that are let go at once: with 15,000 pairs each, looked at twice, below 0.1 s.
 const MOST_AT_ONCE: usize = 256;

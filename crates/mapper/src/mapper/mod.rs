@@ -1,8 +1,10 @@
 //! The face of the mapper.
 
+mod calibrator;
 mod intake;
 mod published;
 mod schedule;
+
 mod status;
 mod work;
 mod workout;
@@ -26,6 +28,7 @@ use crate::seabed::Seabed;
 use crate::spawn::gaussians::Gaussians;
 use crate::world::World;
 use crate::{ConfigError, MapperConfig};
+pub use calibrator::Calibrator;
 pub use status::{InsertReport, MapperStatus};
 
 /// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
@@ -74,12 +77,16 @@ impl Mapper {
             .thread_name(|index| format!("mapper-{index}"))
             .build()
             .map_err(|error| ConfigError::Threads(error.to_string()))?;
+        Ok(Self::with_threads(config, Arc::new(pool)))
+    }
+
+    fn with_threads(config: MapperConfig, pool: Arc<ThreadPool>) -> Self {
         let (at_work, left_out) = decide(&config.parts, &Cues::default(), MapCues::default());
-        Ok(Self {
+        Self {
             history: History::new(config.history_pings.max(2 * config.slice_pings)),
             seabed: Seabed::new(&config.beam, config.parts.seabed),
             config,
-            pool: Arc::new(pool),
+            pool,
             world: None,
             receiver: Receiver::default(),
             bursts: Bursts::default(),
@@ -97,7 +104,7 @@ impl Mapper {
             at_work,
             left_out,
             status: MapperStatus::default(),
-        })
+        }
     }
 
     /// The map as it stands. Looking at it leaves no trace.

@@ -22,7 +22,7 @@ const GROWN: f32 = 1.05;
 const ANEW: f32 = 2.0;
 
 /// What is to be worked out, and how.
-type Due = (Vec<TileIndex>, Start);
+pub(super) type Due = (Vec<TileIndex>, Start);
 
 impl Mapper {
     /// Does as much work as `pings` more of them allow. Work that finds nothing to do is not saved up: it would come
@@ -80,7 +80,7 @@ impl Mapper {
     }
 
     /// Begins to work out what is due; whether there is anything.
-    fn begin_workout(&mut self, due: fn(&Evidence) -> Option<Due>) -> bool {
+    pub(super) fn begin_workout(&mut self, due: fn(&Evidence) -> Option<Due>) -> bool {
         let Some((tiles, start)) = self.world.as_ref().and_then(|world| due(&world.evidence))
         else {
             return false;
@@ -125,7 +125,7 @@ impl Mapper {
     }
 
     /// The next portion of what is under way. Returns pairs done.
-    fn advance(&mut self) -> u64 {
+    pub(super) fn advance(&mut self) -> u64 {
         let (Some(workout), Some(world)) = (&mut self.workout, &mut self.world) else {
             return 0;
         };
@@ -178,7 +178,7 @@ fn due(evidence: &Evidence) -> Option<Due> {
 
 /// At the end of the data: all that was looked at since it was worked out anew, or since it was worked out where
 /// only the map knows what forgotten pings told.
-fn due_at_end(evidence: &Evidence) -> Option<Due> {
+pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
     let of = |is_due: fn(&Tile) -> bool| -> Vec<TileIndex> {
         let tiles = evidence.tiles().iter().enumerate();
         let tiles = tiles.filter(|(_, tile)| is_due(tile));

@@ -42,6 +42,9 @@ pub(crate) struct Sight {
 /// Most that one bin says for or against an echo, since the model of it may be wrong.
 const MOST_ODDS_OF_BIN: f32 = 3.0;
 
+/// Most that one bin may be louder than predicted, so that one wild bin does not decide.
+const MOST_OVER: f32 = 30.0;
+
 /// Darkness behind an echo may be its shadow and counts this little.
 const SHADOWED_WEIGHT: f32 = 0.15;
 
@@ -259,6 +262,20 @@ impl Sight {
         let without = (with - energy).clamp(self.background.min(with), with);
         let odds = (without / with).ln() + measured * (without.recip() - with.recip());
         self.bin_weight[bin] * odds.clamp(-MOST_ODDS_OF_BIN, MOST_ODDS_OF_BIN)
+    }
+
+    /// Log likelihood of what was measured, up to a constant; no bin says more than [`MOST_OVER`] times what was
+    /// predicted.
+    pub(crate) fn log_likelihood(&self) -> f64 {
+        let bins = self
+            .predicted
+            .iter()
+            .zip(&self.measured)
+            .zip(&self.bin_weight);
+        let of_bin = |((predicted, measured), weight): ((&f32, &f32), &f32)| {
+            -f64::from(weight * (predicted.ln() + (measured / predicted).min(MOST_OVER)))
+        };
+        bins.map(of_bin).sum()
     }
 
     /// Gaussian–bin pairs in this ping: the unit of work.

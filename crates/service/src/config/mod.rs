@@ -20,6 +20,7 @@ use echosplat_web::WebConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Usage;
+use crate::pipeline::calibration::Calibrate;
 use crate::recorder::RecordFormat;
 use errors::BadSetting;
 pub(crate) use overrides::Overrides;
@@ -149,6 +150,8 @@ pub struct PipelineConfig {
     pub snapshot_interval_s: f64,
     /// Every so many-th ping is left out of the map, to judge it by; 0 leaves out none.
     pub(crate) hold_back_every: u64,
+    /// Whether the dive is asked if clock, mount and speed of sound are as configured.
+    pub(crate) calibrate: Calibrate,
     /// Longest that a part of the service may work without a sign of life.
     pub(crate) hang_limit_s: f64,
 }
@@ -159,6 +162,7 @@ impl Default for PipelineConfig {
             queue_pings: 256,
             snapshot_interval_s: 0.05,
             hold_back_every: 0,
+            calibrate: Calibrate::Tell,
             hang_limit_s: 15.0,
         }
     }

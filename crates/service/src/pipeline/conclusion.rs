@@ -31,8 +31,10 @@ impl Run {
             false => None,
         };
         let snapshot = finished.unwrap_or_else(|| self.map_as_it_stands());
-        let frames = diagnosis::frames(&self.status(false));
-        self.note(frames.into_iter().collect(), Instant::now());
+        let status = self.status(false);
+        let frames = diagnosis::frames(&status).into_iter();
+        let found = frames.chain(diagnosis::calibration(&status));
+        self.note(found.collect(), Instant::now());
         let written = self.write_map(&snapshot);
         let kept = match self.album.take().filter(|_| worker_ended) {
             Some(album) => album.finish(),

@@ -11,7 +11,7 @@ use std::time::{Duration, Instant};
 
 use super::notices::Finding;
 use super::status::Status;
-pub(crate) use poses::frames;
+pub(crate) use poses::{calibration, frames};
 
 /// Growth of a counter is news for so long.
 const NEWS: Duration = Duration::from_millis(1200);

@@ -12,6 +12,7 @@ use echosplat_driver::DriverEvent;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{Ping, Snapshot};
 
+use super::calibration;
 use super::earlier::EarlierMaps;
 use super::shared::{MapperReport, Shared};
 use super::worker::THREAD_NAME;
@@ -44,6 +45,7 @@ impl Mapping {
             shed: HashSet::new(),
             earlier: EarlierMaps::default(),
             frame_check: None,
+            calibration: calibration::Watch::off(config),
         };
         let thread = start_worker(config, wiring, &shared, Heartbeat::new(THREAD_NAME))?;
         Ok(Self {

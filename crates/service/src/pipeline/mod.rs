@@ -2,6 +2,7 @@
 //! mapper's thread, and this one, which watches over all parts, tells of them and ends them in order.
 
 mod album;
+pub(crate) mod calibration;
 mod conclusion;
 mod diagnosis;
 mod drivers;
@@ -199,6 +200,7 @@ struct Wiring {
     shed: HashSet<u64>,
     earlier: EarlierMaps,
     frame_check: Option<FrameCheck>,
+    calibration: calibration::Watch,
 }
 
 /// Starts the mapper and its thread, which gives the finished map unless it panicked.
@@ -216,6 +218,7 @@ fn start_worker(
         mapper_config: config.mapper.clone(),
         earlier: wiring.earlier,
         frame_check: wiring.frame_check,
+        calibration: wiring.calibration,
         shed: wiring.shed,
         gate: wiring.gate,
         outlet: wiring.outlet,

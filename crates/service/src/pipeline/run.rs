@@ -11,6 +11,7 @@ use echosplat_liveness::Heartbeat;
 use echosplat_model::Snapshot;
 
 use super::album::AlbumWriter;
+use super::calibration;
 use super::diagnosis::Diagnosis;
 use super::drivers::Drivers;
 use super::earlier::EarlierMaps;
@@ -94,6 +95,7 @@ impl Run {
             shed: setup.shed,
             earlier: EarlierMaps::beside(place.clone()),
             frame_check: Some(helpers.frame_check),
+            calibration: calibration::Watch::new(config),
         };
         let mapper = Heartbeat::new(THREAD_NAME);
         supervisor.watch(&mapper, Policy::Needed);

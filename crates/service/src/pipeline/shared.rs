@@ -3,6 +3,7 @@
 use std::sync::atomic::{AtomicBool, AtomicU8, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
+use super::calibration::Found;
 use echosplat_driver::DriverEvent;
 use echosplat_mapper::{LeftOut, MapperStatus};
 use echosplat_model::Snapshot;
@@ -66,6 +67,8 @@ pub struct MapperReport {
     pub(crate) listening: ListeningReport,
     /// Whether poses can be read as they are, once the dive has told.
     pub(crate) frames: Option<FrameVerdict>,
+    /// What the dive told of clock, mount and speed of sound, by the newest look.
+    pub(crate) calibration: Option<Found>,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
     /// Parts that the dive so far does not need, and why.

@@ -214,6 +214,7 @@ impl Status {
             "sonar": self.sonar,
             "prediction": self.report.prediction,
             "mapper": self.report.mapper,
+            "calibration": self.report.calibration,
             "recording": self.recording,
             "ledger": self.ledger,
             "parts": self.parts,

@@ -13,6 +13,7 @@ use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
 use echosplat_prediction::held_back::is_held_back;
 
+use super::calibration;
 use super::earlier::EarlierMaps;
 use super::frame_check::FrameCheck;
 use super::gate::{Gate, Passage};
@@ -56,6 +57,7 @@ pub(crate) struct Worker {
     pub(crate) earlier: EarlierMaps,
     /// Asks whether poses can be read as they are; not in benches.
     pub(crate) frame_check: Option<FrameCheck>,
+    pub(crate) calibration: calibration::Watch,
     /// Pings that a recorded dive had no time for.
     pub(crate) shed: HashSet<u64>,
     pub(crate) gate: Gate,
@@ -212,6 +214,9 @@ impl Worker {
         state.latency.arrived(joined.arrived);
         self.publish_if_due(posed.ping.transmit_time(), inserted.slice_taken_in);
         self.note_published();
+        if inserted.slice_taken_in {
+            self.calibration.look(&self.mapper);
+        }
     }
 
     /// Poses of a new epoch have nothing to do with those before: the map so far is finished and
@@ -235,6 +240,7 @@ impl Worker {
         if let Some(frame_check) = &self.frame_check {
             frame_check.begin_anew();
         }
+        self.calibration.begin_anew();
         self.earlier.keep(mapper);
     }
 
@@ -316,6 +322,7 @@ impl Worker {
         self.state.report.listening = self.state.listening.report();
         let frame_check = self.frame_check.as_ref();
         self.state.report.frames = frame_check.and_then(FrameCheck::verdict);
+        self.state.report.calibration = self.calibration.found();
         self.state.report.prediction = self.outlet.predicted();
         self.shared.hand_over(self.state.report.clone());
     }
@@ -345,6 +352,9 @@ impl Worker {
         let last = self.hand_on(snapshot, dive_s);
         if let Some(frame_check) = &self.frame_check {
             frame_check.wait_for_last();
+        }
+        if self.inputs_left == 0 {
+            self.calibration.wait();
         }
         self.hand_over_report();
         self.state.report.prediction = self.outlet.finish(&last, dive_s);

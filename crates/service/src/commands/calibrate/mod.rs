@@ -2,7 +2,8 @@
 //!
 //! The dive is mapped anew with one of them shifted; the map wins that makes pings likeliest that
 //! were kept from it. What a dive does not tell, such as the roll where the sonar never rolls, is said to
-//! be open.
+//! be open. What is left, the speed of sound above all, is then asked of the landmarks of the map with what fits,
+//! as while a dive goes on.
 //!
 //! Cost: four to eight maps of at most 6,144 pings for each of them, and again if one was off.
 
@@ -17,6 +18,7 @@ use crate::arguments::{CalibrateArguments, Parameter};
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::logging;
+use crate::pipeline::calibration::Settings;
 use trials::{Dive, Verdict};
 
 /// Most times that all are gone through.
@@ -53,6 +55,10 @@ pub(super) fn run(arguments: &CalibrateArguments) -> anyhow::Result<Finish> {
             break;
         }
     }
+    let landmarks = dive.landmarks(&best.config)?;
+    let advice = landmarks.map_or(Vec::new(), |found| {
+        Settings::of(&best.config).advice(&found)
+    });
     let answers: Vec<Answer> = parameters
         .iter()
         .zip(verdicts)
@@ -64,8 +70,15 @@ pub(super) fn run(arguments: &CalibrateArguments) -> anyhow::Result<Finish> {
         })
         .collect();
     match arguments.json {
-        true => logging::print(&json!({ "parameters": answers }).to_string()),
-        false => logging::print(&account(&answers, &best.config)),
+        true => {
+            let all = json!({ "parameters": answers, "landmarks": landmarks, "advice": advice });
+            logging::print(&all.to_string());
+        }
+        false => {
+            let told = advice.iter().map(|advice| format!("\n{}", advice.sentence));
+            let told: String = told.collect();
+            logging::print(&(account(&answers, &best.config) + &told));
+        }
     }
     Ok(Finish::Done)
 }

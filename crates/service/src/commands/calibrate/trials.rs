@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use echosplat_join::ArrivedPose;
-use echosplat_mapper::{Mapper, MapperConfig};
+use echosplat_mapper::{Calibration, Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing};
 use echosplat_pose::PoseSource;
 use echosplat_prediction::held_back::{Pair, score};
@@ -147,6 +147,16 @@ impl Dive {
             config: config.clone(),
             pings: numbers.zip(likelihoods).collect(),
         })
+    }
+
+    /// What the landmarks of the dive's own map say of the rest, the speed of sound first.
+    pub(super) fn landmarks(&self, config: &Config) -> anyhow::Result<Option<Calibration>> {
+        let mut mapper = Mapper::new(config.mapper.clone())?;
+        for ping in &self.posed(config)? {
+            mapper.insert(ping);
+        }
+        let calibrator = mapper.calibrator()?;
+        Ok(calibrator.and_then(|calibrator| calibrator.run()))
     }
 
     /// Looks further and further out until the best lies in between, and there more closely.

@@ -24,6 +24,15 @@ pub(crate) fn frames(status: &Status) -> Option<Finding> {
     Some(loss("pose-frame", verdict.best.sentence().to_owned()))
 }
 
+/// Clock, mount or speed of sound, where the dive shows that they are not as configured.
+pub(crate) fn calibration(status: &Status) -> Vec<Finding> {
+    let found = status.report.calibration.iter();
+    let advice = found.flat_map(|found| &found.advice);
+    advice
+        .map(|advice| warning(advice.code, advice.sentence.clone()))
+        .collect()
+}
+
 impl Diagnosis {
     pub(super) fn poses(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         let poses = &status.report.poses;
@@ -48,6 +57,7 @@ impl Diagnosis {
             ));
         }
         findings.extend(frames(status));
+        findings.extend(calibration(status));
     }
 
     fn malformed(&mut self, poses: &PoseReport, now: Instant) -> Option<Finding> {

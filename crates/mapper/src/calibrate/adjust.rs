@@ -1,0 +1,274 @@
+//! Places of landmarks and what is estimated, together, so that the looks at each landmark agree.
+
+use rayon::prelude::*;
+
+use super::landmarks::Landmarks;
+use super::linear::{Square, cholesky, inverse_times, solve};
+use super::parameters::{Found, PARAMETERS, PRIOR, Values};
+use super::point::{FREE, Free};
+use super::sums::{Kernel, Reduced};
+
+/// Fewest landmarks and blocks of time that anything is said of.
+const LEAST_LANDMARKS: usize = 12;
+const LEAST_BLOCKS: usize = 4;
+/// Kernels' widths in range, metres, and in azimuth, in sigmas of the beam or of 0.004 rad: first wide enough for
+/// 2° of mount at 6 m, then as narrow as echoes are.
+const KERNELS: [(f32, f32); 2] = [(0.12, 4.0), (0.06, 2.5)];
+const LEAST_BEAM_RAD: f32 = 0.004;
+/// Steps with each kernel, and the one after which scatter is looked at for the first time.
+const ROUNDS: usize = 15;
+const FIRST_LOOK: usize = 3;
+/// Longest step over the prior, and of a landmark, metres.
+const LONGEST: f64 = 0.5;
+const LONGEST_M: f64 = 0.1;
+
+/// Where the estimation stands.
+struct State<'a> {
+    landmarks: &'a Landmarks,
+    values: Values,
+    free: Vec<Free>,
+    /// How much more blocks of time scatter than their curvature has it.
+    dispersion: f64,
+}
+
+/// What landmarks say together.
+struct Total {
+    parts: Vec<Option<Reduced>>,
+    gradient: Values,
+    curvature: Square<PARAMETERS>,
+}
+
+pub(super) fn estimate(landmarks: &Landmarks) -> Option<Found> {
+    if landmarks.of.len() < LEAST_LANDMARKS || landmarks.blocks < LEAST_BLOCKS {
+        return None;
+    }
+    let mut state = State {
+        landmarks,
+        values: [0.0; PARAMETERS],
+        free: vec![[0.0; FREE]; landmarks.of.len()],
+        dispersion: 1.0,
+    };
+    let mut covariance = None;
+    for (range_m, beams) in KERNELS {
+        let kernel = Kernel {
+            range_m,
+            azimuth_rad: beams * landmarks.beam_sigma_rad.max(LEAST_BEAM_RAD),
+        };
+        for round in 0..ROUNDS {
+            let total = state.total(kernel);
+            state.step(&total);
+            if round == FIRST_LOOK || round + 1 == ROUNDS {
+                covariance = state.covariance(&total, kernel).or(covariance);
+            }
+        }
+    }
+    Some(Found {
+        values: state.values,
+        covariance: covariance?,
+        landmarks: landmarks.of.len() as u64,
+        looks: landmarks.look_count() as u64,
+    })
+}
+
+impl State<'_> {
+    fn total(&self, kernel: Kernel) -> Total {
+        let landmarks = self.landmarks.of.par_iter().zip(&self.free);
+        let reduce =
+            |(landmark, free)| Reduced::of(landmark, (&self.values, free), kernel, self.dispersion);
+        let parts: Vec<Option<Reduced>> = landmarks.map(reduce).collect();
+        let (mut gradient, mut curvature) = ([0.0; PARAMETERS], [[0.0; PARAMETERS]; PARAMETERS]);
+        for part in parts.iter().flatten() {
+            for (i, row) in curvature.iter_mut().enumerate() {
+                gradient[i] += part.gradient[i];
+                for (sum, add) in row.iter_mut().zip(part.curvature[i]) {
+                    *sum += add;
+                }
+            }
+        }
+        Total {
+            parts,
+            gradient,
+            curvature,
+        }
+    }
+
+    fn prior(&self, of: usize) -> f64 {
+        self.dispersion / PRIOR[of].powi(2)
+    }
+
+    /// One step of Gauss and Newton with the prior.
+    fn step(&mut self, total: &Total) {
+        let (mut gradient, mut curvature) = (total.gradient, total.curvature);
+        for i in 0..PARAMETERS {
+            curvature[i][i] += self.prior(i);
+            gradient[i] -= self.prior(i) * self.values[i];
+        }
+        let Some(factor) = cholesky(&curvature) else {
+            return;
+        };
+        let mut step = solve(&factor, &gradient);
+        let sizes = (0..PARAMETERS).map(|i| (step[i] / PRIOR[i]).abs());
+        let part = (LONGEST / sizes.fold(0.0, f64::max)).min(1.0);
+        for (value, step) in self.values.iter_mut().zip(&mut step) {
+            *step *= part;
+            *value += *step;
+        }
+        for (free, part) in self.free.iter_mut().zip(&total.parts) {
+            let Some(part) = part else { continue };
+            for (free, step) in free.iter_mut().zip(part.own_step(&step)) {
+                *free += step.clamp(-LONGEST_M, LONGEST_M);
+            }
+        }
+    }
+
+    /// The covariance by how far blocks of time disagree, `(H + P)⁻¹ (S + P) (H + P)⁻¹`: neighbouring pings are off
+    /// together. Sets the dispersion, the mean of what `H⁻¹ S` scales each direction by.
+    fn covariance(&mut self, total: &Total, kernel: Kernel) -> Option<Square<PARAMETERS>> {
+        let mut scores = vec![[0.0; PARAMETERS]; self.landmarks.blocks];
+        let landmarks = self.landmarks.of.iter().zip(&self.free);
+        for ((landmark, free), part) in landmarks.zip(&total.parts) {
+            if let Some(part) = part {
+                part.scores(landmark, (&self.values, free), kernel, &mut scores);
+            }
+        }
+        let mut scatter: Square<PARAMETERS> = std::array::from_fn(|i| {
+            std::array::from_fn(|j| scores.iter().map(|score| score[i] * score[j]).sum())
+        });
+        let mut curvature = total.curvature;
+        for (i, row) in curvature.iter_mut().enumerate() {
+            row[i] += 1e-6 * row[i].abs() + 1e-9 / PRIOR[i].powi(2);
+        }
+        if let Some(factor) = cholesky(&curvature) {
+            let ratio = inverse_times(&factor, &scatter);
+            let trace: f64 = (0..PARAMETERS).map(|i| ratio[i][i]).sum();
+            self.dispersion = trace / PARAMETERS as f64;
+        }
+        let mut curvature = total.curvature;
+        for i in 0..PARAMETERS {
+            curvature[i][i] += self.prior(i);
+            scatter[i][i] += (self.dispersion / PRIOR[i]).powi(2);
+        }
+        let factor = cholesky(&curvature)?;
+        // Twice from the left, since all are symmetric.
+        let half = inverse_times(&factor, &scatter);
+        let turned = std::array::from_fn(|i| std::array::from_fn(|j| half[j][i]));
+        Some(inverse_times(&factor, &turned))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
+
+    use super::*;
+    use crate::calibrate::landmarks::{Landmark, LookAt};
+    use crate::calibrate::parameters::{RANGE, TIME, TURN};
+    use crate::calibrate::point::Point;
+
+    const BEAM_SIGMA_RAD: f32 = 0.006;
+    const STEP_M: f32 = 0.02;
+
+    /// Of a vehicle that goes by, sweeps, rolls and heaves.
+    fn pose(time_s: f32) -> (Vec3, Quat) {
+        let yaw = 0.6 * (0.7 * time_s).sin();
+        let roll = 0.4 * (0.43 * time_s).sin();
+        let place_m = Vec3::new(
+            0.8 * (0.11 * time_s).sin(),
+            0.05 * time_s - 3.0,
+            0.5 * (0.3 * time_s).cos(),
+        );
+        (place_m, Quat::from_euler(EulerRot::ZYX, yaw, 0.0, roll))
+    }
+
+    /// A look at a landmark believed 3 cm from where it is, which sounds as `values` have it.
+    fn look(at_m: Vec3, number: u32, values: &Values) -> Option<LookAt> {
+        const DT_S: f32 = 0.01;
+        let time_s = 0.05 * number as f32;
+        let (place_m, turn) = pose(time_s);
+        let ((before_m, before), (after_m, after)) = (pose(time_s - DT_S), pose(time_s + DT_S));
+        let into = turn.conjugate();
+        let angular_radps = (before.conjugate() * after).to_scaled_axis() / (2.0 * DT_S);
+        let believed_m = at_m + Vec3::new(0.0, 0.02, 0.02);
+        let mut look = LookAt {
+            place_m: into * (believed_m - place_m),
+            turn: Mat3::from_quat(into),
+            linear_mps: into * (after_m - before_m) / (2.0 * DT_S),
+            angular_radps,
+            after_s: 0.0,
+            first_m: 0.0,
+            step_m: STEP_M,
+            heard: Vec::new(),
+            weight: 1.0,
+            block: number / 200,
+        };
+        if look.place_m.y.abs() > 0.07 * look.place_m.x {
+            return None;
+        }
+        let point = Point::of(&look, values, &[0.0, -0.02, -0.02, 0.0]);
+        look.first_m = look.place_m.length() - 0.4;
+        let loud = (-0.5 * (point.azimuth_rad / BEAM_SIGMA_RAD).powi(2)).exp();
+        let echo = |bin: u32| {
+            let off_m = look.first_m + STEP_M * bin as f32 - point.range_m;
+            loud * (-0.5 * (off_m / 0.02).powi(2)).exp()
+        };
+        look.heard = (0..41).map(echo).collect();
+        Some(look)
+    }
+
+    fn landmarks(values: &Values) -> Landmarks {
+        let places = (0..24_u32).map(|i| {
+            let i = i as f32;
+            Vec3::new(5.0 + (1.7 * i).sin(), 0.3 * i - 3.5, 1.2 * (2.3 * i).cos())
+        });
+        let of = places.map(|at_m| Landmark {
+            looks: (0..2400)
+                .filter_map(|number| look(at_m, number, values))
+                .collect(),
+        });
+        Landmarks {
+            of: of.collect(),
+            blocks: 12,
+            beam_sigma_rad: BEAM_SIGMA_RAD,
+        }
+    }
+
+    #[test]
+    fn what_is_off_is_found_although_landmarks_are_free() {
+        let degree = 1f64.to_radians();
+        for (which, value, tolerance) in [
+            (TIME, 0.03, 0.003),
+            (TURN, 2.0 * degree, 0.2 * degree),
+            (TURN + 2, 2.0 * degree, 0.2 * degree),
+            (RANGE, 0.015, 0.002),
+        ] {
+            let mut values = [0.0; PARAMETERS];
+            values[which] = value;
+            let found = estimate(&landmarks(&values)).unwrap();
+            let off = found.values[which] - value;
+            assert!(
+                off.abs() < tolerance,
+                "{which}: {} for {value}",
+                found.values[which]
+            );
+        }
+    }
+
+    #[test]
+    fn nothing_is_found_where_nothing_is_off_and_little_said_of_what_is_not_seen() {
+        let found = estimate(&landmarks(&[0.0; PARAMETERS])).unwrap();
+        assert!(found.values[TIME].abs() < 1e-3, "{:?}", found.values);
+        assert!(found.values[TURN + 2].abs() < 2e-3, "{:?}", found.values);
+        assert!(found.values[RANGE].abs() < 2e-3, "{:?}", found.values);
+        // A turn within the fan's own plane changes nothing that is heard.
+        let sigma = found.covariance[TURN + 1][TURN + 1].sqrt();
+        assert!(sigma > 0.5 * PRIOR[TURN + 1], "{sigma}");
+    }
+
+    #[test]
+    fn too_few_landmarks_say_nothing() {
+        let mut few = landmarks(&[0.0; PARAMETERS]);
+        few.of.truncate(LEAST_LANDMARKS - 1);
+        assert!(estimate(&few).is_none());
+        assert!(estimate(&Landmarks::default()).is_none());
+    }
+}

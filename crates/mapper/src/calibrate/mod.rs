@@ -1,0 +1,17 @@
+//! What is systematically wrong with poses and ranges: time offset, mount and speed of sound, told by how
+//! well the looks at landmarks of the map agree.
+//!
+//! The method is in `docs/algorithm.md`, section "Clock, mount and sound". Nothing of it changes the map.
+
+mod adjust;
+mod landmarks;
+mod linear;
+mod moving;
+mod parameters;
+mod point;
+mod sums;
+
+pub(crate) use landmarks::Landmarks;
+pub(crate) use moving::{Moving, corrected, moving};
+pub use parameters::{Calibration, Estimate};
+pub(crate) use parameters::{Difference, Verdict};

@@ -1,0 +1,114 @@
+//! Pings with their motion, and as they would be with another clock, mount or speed of sound.
+
+use std::sync::Arc;
+
+use echosplat_model::glam::{DMat3, DQuat, Mat3, Quat, Vec3};
+
+use super::parameters::{LEVER, RANGE, TIME, TURN, Values};
+use crate::accumulate::fan::Fan;
+use crate::accumulate::history::{FAN_SIGMAS, Past};
+
+/// Most pings that are asked, evenly over those remembered.
+const MOST_PINGS: usize = 8192;
+/// Motion is told by pings this much before and after, seconds.
+const MOTION_S: f64 = 0.2;
+/// Length of the blocks of time whose looks may be off together, seconds.
+const BLOCK_S: f64 = 10.0;
+
+/// A ping with its motion.
+#[derive(Debug, Clone)]
+pub(crate) struct Moving {
+    pub(crate) past: Arc<Past>,
+    pub(super) linear_mps: Vec3,
+    pub(super) angular_radps: Vec3,
+    /// Number of the block of time it is in.
+    pub(crate) block: u32,
+}
+
+impl Moving {
+    /// As it was if `values` are what is wrong.
+    fn corrected(&self, values: &Values) -> Self {
+        let v = values.map(|v| v as f32);
+        let mut past = Past::clone(&self.past);
+        let look = &mut past.look;
+        let turned = self.angular_radps * v[TIME] + Vec3::new(v[TURN], v[TURN + 1], v[TURN + 2]);
+        let moved = self.linear_mps * v[TIME] + Vec3::new(0.0, v[LEVER], v[LEVER + 1]);
+        let axes = look.pose.axes;
+        look.pose.position_m += axes * moved;
+        look.pose.axes = axes * Mat3::from_quat(Quat::from_scaled_axis(turned));
+        look.range_start_m *= 1.0 + v[RANGE];
+        look.bin_length_m *= 1.0 + v[RANGE];
+        past.fan = Fan::of(&past.blurred_look(), FAN_SIGMAS);
+        Self {
+            past: Arc::new(past),
+            ..self.clone()
+        }
+    }
+}
+
+/// The pings that others before and after tell the motion of.
+pub(crate) fn moving(pings: &[Arc<Past>]) -> Vec<Moving> {
+    let Some(first) = pings.first() else {
+        return Vec::new();
+    };
+    let stride = pings.len() / MOST_PINGS + 1;
+    let since = |past: &Past, other: &Past| past.time.seconds_since(other.time);
+    let (mut before, mut after) = (0, 0);
+    // Counted one by one, since stamps may leap.
+    let (mut block, mut block_time) = (0, first.time);
+    let mut found = Vec::new();
+    for (index, past) in pings.iter().enumerate() {
+        while before < index && since(past, &pings[before]) > MOTION_S {
+            before += 1;
+        }
+        after = after.max(index);
+        while after + 1 < pings.len() && since(&pings[after + 1], past) < MOTION_S {
+            after += 1;
+        }
+        if !(0.0..BLOCK_S).contains(&past.time.seconds_since(block_time)) {
+            (block, block_time) = (block + 1, past.time);
+        }
+        if index % stride == 0
+            && let Some((linear_mps, angular_radps)) = motion(&pings[before], past, &pings[after])
+        {
+            found.push(Moving {
+                past: Arc::clone(past),
+                linear_mps,
+                angular_radps,
+                block,
+            });
+        }
+    }
+    found
+}
+
+/// Velocity and rate of turn in the middle one's own frame.
+fn motion(before: &Past, past: &Past, after: &Past) -> Option<(Vec3, Vec3)> {
+    let seconds = after.time.seconds_since(before.time);
+    if !(0.5 * MOTION_S..2.5 * MOTION_S).contains(&seconds) {
+        return None;
+    }
+    let axes = |past: &Past| {
+        let Mat3 {
+            x_axis,
+            y_axis,
+            z_axis,
+        } = past.look.pose.axes;
+        DMat3::from_cols(x_axis.as_dvec3(), y_axis.as_dvec3(), z_axis.as_dvec3())
+    };
+    let turn = DQuat::from_mat3(&(axes(before).transpose() * axes(after)));
+    let moved_m = after.look.pose.position_m - before.look.pose.position_m;
+    let linear_mps = axes(past).transpose() * (moved_m.as_dvec3() / seconds);
+    Some((
+        linear_mps.as_vec3(),
+        (turn.to_scaled_axis() / seconds).as_vec3(),
+    ))
+}
+
+/// All of them as they were if `values` are what is wrong.
+pub(crate) fn corrected(moving: &[Moving], values: &Values) -> Vec<Moving> {
+    moving
+        .iter()
+        .map(|moving| moving.corrected(values))
+        .collect()
+}

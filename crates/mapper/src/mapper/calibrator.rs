@@ -1,0 +1,207 @@
+//! Clock, mount and sound by the dive so far: maps of it as it is and as it would be with other ones.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use rayon::prelude::*;
+use rayon::{ThreadPool, ThreadPoolBuilder};
+
+use super::{Mapper, NEWBORN_STRENGTH};
+use crate::accumulate::history::{History, Past};
+use crate::calibrate::{Calibration, Difference, Landmarks, Moving, Verdict, corrected, moving};
+use crate::mapper::work::due_at_end;
+use crate::refine::field::Field;
+use crate::refine::scene::Scene;
+use crate::refine::visibility::Sight;
+use crate::spawn::births;
+use crate::world::World;
+use crate::{ConfigError, MapperConfig};
+
+/// Pings that such a map is made of, and its work.
+const MAP_PINGS: usize = 2048;
+const MAP_PAIRS: u64 = 300_000_000;
+/// Most of the pings that go into it; the rest is for comparing maps on.
+const MAP_PART: f64 = 0.75;
+/// Most values that are tried, each with a map of its own.
+const TRIALS: usize = 4;
+
+/// What a dive so far tells of its clock, its mount and the speed of sound; apart from the mapper it came from, so
+/// that it may be asked on another thread.
+#[derive(Debug)]
+pub struct Calibrator {
+    pings: Vec<Arc<Past>>,
+    blank: Mapper,
+}
+
+impl Mapper {
+    /// What is remembered of the dive, without a copy of its pings. `None` before the first.
+    ///
+    /// # Errors
+    /// If its thread cannot be started.
+    pub fn calibrator(&self) -> Result<Option<Calibrator>, ConfigError> {
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(1)
+            .thread_name(|_| "calibrator".to_owned())
+            .build()
+            .map_err(|error| ConfigError::Threads(error.to_string()))?;
+        Ok(self.emptied(Arc::new(pool)).map(|blank| Calibrator {
+            pings: self.history.pings().to_vec(),
+            blank,
+        }))
+    }
+
+    /// The same without anything that pings told of places.
+    fn emptied(&self, pool: Arc<ThreadPool>) -> Option<Self> {
+        let mut empty = Self::with_threads(
+            MapperConfig {
+                workout_pairs: self.config.workout_pairs.min(MAP_PAIRS),
+                ..self.config.clone()
+            },
+            pool,
+        );
+        empty.world = Some(self.world.as_ref()?.emptied());
+        empty.levels = self.levels.clone();
+        empty.cues = self.cues.clone();
+        empty.at_work = self.at_work;
+        empty.unit_strength = self.unit_strength;
+        Some(empty)
+    }
+
+    fn scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
+        Scene {
+            evidence: &world.evidence,
+            gaussians: &self.gaussians,
+            floor: self.floor(),
+            is_blurred: false,
+            at_work: self.at_work,
+        }
+    }
+}
+
+impl Calibrator {
+    /// What is wrong, one thing after the other, the surest first; `None` if the dive does not tell.
+    ///
+    /// Cost: one map of at most 2,048 pings, and one for each value tried.
+    #[must_use]
+    pub fn run(&self) -> Option<Calibration> {
+        let pool = Arc::clone(&self.blank.pool);
+        pool.install(|| self.estimate())
+    }
+
+    fn estimate(&self) -> Option<Calibration> {
+        let told = moving(&self.pings);
+        let mut best = Trial::of(&self.blank, told.clone())?;
+        let mut verdict = Verdict::default();
+        for _ in 0..TRIALS {
+            let Some(most) = best.difference.most_off(&verdict) else {
+                break;
+            };
+            let step = best.difference.raw()[most];
+            let mut values = verdict.values;
+            values[most] += step;
+            let trial = Trial::of(&self.blank, corrected(&told, &values))?;
+            let gain = trial.likelier(&best);
+            if verdict.judge(most, step, &best.difference, &trial.difference, gain) {
+                best = trial;
+            }
+        }
+        Some(best.difference.told(&verdict))
+    }
+}
+
+/// A map of the dive with some poses and ranges, and what it leaves to see.
+struct Trial {
+    map: Mapper,
+    moving: Vec<Moving>,
+    difference: Difference,
+}
+
+impl Trial {
+    fn of(blank: &Mapper, moving: Vec<Moving>) -> Option<Self> {
+        let map = mapped(blank, &moving)?;
+        let world = map.world.as_ref()?;
+        let scene = map.scene(world);
+        let heard = Landmarks::find(&moving, scene, false).estimate()?;
+        let predicted = Landmarks::find(&moving, scene, true).estimate()?;
+        Some(Self {
+            difference: Difference::of(&heard, &predicted),
+            map,
+            moving,
+        })
+    }
+
+    /// By how many standard errors over blocks of time the pings held back are likelier than with another.
+    fn likelier(&self, other: &Self) -> f64 {
+        let mut blocks: BTreeMap<u32, f64> = BTreeMap::new();
+        let pairs = self.likelihoods().into_iter().zip(other.likelihoods());
+        for ((block, mine), (_, theirs)) in pairs {
+            *blocks.entry(block).or_default() += mine - theirs;
+        }
+        let count = blocks.len() as f64;
+        let mean = blocks.values().sum::<f64>() / count;
+        let square = blocks
+            .values()
+            .map(|gain| (gain - mean).powi(2))
+            .sum::<f64>();
+        mean / (square / (count * (count - 1.0))).sqrt()
+    }
+
+    /// Block of time and log likelihood of each ping held back.
+    fn likelihoods(&self) -> Vec<(u32, f64)> {
+        let Some(world) = &self.map.world else {
+            return Vec::new();
+        };
+        let scene = self.map.scene(world);
+        let field = Field::of(&world.evidence, &self.map.gaussians);
+        let (_, held) = split(&self.moving);
+        let of_ping = |sight: &mut Sight, moving: &Moving| {
+            sight.look(&moving.past, scene, &field);
+            (moving.block, sight.log_likelihood())
+        };
+        held.par_iter()
+            .map_init(Sight::default, |sight, moving| of_ping(sight, moving))
+            .collect()
+    }
+}
+
+/// The map of some of the pings that are not held back.
+fn mapped(blank: &Mapper, moving: &[Moving]) -> Option<Mapper> {
+    let mut map = blank.emptied(Arc::clone(&blank.pool))?;
+    let (used, _) = split(moving);
+    let (count, stride) = (used.len(), moving.len() as f32 / used.len().max(1) as f32);
+    map.history = History::new(count.max(1));
+    for moving in used {
+        let past = &moving.past;
+        // Those left out in between said some of it.
+        let weight = (past.weight * stride).min(1.0);
+        map.history.push(Past {
+            weight,
+            ..Past::clone(past)
+        });
+    }
+    let extent = map.at_work.converged;
+    let evidence = &mut map.world.as_mut()?.evidence;
+    map.status.voxel_looks = evidence.integrate(map.history.pings(), 0, extent);
+    let (spawn, strength) = (
+        map.config.spawn_evidence,
+        NEWBORN_STRENGTH * map.unit_strength,
+    );
+    births::follow_evidence(evidence, &mut map.gaussians, spawn, strength);
+    while map.workout.is_some() || map.begin_workout(due_at_end) {
+        map.advance();
+    }
+    Some(map)
+}
+
+/// Those that maps are made of, and those that they are compared on.
+fn split(moving: &[Moving]) -> (Vec<&Moving>, Vec<&Moving>) {
+    let part = (MAP_PINGS as f64 / moving.len() as f64).min(MAP_PART);
+    let is_used =
+        |index: usize| ((index + 1) as f64 * part) as usize > (index as f64 * part) as usize;
+    let (used, held): (Vec<_>, Vec<_>) = moving
+        .iter()
+        .enumerate()
+        .partition(|&(index, _)| is_used(index));
+    let of = |chosen: Vec<(usize, _)>| chosen.into_iter().map(|(_, moving)| moving).collect();
+    (of(used), of(held))
+}

@@ -1,0 +1,136 @@
+//! Whether clock, mount and speed of sound fit the dive, looked at while it goes on, on a thread of its own that
+//! nothing waits for. What is found is told; it changes nothing.
+//!
+//! Cost: two to five maps of 2,048 pings at 4,800 pings, and whenever there are three times as many as the time before.
+
+mod advice;
+
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use echosplat_mapper::{Calibration, Mapper};
+use serde::{Deserialize, Serialize};
+
+use crate::config::Config;
+pub(crate) use advice::{Advice, Settings};
+
+/// Pings of the first look, two minutes at 40 a second: less tells next to nothing of small errors.
+const FIRST_PINGS: u64 = 4800;
+/// The next is due at so many times as many.
+const GROWN: u64 = 3;
+/// A look that is under way when a log ends is waited for so long.
+const LAST: Duration = Duration::from_secs(60);
+const THREAD_NAME: &str = "calibration";
+
+/// Whether a dive is asked.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub(crate) enum Calibrate {
+    /// Nothing is estimated.
+    Off,
+    /// What is found is told.
+    #[default]
+    Tell,
+}
+
+/// What was found, and what to set.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub(crate) struct Found {
+    #[serde(flatten)]
+    pub(crate) calibration: Calibration,
+    /// Pings that it rests on.
+    pub(crate) pings: u64,
+    /// One for each thing that is off.
+    pub(crate) advice: Vec<Advice>,
+}
+
+/// Asks a dive now and then.
+#[derive(Debug)]
+pub(crate) struct Watch {
+    settings: Settings,
+    /// Pings at which the next look is due; `None` for never.
+    next_pings: Option<u64>,
+    under_way: Option<(u64, JoinHandle<Option<Calibration>>)>,
+    found: Option<Found>,
+}
+
+impl Watch {
+    pub(crate) fn new(config: &Config) -> Self {
+        Self {
+            next_pings: match config.pipeline.calibrate {
+                Calibrate::Off => None,
+                Calibrate::Tell => Some(FIRST_PINGS),
+            },
+            ..Self::off(config)
+        }
+    }
+
+    /// Never looks.
+    pub(crate) fn off(config: &Config) -> Self {
+        Self {
+            settings: Settings::of(config),
+            next_pings: None,
+            under_way: None,
+            found: None,
+        }
+    }
+
+    /// Begins a look if one is due, and takes what the last one found. Never waits.
+    pub(crate) fn look(&mut self, mapper: &Mapper) {
+        self.take_found();
+        let pings = mapper.status().pings;
+        if self.under_way.is_some() || self.next_pings.is_none_or(|next| pings < next) {
+            return;
+        }
+        self.next_pings = Some(GROWN * pings);
+        let calibrator = match mapper.calibrator() {
+            Ok(Some(calibrator)) => calibrator,
+            Ok(None) => return,
+            Err(error) => return tracing::warn!(%error, "clock and mount are not looked at"),
+        };
+        let thread = std::thread::Builder::new().name(THREAD_NAME.to_owned());
+        match thread.spawn(move || calibrator.run()) {
+            Ok(thread) => self.under_way = Some((pings, thread)),
+            Err(error) => tracing::warn!(%error, "clock and mount are not looked at"),
+        }
+    }
+
+    fn take_found(&mut self) {
+        let is_done = |(_, thread): &mut (u64, JoinHandle<_>)| thread.is_finished();
+        let Some((pings, thread)) = self.under_way.take_if(is_done) else {
+            return;
+        };
+        match thread.join() {
+            Ok(Some(calibration)) => {
+                self.found = Some(Found {
+                    advice: self.settings.advice(&calibration),
+                    calibration,
+                    pings,
+                });
+            }
+            Ok(None) => {}
+            Err(_) => tracing::warn!("looking at clock and mount failed; the map is as it was"),
+        }
+    }
+
+    /// What the newest look found.
+    pub(crate) fn found(&self) -> Option<Found> {
+        self.found.clone()
+    }
+
+    /// Another map begins: what was found of the one before says nothing of it.
+    pub(crate) fn begin_anew(&mut self) {
+        self.under_way = None;
+        self.found = None;
+        self.next_pings = self.next_pings.map(|_| FIRST_PINGS);
+    }
+
+    /// Waits for a look that is under way.
+    pub(crate) fn wait(&mut self) {
+        let deadline = Instant::now() + LAST;
+        while self.under_way.is_some() && Instant::now() < deadline {
+            self.take_found();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+}
