@@ -1,18 +1,26 @@
 //! What measurements look like: tables for a terminal, and one HTML file that says how a run went, with
 //! curves, tables, and the map beside the truth.
 //!
-//! Self-contained: no script, no font, no picture and no address of another host, so that it can be
-//! mailed and opened at sea. Deliberately absent: files, and what figures mean or must reach.
+//! Self-contained: no font, no picture and no address of another host, so that it can be mailed and
+//! opened at sea; the one script, of a dive's report, draws the map. A section has at most four charts of at most seven
+//! lines before the reader asks for more. Deliberately absent: files, and what figures mean or must reach.
 
+mod axes;
 mod chart;
+mod dive;
+mod map_view;
 mod picture;
 mod sonar_image;
 pub mod table;
+mod trajectory;
 
 use std::fmt::Write;
 
+pub use dive::DiveReport;
+pub use map_view::{MAX_GAUSSIANS, MapView};
 pub use picture::Picture;
 pub use sonar_image::{Column, Panel, SonarImage};
+pub use trajectory::Trajectory;
 
 use chart::{Axis, Chart, Line};
 use echosplat_metrics::Metrics;
@@ -36,10 +44,13 @@ pub struct Table {
 /// A cell that says this is drawn as what went wrong.
 pub const FAILED: &str = "failed";
 
+/// Charts of a section before the reader asks for more.
+const MOST_CHARTS: usize = 4;
+
 /// A cell longer than this is read as words rather than compared as a value.
 const WORDS_BYTES: usize = 48;
 
-/// Numbers over a number, on logarithmic axes; what has no logarithm is left out.
+/// Numbers over a number, on logarithmic axes unless said otherwise; what has no logarithm is left out.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plot {
     /// What is along, with its unit.
@@ -48,6 +59,8 @@ pub struct Plot {
     pub y_label: String,
     /// Whether what is along has an even axis, as decibels have.
     pub x_is_linear: bool,
+    /// Whether what is up has an even axis, as counts have.
+    pub y_is_linear: bool,
     /// Name and points of each line.
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
     /// Places with words beside them.
@@ -107,13 +120,9 @@ impl Report {
     /// As one HTML document.
     #[must_use]
     pub fn to_html(&self) -> String {
-        let title = escape(&self.title);
         let mut html = format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-             <meta name=\"color-scheme\" content=\"light dark\">\
-             <title>{title}</title>\n<style>{STYLE}</style></head>\n<body><main>\n\
-             <header><h1>{title}</h1><p>{}</p></header>\n",
+            "<header><h1>{}</h1><p>{}</p></header>\n",
+            escape(&self.title),
             escape(&self.subtitle)
         );
         html += &highlights(&self.highlights);
@@ -121,45 +130,60 @@ impl Report {
             html += &section.to_html();
         }
         html += &self.footer();
-        html + "</main></body></html>\n"
+        page(&self.title, &html)
     }
 
     fn footer(&self) -> String {
-        let mut html = "<section><h2>How to read this</h2>\n<ul>\n".to_owned();
-        let own = [
-            "CD is half of accuracy (mean distance map → truth) plus completeness (mean distance \
-             seen truth → map), HD the larger of the two directed maxima. Both are raw: nothing \
-             aligned, nothing cropped, no threshold of the evaluator's.",
-            "An empty map has infinite error, which no logarithmic axis can show: it is said below \
-             the curve, not drawn.",
-            "Compute time is CPU time of the mapper on the machine below and compares within this \
-             report only; counted work (Gaussian–bin pairs and voxel looks) compares across machines.",
-            "Confident but false is the share of what is asserted that is further than 0.25 m from \
-             all truth; none at all is drawn at 0.01 %.",
-        ];
         let judges_maps = |section: &Section| {
             section.metrics.is_some() || !section.curves.is_empty() || section.picture.is_some()
         };
         let own: &[&str] = match self.sections.iter().any(judges_maps) {
-            true => &own,
+            true => &OF_MAPS,
             false => &[],
         };
-        for note in own
-            .iter()
-            .copied()
-            .chain(self.notes.iter().map(String::as_str))
-        {
-            let _ = writeln!(html, "<li>{}</li>", escape(note));
-        }
-        html += "</ul>\n";
         let mut machine = self.machine.clone();
         if !self.seeds.is_empty() {
             let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
             machine.push(("seeds".into(), seeds.join(", ")));
         }
-        html += &facts_table(&machine);
-        html + "</section>\n"
+        let notes = self.notes.iter().map(String::as_str);
+        page_footer(own.iter().copied().chain(notes), &facts_table(&machine))
     }
+}
+
+/// What figures of maps are.
+pub const OF_MAPS: [&str; 4] = [
+    "CD is half of accuracy (mean distance map → truth) plus completeness (mean distance \
+     seen truth → map), HD the larger of the two directed maxima. Both are raw: nothing \
+     aligned, nothing cropped, no threshold of the evaluator's.",
+    "An empty map has infinite error, which no logarithmic axis can show: it is said below \
+     the curve, not drawn.",
+    "Compute time is CPU time of the mapper on the machine below and compares within this \
+     report only; counted work (Gaussian–bin pairs and voxel looks) compares across machines.",
+    "Confident but false is the share of what is asserted that is further than 0.25 m from \
+     all truth; none at all is drawn at 0.01 %.",
+];
+
+/// Of every page.
+const OF_NUMBERS: &str = "k, M, G and T behind a number are thousands, millions, billions and trillions.";
+
+fn page_footer<'a>(notes: impl Iterator<Item = &'a str>, below: &str) -> String {
+    let mut html = "<section><h2>How to read this</h2>\n<ul>\n".to_owned();
+    for note in notes.chain([OF_NUMBERS]) {
+        let _ = writeln!(html, "<li>{}</li>", escape(note));
+    }
+    html + "</ul>\n" + below + "</section>\n"
+}
+
+/// The whole document around what it shows.
+fn page(title: &str, main: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <meta name=\"color-scheme\" content=\"light dark\">\
+         <title>{}</title>\n<style>{STYLE}</style></head>\n<body><main>\n{main}</main></body></html>\n",
+        escape(title)
+    )
 }
 
 impl Section {
@@ -231,7 +255,8 @@ fn facts_table(facts: &[(String, String)]) -> String {
     html + "</tbody></table></div>\n"
 }
 
-/// Curves that are not errors over cost.
+/// Curves that are not errors over cost; the lines of one name have one colour, and a chart with more lines than colours
+/// becomes several.
 fn plots_html(plots: &[Plot]) -> String {
     let mut names: Vec<&str> = Vec::new();
     for (name, _) in plots.iter().flat_map(|plot| &plot.lines) {
@@ -242,26 +267,54 @@ fn plots_html(plots: &[Plot]) -> String {
     if names.is_empty() {
         return String::new();
     }
-    let mut html = "<ul class=\"legend\">".to_owned();
-    for (index, name) in names.iter().enumerate() {
-        let (color, name) = (index % chart::COLOR_COUNT, escape(name));
-        let _ = write!(html, "<li><i class=\"s{color}\"></i>{name}</li>");
+    let (mut figures, mut legends) = (Vec::new(), String::new());
+    for names in names.chunks(chart::COLOR_COUNT) {
+        legends += "<ul class=\"legend\">";
+        for (color, name) in names.iter().enumerate() {
+            let _ = write!(legends, "<li><i class=\"s{color}\"></i>{}</li>", escape(name));
+        }
+        legends += "</ul>\n";
+        let own = |plot: &&Plot| plot.lines.iter().any(|line| names.contains(&line.0.as_str()));
+        for plot in plots.iter().filter(own) {
+            figures.push(plot.to_svg(names));
+        }
     }
-    html += "</ul>\n<div class=\"charts\">\n";
-    for plot in plots {
-        let chart = Chart {
-            x_label: &plot.x_label,
-            y_label: &plot.y_label,
-            x_is_linear: plot.x_is_linear,
-            lines: names.iter().map(|name| plot.line(name)).collect(),
-            marks: &plot.marks,
-        };
-        let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
+    legends + &charts_html(&figures)
+}
+
+/// At most four at once; the others can be opened.
+fn charts_html(figures: &[String]) -> String {
+    let (first, others) = figures.split_at(figures.len().min(MOST_CHARTS));
+    let charts = |figures: &[String]| {
+        let mut html = "<div class=\"charts\">\n".to_owned();
+        for figure in figures {
+            let _ = writeln!(html, "<figure>{figure}</figure>");
+        }
+        html + "</div>\n"
+    };
+    match others.len() {
+        0 => charts(first),
+        count => {
+            let (first, others) = (charts(first), charts(others));
+            format!("{first}<details><summary>{count} more</summary>\n{others}</details>\n")
+        }
     }
-    html + "</div>\n"
 }
 
 impl Plot {
+    /// Its lines of these names.
+    fn to_svg(&self, names: &[&str]) -> String {
+        let chart = Chart {
+            x_label: &self.x_label,
+            y_label: &self.y_label,
+            x_is_linear: self.x_is_linear,
+            y_is_linear: self.y_is_linear,
+            lines: names.iter().map(|name| self.line(name)).collect(),
+            marks: &self.marks,
+        };
+        chart.to_svg()
+    }
+
     /// The line of this name, empty if there is none.
     fn line(&self, name: &str) -> Line {
         let own = self.lines.iter().filter(|line| line.0 == name);
@@ -273,28 +326,38 @@ impl Plot {
     }
 }
 
-/// The three errors over dive time, compute time and, where it was counted, work.
+/// Errors over compute time and dive time and, where it was counted, work.
 fn curves_html(bands: &[Band]) -> String {
     if bands.is_empty() {
         return String::new();
     }
     let counted = bands.iter().flat_map(|b| &b.points).any(|p| p.work > 0.0);
-    let x_axes = [Axis::Compute, Axis::Dive, Axis::Work];
-    let x_axes = &x_axes[..if counted { 3 } else { 2 }];
-    let mut html = legend(bands) + "<div class=\"charts\">\n";
-    for y in [Axis::Chamfer, Axis::Hausdorff, Axis::False] {
-        for &x in x_axes {
+    let third = match counted {
+        true => (Axis::Work, Axis::Chamfer),
+        false => (Axis::Compute, Axis::Hausdorff),
+    };
+    let axes = [
+        (Axis::Compute, Axis::Chamfer),
+        (Axis::Dive, Axis::Chamfer),
+        third,
+        (Axis::Compute, Axis::False),
+    ];
+    let (mut figures, mut legends) = (Vec::new(), String::new());
+    for bands in bands.chunks(chart::COLOR_COUNT) {
+        legends += &legend(bands);
+        for (x, y) in axes {
             let chart = Chart {
                 x_label: x.label(),
                 y_label: y.label(),
                 x_is_linear: false,
+                y_is_linear: false,
                 lines: lines(bands, x, y),
                 marks: &[],
             };
-            let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
+            figures.push(chart.to_svg());
         }
     }
-    html + "</div>\n" + &not_drawn(bands)
+    legends + &charts_html(&figures) + &not_drawn(bands)
 }
 
 fn lines(bands: &[Band], x: Axis, y: Axis) -> Vec<Line> {

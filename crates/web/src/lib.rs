@@ -42,3 +42,4 @@ pub use config::WebConfig;
 pub use control::{Control, LogFile, MapPart};
 pub use feed::Feed;
 pub use server::{About, WebError, WebServer};
+pub use track::{Track, TrackPoint};

@@ -26,7 +26,7 @@ mod telling;
 mod worker;
 
 use std::collections::HashSet;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -37,7 +37,7 @@ use echosplat_driver::{DriverEvent, DriverStatus};
 use echosplat_liveness::{Drill, Heartbeat};
 use echosplat_mapper::Mapper;
 use echosplat_model::Snapshot;
-use echosplat_web::Feed;
+use echosplat_web::{Feed, Track};
 
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
@@ -53,7 +53,7 @@ use ending::Ending;
 use frame_check::FrameCheck;
 pub(crate) use gate::Gate;
 pub use mapping::Mapping;
-pub(crate) use notices::Finding;
+pub(crate) use notices::{Finding, Notice};
 use outlet::Outlet;
 pub use outlet::{Moment, Observed, Observer, Schedule};
 pub use poses::{Joined, Poses};
@@ -95,12 +95,16 @@ pub(crate) struct Hooks {
     pub(crate) is_over: Option<IsOver>,
     /// Called with the final map once it is published, while others can still ask for it.
     pub(crate) on_final: Option<OnFinal>,
+    /// Takes where the sonar was, for a report.
+    pub(crate) way: Option<Way>,
     /// Shows what there is to show.
     pub(crate) page: Option<Feed>,
     /// Of the threads of the page, which the run goes on without.
     pub(crate) page_heartbeats: Vec<Heartbeat>,
 }
 
+/// Where the sonar was; shared with whoever asks when the run is over.
+pub(crate) type Way = Arc<Mutex<Track>>;
 pub(crate) type OnStatus = Box<dyn FnMut(&Status)>;
 pub(crate) type IsOver = Box<dyn FnMut(&DriverStatus) -> bool>;
 pub(crate) type OnFinal = Box<dyn FnOnce(&Snapshot)>;
