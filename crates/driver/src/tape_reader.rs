@@ -71,6 +71,9 @@ impl TapeReader {
         if let TapeItem::Mark(number) = item {
             return self.outlet.send(DriverEvent::Mark(*number));
         }
+        if self.outlet.wait_while_held() {
+            return Flow::Ends;
+        }
         let wait = self.pace.wait(time, Instant::now());
         if self.outlet.stop.is_set() || (!wait.is_zero() && self.outlet.stop.wait(wait)) {
             return Flow::Ends;

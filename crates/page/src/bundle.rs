@@ -62,7 +62,11 @@ fn module(file: &PageFile) -> String {
     let mut body = String::new();
     for line in file.text.lines() {
         if let Some(import) = Import::of(line) {
-            let _ = writeln!(body, "const {} = modules[\"{}\"];", import.names, import.from);
+            let _ = writeln!(
+                body,
+                "const {} = modules[\"{}\"];",
+                import.names, import.from
+            );
         } else if let Some((name, plain)) = export(line) {
             names.push(name);
             let _ = writeln!(body, "{plain}");
@@ -102,7 +106,11 @@ mod tests {
             text: "import * as b from \"./b.js\";\nimport { one } from \"./c.js\";\nsay(b.two, one);\n",
         };
         let script = bundle(entry, &files);
-        let at = |text: &str| script.find(text).unwrap_or_else(|| panic!("{text}: {script}"));
+        let at = |text: &str| {
+            script
+                .find(text)
+                .unwrap_or_else(|| panic!("{text}: {script}"))
+        };
         assert!(at("// c.js") < at("// b.js") && at("// b.js") < at("// a.js"));
         assert_eq!(script.matches("// c.js").count(), 1);
         at("return { f, K, one };");

@@ -68,16 +68,27 @@ mod tests {
             assert!(!script.contains(modular), "{modular}");
         }
         for file in ["renderer.js", "shaders.js", "camera.js", "viewer.js"] {
-            assert_eq!(script.matches(&format!("\n// {file}\n")).count(), 1, "{file}");
+            assert_eq!(
+                script.matches(&format!("\n// {file}\n")).count(),
+                1,
+                "{file}"
+            );
         }
-        assert!(!script.contains("\n// app.js\n"), "the viewer needs no service");
+        assert!(
+            !script.contains("\n// app.js\n"),
+            "the viewer needs no service"
+        );
         assert!(script.len() < 80_000, "{} bytes", script.len());
     }
 
     #[test]
     fn names_and_texts_are_there() {
         for file in FILES.iter().chain([&VIEWER]) {
-            assert!(!file.text.is_empty() && file.name.contains('.'), "{}", file.name);
+            assert!(
+                !file.text.is_empty() && file.name.contains('.'),
+                "{}",
+                file.name
+            );
         }
     }
 }

@@ -27,7 +27,8 @@ impl Axes {
     /// Ticks with their numbers, and what they are.
     pub(super) fn to_svg(&self, along: &str, up: &str) -> String {
         let (DVec2 { x: left, y: bottom }, DVec2 { x: right, y: top }) = (self.from, self.to);
-        let mut svg = format!("<path class=\"frame\" d=\"M{left:.1} {top:.1}V{bottom:.1}H{right:.1}\"/>");
+        let mut svg =
+            format!("<path class=\"frame\" d=\"M{left:.1} {top:.1}V{bottom:.1}H{right:.1}\"/>");
         for tick in ticks(self.low.x, self.high.x, ((right - left) / 45.0).max(2.0)) {
             let x = self.place(DVec2::new(tick, self.low.y)).x;
             let (below, said) = (bottom + 15.0, number(tick));
@@ -114,6 +115,9 @@ mod tests {
         assert_eq!(axes.place(DVec2::new(0.0, 5.0)), DVec2::new(140.0, 100.0));
         let svg = axes.to_svg("east, m", "up, m");
         assert!(svg.contains("east, m") && svg.contains(">−1<") && svg.contains(">10<"));
-        assert!(scale_bar(10.0, 80.0, 0.0, 0.0).contains("> 5 m<") || scale_bar(10.0, 80.0, 0.0, 0.0).contains(">5 m<"));
+        assert!(
+            scale_bar(10.0, 80.0, 0.0, 0.0).contains("> 5 m<")
+                || scale_bar(10.0, 80.0, 0.0, 0.0).contains(">5 m<")
+        );
     }
 }

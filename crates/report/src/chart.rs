@@ -88,7 +88,9 @@ impl Chart<'_> {
         );
         let drawn: Vec<Vec<(f64, Spread)>> = {
             let lines = self.lines.iter();
-            lines.map(|line| drawable(line, self.x_is_linear, self.y_is_linear)).collect()
+            lines
+                .map(|line| drawable(line, self.x_is_linear, self.y_is_linear))
+                .collect()
         };
         let points = || drawn.iter().flatten();
         let along = points().map(|p| p.0);
@@ -129,7 +131,9 @@ fn drawable(line: &Line, x_is_linear: bool, y_is_linear: bool) -> Vec<(f64, Spre
     let shows = |v: f64, is_linear: bool| v.is_finite() && (is_linear || v > 0.0);
     let points = line.points.iter().copied();
     points
-        .filter(|(x, y)| shows(*x, x_is_linear) && [y.median, y.min].iter().all(|v| shows(*v, y_is_linear)))
+        .filter(|(x, y)| {
+            shows(*x, x_is_linear) && [y.median, y.min].iter().all(|v| shows(*v, y_is_linear))
+        })
         .collect()
 }
 

@@ -48,7 +48,11 @@ impl DiveReport {
         html += "</section>\n";
         let plots = &self.plots[..self.plots.len().min(crate::MOST_CHARTS)];
         if !plots.is_empty() {
-            let _ = writeln!(html, "<section><h2>Over the dive</h2>\n{}</section>", plots_html(plots));
+            let _ = writeln!(
+                html,
+                "<section><h2>Over the dive</h2>\n{}</section>",
+                plots_html(plots)
+            );
         }
         html += "<section><h2>Figures</h2>\n";
         for table in &self.tables {

@@ -165,7 +165,8 @@ pub const OF_MAPS: [&str; 4] = [
 ];
 
 /// Of every page.
-const OF_NUMBERS: &str = "k, M, G and T behind a number are thousands, millions, billions and trillions.";
+const OF_NUMBERS: &str =
+    "k, M, G and T behind a number are thousands, millions, billions and trillions.";
 
 fn page_footer<'a>(notes: impl Iterator<Item = &'a str>, below: &str) -> String {
     let mut html = "<section><h2>How to read this</h2>\n<ul>\n".to_owned();
@@ -271,10 +272,18 @@ fn plots_html(plots: &[Plot]) -> String {
     for names in names.chunks(chart::COLOR_COUNT) {
         legends += "<ul class=\"legend\">";
         for (color, name) in names.iter().enumerate() {
-            let _ = write!(legends, "<li><i class=\"s{color}\"></i>{}</li>", escape(name));
+            let _ = write!(
+                legends,
+                "<li><i class=\"s{color}\"></i>{}</li>",
+                escape(name)
+            );
         }
         legends += "</ul>\n";
-        let own = |plot: &&Plot| plot.lines.iter().any(|line| names.contains(&line.0.as_str()));
+        let own = |plot: &&Plot| {
+            plot.lines
+                .iter()
+                .any(|line| names.contains(&line.0.as_str()))
+        };
         for plot in plots.iter().filter(own) {
             figures.push(plot.to_svg(names));
         }

@@ -172,11 +172,17 @@ impl Picture {
             for (class, name) in ERROR_NAMES.iter().enumerate() {
                 let kind = AMBIGUOUS + 1 + class;
                 let count = count(kind);
-                let _ = write!(html, "<li><i class=\"p{kind}\"></i>{name} <small>{count}</small></li>");
+                let _ = write!(
+                    html,
+                    "<li><i class=\"p{kind}\"></i>{name} <small>{count}</small></li>"
+                );
             }
         } else {
             let count = count(ASSERTED);
-            let _ = write!(html, "<li><i class=\"p{ASSERTED}\"></i>asserted <small>{count}</small></li>");
+            let _ = write!(
+                html,
+                "<li><i class=\"p{ASSERTED}\"></i>asserted <small>{count}</small></li>"
+            );
         }
         let ambiguous = count(AMBIGUOUS);
         let _ = write!(

@@ -246,7 +246,10 @@ pub fn quantity(value: f64) -> String {
     if !value.is_finite() {
         return if value > 0.0 { "∞" } else { "–" }.to_owned();
     }
-    if let Some((least, prefix)) = PREFIXES.into_iter().find(|(least, _)| size >= 0.9995 * least) {
+    if let Some((least, prefix)) = PREFIXES
+        .into_iter()
+        .find(|(least, _)| size >= 0.9995 * least)
+    {
         let unit = if prefix == " k" { 1e3 } else { least };
         return significant(value / unit, 3) + prefix;
     }
@@ -303,9 +306,12 @@ mod tests {
 
     #[test]
     fn quantities_have_no_exponents() {
-        let said = [0.0, 1e-3, 2e-4, 0.5, 1000.0, 9_876.0, 1e5, 53_210.0, 2.373e9, 5e12, -0.25];
+        let said = [
+            0.0, 1e-3, 2e-4, 0.5, 1000.0, 9_876.0, 1e5, 53_210.0, 2.373e9, 5e12, -0.25,
+        ];
         let expected = [
-            "0", "0.001", "0.0002", "0.5", "1000", "9876", "100 k", "53.2 k", "2.37 G", "5 T", "-0.25",
+            "0", "0.001", "0.0002", "0.5", "1000", "9876", "100 k", "53.2 k", "2.37 G", "5 T",
+            "-0.25",
         ];
         assert_eq!(said.map(quantity), expected);
         assert_eq!(quantity(f64::INFINITY), "∞");

@@ -34,13 +34,19 @@ impl Trajectory {
     }
 
     pub(super) fn to_html(&self) -> String {
-        let finite = self.0.iter().filter(|(at, p)| at.is_finite() && p.is_finite());
+        let finite = self
+            .0
+            .iter()
+            .filter(|(at, p)| at.is_finite() && p.is_finite());
         let way: Vec<(f64, DVec3)> = finite.copied().collect();
         if way.len() < 2 {
             return "<p class=\"note\">No pose was joined with a ping: there is no way to draw.</p>\n".to_owned();
         }
         let above: Vec<DVec2> = way.iter().map(|(_, place)| place.truncate()).collect();
-        let height: Vec<DVec2> = way.iter().map(|(at, place)| DVec2::new(*at, place.z)).collect();
+        let height: Vec<DVec2> = way
+            .iter()
+            .map(|(at, place)| DVec2::new(*at, place.z))
+            .collect();
         format!(
             "<div class=\"charts\">\n<figure>{}<figcaption>from above, in the frame of the poses</figcaption></figure>\n\
              <figure>{}<figcaption>height over the dive</figcaption></figure>\n</div>\n",
@@ -63,7 +69,10 @@ fn drawing(line: &[DVec2], is_map: bool, along: &str, up: &str) -> String {
         let (at, first) = (axes.place(*corner), if index == 0 { 'M' } else { 'L' });
         let _ = write!(path, "{first}{:.1} {:.1}", at.x, at.y);
     }
-    let _ = write!(svg, "<g class=\"s0\"><path class=\"way\" d=\"{path}\"/></g>");
+    let _ = write!(
+        svg,
+        "<g class=\"s0\"><path class=\"way\" d=\"{path}\"/></g>"
+    );
     if is_map {
         for (place, name) in [(line[0], "begin"), (line[line.len() - 1], "end")] {
             let at = axes.place(place);
@@ -72,7 +81,11 @@ fn drawing(line: &[DVec2], is_map: bool, along: &str, up: &str) -> String {
                 "<circle class=\"ring\" cx=\"{x:.1}\" cy=\"{y:.1}\" r=\"4\"/><text class=\"mark\" x=\"{:.1}\" \
                  y=\"{:.1}\">{name}</text>",
                 at.x + 7.0,
-                if name == "end" { at.y + 12.0 } else { at.y - 4.0 },
+                if name == "end" {
+                    at.y + 12.0
+                } else {
+                    at.y - 4.0
+                },
                 x = at.x,
                 y = at.y,
             );
@@ -115,7 +128,10 @@ mod tests {
     fn ring() -> Trajectory {
         let place = |i: u32| {
             let angle = f64::from(i) / 1000.0 * std::f64::consts::TAU;
-            (f64::from(i), 10.0 * DVec3::new(angle.cos(), angle.sin(), -0.3))
+            (
+                f64::from(i),
+                10.0 * DVec3::new(angle.cos(), angle.sin(), -0.3),
+            )
         };
         Trajectory((0..=1000).map(place).collect())
     }
@@ -125,7 +141,15 @@ mod tests {
         let ring = ring();
         assert!((ring.length_m() - 62.8).abs() < 0.1, "{}", ring.length_m());
         let html = ring.to_html();
-        for part in ["east, m", "north, m", "up, m", "dive time, s", "class=\"bar\"", ">begin<", ">end<"] {
+        for part in [
+            "east, m",
+            "north, m",
+            "up, m",
+            "dive time, s",
+            "class=\"bar\"",
+            ">begin<",
+            ">end<",
+        ] {
             assert!(html.contains(part), "{part}");
         }
         assert!(!html.contains("NaN") && !html.contains("inf"));

@@ -46,7 +46,12 @@ mod tests {
 
     #[test]
     fn files_say_what_they_are() {
-        for (name, wanted) in [("index.html", HTML), ("style.css", CSS), ("icon.svg", SVG), ("app.js", JS)] {
+        for (name, wanted) in [
+            ("index.html", HTML),
+            ("style.css", CSS),
+            ("icon.svg", SVG),
+            ("app.js", JS),
+        ] {
             let response = file(name).unwrap();
             assert_eq!(response.headers()[CONTENT_TYPE], wanted, "{name}");
         }

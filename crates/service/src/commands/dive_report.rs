@@ -32,7 +32,9 @@ pub(super) fn html(
     let way: Vec<_> = way.map(|(_, place)| *place - snapshot.origin_m).collect();
     let errors_m = against_truth.map(|found| &found.errors_m[..]);
     let mut machine = processor::description();
-    let seed = heading.seed.map(|seed| ("seed".to_owned(), seed.to_string()));
+    let seed = heading
+        .seed
+        .map(|seed| ("seed".to_owned(), seed.to_string()));
     machine.extend(seed);
     let mut tables = Vec::new();
     tables.extend(against_truth.map(|found| error_table(&found.metrics)));
@@ -86,7 +88,9 @@ impl<'a> Said<'a> {
 
 /// Of what is asserted, least first.
 fn sigmas_m(gaussians: &[Gaussian]) -> Vec<f64> {
-    let asserted = gaussians.iter().filter(|g| g.standing == Standing::Confident);
+    let asserted = gaussians
+        .iter()
+        .filter(|g| g.standing == Standing::Confident);
     let mut sigmas: Vec<f64> = asserted.map(|g| f64::from(g.sigma_m)).collect();
     sigmas.sort_by(f64::total_cmp);
     sigmas
@@ -100,7 +104,11 @@ fn worst(notices: &[Notice]) -> Option<&Notice> {
 }
 
 fn sentence(said: &Said) -> String {
-    let dive = format!("{} s of dive along {} m", quantity(said.dive_s), quantity(said.way_m));
+    let dive = format!(
+        "{} s of dive along {} m",
+        quantity(said.dive_s),
+        quantity(said.way_m)
+    );
     let map = match (said.asserted, said.sigma_m) {
         (0, _) => format!("{dive} gave no map: no surface is asserted"),
         (count, Some(sigma_m)) if sigma_m.is_finite() => format!(
@@ -181,10 +189,15 @@ fn plots(growth: &[Growth], truth: Option<&AgainstTruth>, map: &Snapshot) -> Vec
 /// How much of the map is known how well.
 fn sigma_plot(map: &Snapshot) -> Plot {
     let sigmas = sigmas_m(&map.gaussians);
-    let known = sigmas.iter().take_while(|sigma_m| sigma_m.is_finite()).count();
+    let known = sigmas
+        .iter()
+        .take_while(|sigma_m| sigma_m.is_finite())
+        .count();
     let every = (known / 100).max(1);
     let share = |index: usize| 100.0 * (index + 1) as f64 / sigmas.len() as f64;
-    let points = (0..known).step_by(every).map(|index| (sigmas[index], share(index)));
+    let points = (0..known)
+        .step_by(every)
+        .map(|index| (sigmas[index], share(index)));
     Plot {
         x_label: "sigma of the place, m".to_owned(),
         y_label: "Gaussians known so well or better, %".to_owned(),
@@ -216,10 +229,16 @@ fn run_table(summary: &Value) -> Table {
             row("pings mapped", count("pings_mapped")),
             row("pings without a pose", count("pings_without_pose")),
             row("damaged frames", count("frames_bad")),
-            row("mapper's processor time", format!("{:.1} s", value("compute_s"))),
+            row(
+                "mapper's processor time",
+                format!("{:.1} s", value("compute_s")),
+            ),
             row("time by the clock", format!("{:.1} s", value("wall_s"))),
             row("Gaussian–bin pairs", quantity(value("pairs"))),
-            row("most memory held", format!("{:.0} MB", 1e-6 * value("peak_memory_bytes"))),
+            row(
+                "most memory held",
+                format!("{:.0} MB", 1e-6 * value("peak_memory_bytes")),
+            ),
         ],
         note: String::new(),
     }
@@ -241,7 +260,9 @@ fn notice_table(notices: &[Notice]) -> Option<Table> {
     };
     (!notices.is_empty()).then(|| Table {
         title: "What went wrong".to_owned(),
-        columns: ["notice", "from", "until", "what, and what to do"].map(str::to_owned).into(),
+        columns: ["notice", "from", "until", "what, and what to do"]
+            .map(str::to_owned)
+            .into(),
         rows: notices.iter().map(row).collect(),
         note: String::new(),
     })
@@ -278,9 +299,14 @@ mod tests {
             ambiguous: 0,
             ..said()
         });
-        assert!(judged.contains("; it is 0.150 m from the truth on average"), "{judged}");
         assert!(
-            judged.ends_with("; what went wrong most: No poses came for 3 s: look at the pose source."),
+            judged.contains("; it is 0.150 m from the truth on average"),
+            "{judged}"
+        );
+        assert!(
+            judged.ends_with(
+                "; what went wrong most: No poses came for 3 s: look at the pose source."
+            ),
             "{judged}"
         );
     }
@@ -293,11 +319,17 @@ mod tests {
             sigma_m: None,
             ..said()
         });
-        assert!(empty.contains("gave no map: no surface is asserted; nothing"), "{empty}");
+        assert!(
+            empty.contains("gave no map: no surface is asserted; nothing"),
+            "{empty}"
+        );
         let unknown = sentence(&Said {
             sigma_m: Some(f64::INFINITY),
             ..said()
         });
-        assert!(!unknown.contains("inf") && !unknown.contains("∞"), "{unknown}");
+        assert!(
+            !unknown.contains("inf") && !unknown.contains("∞"),
+            "{unknown}"
+        );
     }
 }

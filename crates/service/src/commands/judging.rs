@@ -133,7 +133,11 @@ impl Judge {
         let points = MapPoints::from(&*outcome.snapshot);
         let mut growth = judged.growth;
         let report = &outcome.status.report;
-        growth.push(grown(&outcome.snapshot, report.dive_s, report.work.compute_s));
+        growth.push(grown(
+            &outcome.snapshot,
+            report.dive_s,
+            report.work.compute_s,
+        ));
         let mut verdict = Verdict {
             picture: Picture::of_map(&points),
             trajectory: trajectory(&self.way),

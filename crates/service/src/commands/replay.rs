@@ -137,6 +137,7 @@ fn once(
     let recorder = inputs::recorder(config, session, true)?;
     if let Some(page) = page {
         page.control(recorder.as_ref());
+        page.control_replay(replayed.pause());
     }
     let poses = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
     let setup = Setup {

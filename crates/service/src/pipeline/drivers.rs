@@ -4,7 +4,8 @@ use std::collections::VecDeque;
 
 use crossbeam_channel::Sender;
 use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, SonarUrl, Tape,
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, Pause, SonarUrl,
+    Tape,
 };
 use echosplat_liveness::Heartbeat;
 use echosplat_session::{ProfilesRejected, SessionCounters};
@@ -46,6 +47,8 @@ pub(crate) struct Drivers {
     events: Option<Sender<DriverEvent>>,
     /// Of all inputs, if all say it.
     byte_count: Option<u64>,
+    /// Of what is replayed.
+    pause: Option<Pause>,
 }
 
 impl Drivers {
@@ -62,6 +65,7 @@ impl Drivers {
             running: None,
             link: None,
             byte_count: inputs.iter().map(|input| input.byte_count).sum(),
+            pause: inputs.first().and_then(|input| input.config.pause.clone()),
             waiting: inputs.into(),
             done: Vec::new(),
             recorder: recorder.cloned(),
@@ -76,6 +80,11 @@ impl Drivers {
         let byte_count = self.byte_count.filter(|&count| count > 0)?;
         let read = self.status().session.bytes_received;
         Some((read as f64 / byte_count as f64).min(1.0))
+    }
+
+    /// Whether somebody holds what is replayed; `None` where nothing is.
+    pub(crate) fn is_held(&self) -> Option<bool> {
+        self.pause.as_ref().map(Pause::is_set)
     }
 
     /// Inputs, begun or not.
