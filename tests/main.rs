@@ -8,6 +8,7 @@ mod web_client;
 #[cfg(feature = "bench")]
 mod bench;
 mod browser;
+mod browser_pictures;
 mod calibrate;
 mod device;
 mod disturbances;

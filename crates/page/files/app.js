@@ -55,6 +55,9 @@ const state = {
   frameMs: 16,
   latencies: [],
   waiting: [],
+  /// When each of the newest pings was sent here, and how long until a map that holds it was drawn, ms.
+  pingsSent: new Map(),
+  pingLatencies: [],
   movedAt: 0,
   asksAgainAt: 0,
   updates: 0,
@@ -116,7 +119,7 @@ const connection = new Connection({
   },
   binary(buffer) {
     const message = parse(buffer);
-    if (message.kind === "ping") pings.push(message.header, message.payload);
+    if (message.kind === "ping") takePing(message);
     else takeMap(message);
     if (message.kind === "ping" && state.firstTimeNs === null) state.firstTimeNs = message.header.time_ns;
   },
@@ -149,6 +152,12 @@ function takePose(pose) {
   showTime();
 }
 
+function takePing({ header, payload, sentMs }) {
+  pings.push(header, payload);
+  state.pingsSent.set(header.sequence, sentMs);
+  if (state.pingsSent.size > 1000) state.pingsSent.delete(state.pingsSent.keys().next().value);
+}
+
 function takeMap({ kind, header, payload, sentMs }) {
   const changed = state.firstTimeNs === null ? 0 : (header.time_ns - state.firstTimeNs) * 1e-9;
   const before = model.epoch;
@@ -163,7 +172,7 @@ function takeMap({ kind, header, payload, sentMs }) {
   state.updatedAt = performance.now();
   clearTimeout(state.calmTimer);
   state.calmTimer = setTimeout(wake, CALM_AFTER_MS + 100);
-  if (kind === "delta" && state.waiting.length < 1000) state.waiting.push(sentMs);
+  if (kind === "delta" && state.waiting.length < 1000) state.waiting.push([sentMs, header.through_ping]);
   past.keep(changed, model);
   if (state.at === null) wake();
 }
@@ -240,8 +249,13 @@ function draw(now, isMoving) {
   // A pixel is asked for, so that the card has really drawn when the clock is read.
   if (sent.length || state.measures) renderer.gl.readPixels(0, 0, 1, 1, renderer.gl.RGBA, renderer.gl.UNSIGNED_BYTE, new Uint8Array(4));
   const ended = performance.now();
-  for (const ms of sent) state.latencies.push(Date.now() - ms);
-  if (state.latencies.length > 2000) state.latencies.splice(0, 1000);
+  for (const [ms, ping] of sent) {
+    state.latencies.push(Date.now() - ms);
+    if (!state.pingsSent.has(ping)) continue;
+    state.pingLatencies.push(Date.now() - state.pingsSent.get(ping));
+    state.pingsSent.delete(ping);
+  }
+  for (const list of [state.latencies, state.pingLatencies]) if (list.length > 2000) list.splice(0, 1000);
   measure(now, ended - began, isMoving, isStill, coarse);
   drawGizmo($("gizmo"), view);
   showScale($("scale").querySelector("i"), $("scale").querySelector("span"), view);
@@ -485,11 +499,14 @@ window.echosplat = {
   get renderer() { return renderer; },
   forward: () => rotated(state.pose?.orientation_wxyz ?? [1, 0, 0, 0], [1, 0, 0]),
   stats() {
-    const sorted = state.latencies.toSorted((a, b) => a - b);
-    const part = (share) => sorted[clamp(Math.floor(sorted.length * share), 0, sorted.length - 1)];
+    const spread = (list) => {
+      const sorted = list.toSorted((a, b) => a - b);
+      const part = (share) => sorted[clamp(Math.floor(sorted.length * share), 0, sorted.length - 1)];
+      return { p50: part(0.5), p90: part(0.9), p99: part(0.99), count: sorted.length };
+    };
     return {
       epoch: model.epoch, sequence: model.sequence, gaussians: model.count(), isFinal: model.isFinal,
-      updates: state.updates, latencyMs: { p50: part(0.5), p99: part(0.99), count: sorted.length },
+      updates: state.updates, latencyMs: spread(state.latencies), pingToScreenMs: spread(state.pingLatencies),
       frameMs: state.frameMs, rate: state.rate, scale: renderer?.scale, card: renderer?.name(),
       confident: state.summary?.confident, ambiguous: state.summary?.ambiguous,
     };
