@@ -17,6 +17,7 @@ mod fake_sonar;
 #[cfg(feature = "bench")]
 mod faults;
 mod files;
+mod hold;
 mod link;
 mod map;
 mod mesh;

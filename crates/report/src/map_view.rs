@@ -1,6 +1,7 @@
 //! The map as a picture to be turned: its Gaussians, packed into the document, and the script of the live
 //! page that draws them.
 
+use std::f64::consts::LN_10;
 use std::fmt::Write;
 
 use base64::Engine;
@@ -16,10 +17,11 @@ const MAX_PLACES: usize = 2_000;
 /// As `viewer.js` reads them.
 const GAUSSIAN_BYTES: usize = 18;
 const PLACE_BYTES: usize = 6;
-/// Logarithms of the least and the most of what is written as one byte.
-const SCALE_LN: [f64; 2] = [-6.907_755, 2.302_585];
-const SIGMA_LN: [f64; 2] = [-9.210_340, 2.302_585];
-const REFLECTIVITY_LN: [f64; 2] = [-27.631_021, 0.0];
+/// Logarithms of the least and the most of what is written as one byte: scales of 1 mm to 10 m, sigmas of
+/// 0.1 mm to 10 m, reflectivities of −120 to 0 dB.
+const SCALE_LN: [f64; 2] = [-3.0 * LN_10, LN_10];
+const SIGMA_LN: [f64; 2] = [-4.0 * LN_10, LN_10];
+const REFLECTIVITY_LN: [f64; 2] = [-12.0 * LN_10, 0.0];
 /// Of a distance from the truth; 255 is 0.51 m or more.
 const ERROR_STEP_M: f64 = 0.002;
 /// Those left are drawn larger by this power of how few they are, as the live page does.
