@@ -15,7 +15,7 @@ fn next_status(socket: &mut WebSocket) -> Value {
     loop {
         match socket.next(LONG) {
             Some(Message::Text(text)) => {
-                let message: Value = serde_json::from_str(&text).unwrap();
+                let message: Value = serde_json::from_str(&text).expect("texts are JSON");
                 if message["kind"] == "status" {
                     return message["status"].clone();
                 }
