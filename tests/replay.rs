@@ -121,8 +121,9 @@ fn errors_are_told_as_the_dive_goes_on_and_drawn_beside_the_map() {
     let last: f64 = rows[rows.len() - 1][4].parse().unwrap();
     assert!(last < 1.5, "{stdout}");
     let report = fs::read_to_string(folder.path().join("map.html")).unwrap();
-    assert!(report.contains("<svg") && report.contains("Error against time"));
-    assert!(!report.contains("http"), "self-contained");
+    assert!(report.contains("<svg") && report.contains("distance from the truth, m"));
+    assert!(report.contains("from the truth on average"), "the verdict");
+    assert!(!report.contains("://"), "self-contained");
 }
 
 #[test]
