@@ -15,11 +15,11 @@ use crate::web_client::{Message, WebSocket};
 const LONG: Duration = Duration::from_secs(120);
 
 /// Written past the capture of test output.
-fn say(text: &str) {
+pub(crate) fn say(text: &str) {
     let _ = writeln!(std::io::stderr(), "{text}");
 }
 
-fn chromium() -> Option<PathBuf> {
+pub(crate) fn chromium() -> Option<PathBuf> {
     let named = std::env::var_os("ECHOSPLAT_CHROMIUM").map(PathBuf::from);
     let folders = std::env::var_os("PATH").unwrap_or_default();
     let folders: Vec<PathBuf> = std::env::split_paths(&folders).collect();
@@ -31,7 +31,7 @@ fn chromium() -> Option<PathBuf> {
 }
 
 /// A browser with one page.
-struct Browser {
+pub(crate) struct Browser {
     socket: WebSocket,
     number: u64,
     _program: Program,
@@ -39,7 +39,7 @@ struct Browser {
 }
 
 impl Browser {
-    fn start(program: &Path) -> Self {
+    pub(crate) fn start(program: &Path) -> Self {
         let profile = tempfile::tempdir().expect("there is room");
         let mut command = Command::new(program);
         command.args([
@@ -79,7 +79,7 @@ impl Browser {
         }
     }
 
-    fn call(&mut self, method: &str, parameters: &Value) -> Value {
+    pub(crate) fn call(&mut self, method: &str, parameters: &Value) -> Value {
         self.number += 1;
         let call = json!({ "id": self.number, "method": method, "params": parameters });
         self.socket.send_text(&call.to_string());
@@ -96,12 +96,12 @@ impl Browser {
         }
     }
 
-    fn size(&mut self, width: u32, height: u32) {
+    pub(crate) fn size(&mut self, width: u32, height: u32) {
         let size = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": width < 600});
         self.call("Emulation.setDeviceMetricsOverride", &size);
     }
 
-    fn evaluate(&mut self, expression: &str) -> Value {
+    pub(crate) fn evaluate(&mut self, expression: &str) -> Value {
         let asked = json!({"expression": expression, "awaitPromise": true, "returnByValue": true});
         let answer = self.call("Runtime.evaluate", &asked);
         let thrown = &answer["exceptionDetails"];
@@ -110,20 +110,20 @@ impl Browser {
     }
 
     /// Until the expression is true.
-    fn wait(&mut self, what: &str, expression: &str) {
+    pub(crate) fn wait(&mut self, what: &str, expression: &str) {
         let began = Instant::now();
         // Before the page is loaded nothing of it is there.
         let guarded =
             format!("(() => {{ try {{ return {expression}; }} catch {{ return false; }} }})()");
         while self.evaluate(&guarded) != true {
-            let seen = self.evaluate("window.echosplat ? echosplat.stats() : document.title");
+            let seen = self.evaluate("window.echosplat ? echosplat.stats() : document.title + document.body?.innerText.slice(0, 300)");
             assert!(began.elapsed() < LONG, "{what}: {seen}");
             std::thread::sleep(Duration::from_millis(100));
         }
     }
 }
 
-fn serve(port: u16, rate: &str) -> Program {
+pub(crate) fn serve(port: u16, rate: &str) -> Program {
     let address = format!("127.0.0.1:{port}");
     let mut service = Program::echosplat(&replay(&["--web", &address, "--rate", rate, "--json"]));
     wait_until_listening(&mut service, port);

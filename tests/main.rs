@@ -8,6 +8,7 @@ mod web_client;
 #[cfg(feature = "bench")]
 mod bench;
 mod browser;
+mod browser_pictures;
 mod calibrate;
 mod device;
 mod disturbances;
@@ -16,6 +17,7 @@ mod fake_sonar;
 #[cfg(feature = "bench")]
 mod faults;
 mod files;
+mod hold;
 mod link;
 mod map;
 mod mesh;

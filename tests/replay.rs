@@ -121,6 +121,33 @@ fn errors_are_told_as_the_dive_goes_on_and_drawn_beside_the_map() {
     let last: f64 = rows[rows.len() - 1][4].parse().unwrap();
     assert!(last < 1.5, "{stdout}");
     let report = fs::read_to_string(folder.path().join("map.html")).unwrap();
-    assert!(report.contains("<svg") && report.contains("Error against time"));
-    assert!(!report.contains("http"), "self-contained");
+    assert!(report.contains("<svg") && report.contains("distance from the truth, m"));
+    assert!(report.contains("from the truth on average"), "the verdict");
+    assert!(!report.contains("://"), "self-contained");
+}
+
+#[test]
+fn a_report_needs_no_truth_and_says_first_what_came_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let report = folder.path().join("dive.html").display().to_string();
+    let summary = run(&replay(&["--json", "--report", &report]), 0);
+    let html = fs::read_to_string(&report).unwrap();
+    let (_, verdict) = html.split_once("class=\"verdict\">").unwrap();
+    let (verdict, _) = verdict.split_once("</p>").unwrap();
+    let count = summary["gaussians"].as_u64().unwrap();
+    assert!(
+        verdict.contains(&format!("gave a map of {count} Gaussians")),
+        "{verdict}"
+    );
+    assert!(verdict.contains("nothing went wrong"), "{verdict}");
+    assert!(!verdict.contains("truth"), "{verdict}");
+    for part in [
+        "id=\"map-data\"",
+        "<h2>Trajectory</h2>",
+        "east, m",
+        "asserted",
+    ] {
+        assert!(html.contains(part), "{part}");
+    }
+    assert!(!html.contains("://"), "it names another host");
 }

@@ -209,7 +209,12 @@ fn what_changes_anything_is_refused_to_strangers() {
     let own = format!("http://127.0.0.1:{port}");
     let post = |path: &str, headers: &[(&str, &str)]| ask(port, "POST", path, headers).status;
 
-    for path in ["/recording/stop", "/recording/start"] {
+    for path in [
+        "/recording/stop",
+        "/recording/start",
+        "/replay/pause",
+        "/replay/resume",
+    ] {
         assert_eq!(post(path, &[]), 401, "without a token");
         assert_eq!(post(path, &[("X-EchoSplat-Token", "0123456789")]), 401);
         let strange = [

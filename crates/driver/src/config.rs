@@ -2,6 +2,7 @@
 
 use echosplat_session::{SessionConfig, SessionConfigError};
 
+use crate::pause::Pause;
 use crate::url::SonarUrl;
 
 /// How the link to a sonar is kept.
@@ -23,6 +24,8 @@ pub struct DriverConfig {
     pub rate: f64,
     /// A tape's bytes are those of a log, with its session packets, and not of a link.
     pub tape_is_log: bool,
+    /// Holds a log or a tape between two pings; a link is not held.
+    pub pause: Option<Pause>,
 }
 
 impl DriverConfig {
@@ -38,6 +41,7 @@ impl DriverConfig {
             silence_timeout_s: 5.0,
             rate: 0.0,
             tape_is_log: false,
+            pause: None,
         }
     }
 

@@ -80,6 +80,9 @@ impl LogReader {
         self.outlet.status.count(&self.session);
         while let Some(event) = self.session.poll_event() {
             if let SessionEvent::Ping { ping, .. } = &event {
+                if self.outlet.wait_while_held() {
+                    return Flow::Ends;
+                }
                 let wait = self.pace.wait(ping.transmit_time(), Instant::now());
                 if !wait.is_zero() && self.outlet.stop.wait(wait) {
                     return Flow::Ends;

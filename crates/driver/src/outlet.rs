@@ -1,6 +1,7 @@
 //! The way out of a driver's thread: events to their channel, by one rule for a full one.
 
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
 use crossbeam_channel::{Sender, TrySendError, select};
 use echosplat_liveness::Heartbeat;
@@ -8,9 +9,13 @@ use echosplat_session::{ClockSource, SessionEvent};
 
 use crate::config::DriverConfig;
 use crate::event::DriverEvent;
+use crate::pause::Pause;
 use crate::status::SharedStatus;
 use crate::stop::Stop;
 use crate::url::SonarUrl;
+
+/// How often it is asked whether what is held goes on.
+const HELD_TICK: Duration = Duration::from_millis(20);
 
 /// Whether the thread goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,6 +31,7 @@ pub(crate) struct Outlet {
     pub(crate) status: SharedStatus,
     pub(crate) heartbeat: Heartbeat,
     waits_for_room: bool,
+    pause: Option<Pause>,
     /// Sequences of pings dropped since they were last asked for.
     shed: Mutex<Vec<u64>>,
 }
@@ -45,6 +51,7 @@ impl Outlet {
             status,
             heartbeat,
             waits_for_room: is_log || config.session.clock == ClockSource::Device,
+            pause: config.pause.clone(),
             shed: Mutex::default(),
         }
     }
@@ -52,6 +59,16 @@ impl Outlet {
     /// The pings dropped since the last call, for whoever records that they were.
     pub(crate) fn take_shed(&self) -> Vec<u64> {
         std::mem::take(&mut *self.shed.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+
+    /// Waits as long as somebody holds what is replayed; says whether to stop.
+    pub(crate) fn wait_while_held(&self) -> bool {
+        while self.pause.as_ref().is_some_and(Pause::is_set) {
+            if self.stop.wait(HELD_TICK) {
+                return true;
+            }
+        }
+        self.stop.is_set()
     }
 
     /// Whatever the clock: what comes from a file is never dropped.

@@ -77,6 +77,9 @@ impl TapeReader {
                 false => Flow::GoesOn,
             };
         }
+        if self.outlet.wait_while_held() {
+            return Flow::Ends;
+        }
         let wait = self.pace.wait(time, Instant::now());
         if self.outlet.stop.is_set() || (!wait.is_zero() && self.outlet.stop.wait(wait)) {
             return Flow::Ends;

@@ -1,8 +1,9 @@
-//! Curves with bands on logarithmic axes, that along even if it is asked for, as SVG.
+//! Curves with bands on logarithmic axes, or even ones where they are asked for, as SVG.
 
 use std::fmt::Write;
 
 use crate::Mark;
+use crate::axes::number;
 use echosplat_metrics::curve::{BandPoint, Spread};
 
 /// Colours in the style sheet; further lines start over.
@@ -34,7 +35,7 @@ impl Axis {
         match self {
             Self::Compute => "compute time, CPU s",
             Self::Dive => "dive time, s",
-            Self::Work => "work, pairs + voxel looks",
+            Self::Work => "work, pairs + voxel looks (M: million, G: billion)",
             Self::Chamfer => "CD, m",
             Self::Hausdorff => "HD, m",
             Self::False => "confident but false, share",
@@ -73,6 +74,7 @@ pub(super) struct Chart<'a> {
     pub(super) x_label: &'a str,
     pub(super) y_label: &'a str,
     pub(super) x_is_linear: bool,
+    pub(super) y_is_linear: bool,
     pub(super) lines: Vec<Line>,
     pub(super) marks: &'a [Mark],
 }
@@ -84,7 +86,12 @@ impl Chart<'_> {
             "<svg viewBox=\"0 0 {WIDTH} {HEIGHT}\" role=\"img\" \
              aria-label=\"{y_label} over {x_label}\">"
         );
-        let drawn: Vec<Vec<(f64, Spread)>> = self.lines.iter().map(drawable).collect();
+        let drawn: Vec<Vec<(f64, Spread)>> = {
+            let lines = self.lines.iter();
+            lines
+                .map(|line| drawable(line, self.x_is_linear, self.y_is_linear))
+                .collect()
+        };
         let points = || drawn.iter().flatten();
         let along = points().map(|p| p.0);
         let x = match self.x_is_linear {
@@ -92,7 +99,10 @@ impl Chart<'_> {
             false => Scale::over(along, LEFT, WIDTH - RIGHT),
         };
         let errors = points().flat_map(|p| [p.1.min, p.1.median, p.1.max]);
-        let y = Scale::over(errors, HEIGHT - BOTTOM, TOP);
+        let y = match self.y_is_linear {
+            true => Scale::evenly_over(errors.chain([0.0]), HEIGHT - BOTTOM, TOP),
+            false => Scale::over(errors, HEIGHT - BOTTOM, TOP),
+        };
         let _ = write!(
             svg,
             "<text class=\"axis\" x=\"{:.0}\" y=\"{:.0}\" text-anchor=\"middle\">{x_label}</text>\
@@ -116,12 +126,14 @@ impl Chart<'_> {
     }
 }
 
-/// Points with a logarithm: what a log-log chart can show.
-fn drawable(line: &Line) -> Vec<(f64, Spread)> {
-    let shows = |v: f64| v > 0.0 && v.is_finite();
+/// What is finite and, on a logarithmic axis, has a logarithm.
+fn drawable(line: &Line, x_is_linear: bool, y_is_linear: bool) -> Vec<(f64, Spread)> {
+    let shows = |v: f64, is_linear: bool| v.is_finite() && (is_linear || v > 0.0);
     let points = line.points.iter().copied();
     points
-        .filter(|(x, y)| shows(*x) && shows(y.median) && shows(y.min))
+        .filter(|(x, y)| {
+            shows(*x, x_is_linear) && [y.median, y.min].iter().all(|v| shows(*v, y_is_linear))
+        })
         .collect()
 }
 
@@ -138,7 +150,7 @@ struct Scale {
 impl Scale {
     /// Over all finite values, widened a little; `None` without any.
     fn over(values: impl Iterator<Item = f64>, start: f64, end: f64) -> Option<Self> {
-        let (low, high) = ends(values);
+        let (low, high) = ends(values.filter(|v| *v > 0.0));
         // At least a factor of three, so that a flat curve looks flat.
         let widen = (3.0 / (high / low)).sqrt().max(1.08);
         (high > 0.0).then(|| Self {
@@ -153,10 +165,15 @@ impl Scale {
     /// The same on an even axis.
     fn evenly_over(values: impl Iterator<Item = f64>, start: f64, end: f64) -> Option<Self> {
         let (low, high) = ends(values);
-        let widen = (0.04 * (high - low)).max(0.5);
-        (high > 0.0).then_some(Self {
+        let widen = match high > low {
+            true => 0.04 * (high - low),
+            false => 0.5,
+        };
+        // An axis of counts begins at 0, not below it.
+        let lowest = if low >= 0.0 { 0.0 } else { f64::NEG_INFINITY };
+        (high >= low).then_some(Self {
             is_linear: true,
-            low: low - widen,
+            low: (low - widen).max(lowest),
             high: high + widen,
             start,
             end,
@@ -175,15 +192,7 @@ impl Scale {
     /// Decades, or 1-2-5 where there are few; on an even axis four to ten round numbers.
     fn ticks(&self) -> Vec<f64> {
         if self.is_linear {
-            let span = self.high - self.low;
-            let decade = 10_f64.powf((0.1 * span).log10().floor());
-            let fits = |step: &f64| span / (step * decade) <= 10.0;
-            let step = [1.0, 2.0, 5.0].into_iter().find(fits).unwrap_or(10.0) * decade;
-            let first = (self.low / step).ceil() as i32;
-            let last = (self.high / step).floor() as i32;
-            return (first..=last)
-                .map(|index| f64::from(index) * step)
-                .collect();
+            return crate::axes::ticks(self.low, self.high, 10.0);
         }
         let decades = (self.high / self.low).log10();
         let steps: &[f64] = match decades {
@@ -203,10 +212,10 @@ impl Scale {
     }
 }
 
-/// Least and most of those that have a logarithm.
+/// Least and most of those that are finite; the least above the most if there are none.
 fn ends(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let finite = values.filter(|v| *v > 0.0 && v.is_finite());
-    finite.fold((f64::INFINITY, 0.0_f64), |(low, high), v| {
+    let finite = values.filter(|v| v.is_finite());
+    finite.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), v| {
         (low.min(v), high.max(v))
     })
 }
@@ -282,31 +291,6 @@ fn mark_svg(mark: &Mark, x: &Scale, y: &Scale) -> String {
     )
 }
 
-/// A tick: plain where short, a power of ten where not.
-fn number(value: f64) -> String {
-    if (0.000_999..1e4).contains(&value) {
-        return format!("{}", (value * 1e6).round() / 1e6);
-    }
-    let power = value.log10().floor();
-    let digit = (value / 10_f64.powf(power)).round();
-    let raised: String = format!("{power:.0}").chars().map(superscript).collect();
-    match digit {
-        d if d > 1.5 => format!("{d:.0}·10{raised}"),
-        _ => format!("10{raised}"),
-    }
-}
-
-fn superscript(c: char) -> char {
-    match c {
-        '-' => '⁻',
-        '1' => '¹',
-        '2' => '²',
-        '3' => '³',
-        '0' | '4'..='9' => char::from_u32(0x2070 + (c as u32 - '0' as u32)).unwrap_or(c),
-        other => other,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -346,12 +330,6 @@ mod tests {
     }
 
     #[test]
-    fn numbers_stay_short() {
-        let shown = [1e-3, 0.5, 1000.0, 1e5, 2e-4, 5e12].map(number);
-        assert_eq!(shown, ["0.001", "0.5", "1000", "10⁵", "2·10⁻⁴", "5·10¹²"]);
-    }
-
-    #[test]
     fn what_cannot_be_drawn_is_left_out_and_nothing_is_not_a_number() {
         let spread = |v| Spread::of([v]);
         let points = vec![
@@ -364,6 +342,7 @@ mod tests {
             x_label: Axis::Dive.label(),
             y_label: Axis::Chamfer.label(),
             x_is_linear: false,
+            y_is_linear: false,
             lines: vec![Line {
                 name: "a<b".into(),
                 points,
@@ -388,6 +367,7 @@ mod tests {
             x_label: "a",
             y_label: "b",
             x_is_linear: false,
+            y_is_linear: false,
             lines: vec![Line {
                 name: "c".into(),
                 points: vec![(1.0, Spread::of([1.0])), (2.0, Spread::of([2.0]))],

@@ -1,22 +1,31 @@
 //! What measurements look like: tables for a terminal, and one HTML file that says how a run went, with
 //! curves, tables, and the map beside the truth.
 //!
-//! Self-contained: no script, no font, no picture and no address of another host, so that it can be
-//! mailed and opened at sea. Deliberately absent: files, and what figures mean or must reach.
+//! Self-contained: no font, no picture and no address of another host, so that it can be mailed and
+//! opened at sea; the one script, of a dive's report, draws the map. A section has at most four charts of at most seven
+//! lines before the reader asks for more. Deliberately absent: files, and what figures mean or must reach.
 
+mod axes;
 mod chart;
+mod curves;
+mod dive;
+mod map_view;
 mod picture;
 mod sonar_image;
 pub mod table;
+mod trajectory;
 
 use std::fmt::Write;
 
+pub use dive::DiveReport;
+pub use map_view::{MAX_GAUSSIANS, MapView};
 pub use picture::Picture;
 pub use sonar_image::{Column, Panel, SonarImage};
+pub use trajectory::Trajectory;
 
-use chart::{Axis, Chart, Line};
+use curves::{curves_html, plots_html, samples_html};
 use echosplat_metrics::Metrics;
-use echosplat_metrics::curve::{Band, Curve, Spread, bands};
+use echosplat_metrics::curve::{Curve, bands};
 
 const STYLE: &str = include_str!("style.css");
 
@@ -36,10 +45,13 @@ pub struct Table {
 /// A cell that says this is drawn as what went wrong.
 pub const FAILED: &str = "failed";
 
+/// Charts of a section before the reader asks for more.
+const MOST_CHARTS: usize = 4;
+
 /// A cell longer than this is read as words rather than compared as a value.
 const WORDS_BYTES: usize = 48;
 
-/// Numbers over a number, on logarithmic axes; what has no logarithm is left out.
+/// Numbers over a number, on logarithmic axes unless said otherwise; what has no logarithm is left out.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Plot {
     /// What is along, with its unit.
@@ -48,6 +60,8 @@ pub struct Plot {
     pub y_label: String,
     /// Whether what is along has an even axis, as decibels have.
     pub x_is_linear: bool,
+    /// Whether what is up has an even axis, as counts have.
+    pub y_is_linear: bool,
     /// Name and points of each line.
     pub lines: Vec<(String, Vec<(f64, f64)>)>,
     /// Places with words beside them.
@@ -107,13 +121,9 @@ impl Report {
     /// As one HTML document.
     #[must_use]
     pub fn to_html(&self) -> String {
-        let title = escape(&self.title);
         let mut html = format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
-             <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
-             <meta name=\"color-scheme\" content=\"light dark\">\
-             <title>{title}</title>\n<style>{STYLE}</style></head>\n<body><main>\n\
-             <header><h1>{title}</h1><p>{}</p></header>\n",
+            "<header><h1>{}</h1><p>{}</p></header>\n",
+            escape(&self.title),
             escape(&self.subtitle)
         );
         html += &highlights(&self.highlights);
@@ -121,45 +131,61 @@ impl Report {
             html += &section.to_html();
         }
         html += &self.footer();
-        html + "</main></body></html>\n"
+        page(&self.title, &html)
     }
 
     fn footer(&self) -> String {
-        let mut html = "<section><h2>How to read this</h2>\n<ul>\n".to_owned();
-        let own = [
-            "CD is half of accuracy (mean distance map → truth) plus completeness (mean distance \
-             seen truth → map), HD the larger of the two directed maxima. Both are raw: nothing \
-             aligned, nothing cropped, no threshold of the evaluator's.",
-            "An empty map has infinite error, which no logarithmic axis can show: it is said below \
-             the curve, not drawn.",
-            "Compute time is CPU time of the mapper on the machine below and compares within this \
-             report only; counted work (Gaussian–bin pairs and voxel looks) compares across machines.",
-            "Confident but false is the share of what is asserted that is further than 0.25 m from \
-             all truth; none at all is drawn at 0.01 %.",
-        ];
         let judges_maps = |section: &Section| {
             section.metrics.is_some() || !section.curves.is_empty() || section.picture.is_some()
         };
         let own: &[&str] = match self.sections.iter().any(judges_maps) {
-            true => &own,
+            true => &OF_MAPS,
             false => &[],
         };
-        for note in own
-            .iter()
-            .copied()
-            .chain(self.notes.iter().map(String::as_str))
-        {
-            let _ = writeln!(html, "<li>{}</li>", escape(note));
-        }
-        html += "</ul>\n";
         let mut machine = self.machine.clone();
         if !self.seeds.is_empty() {
             let seeds: Vec<String> = self.seeds.iter().map(u64::to_string).collect();
             machine.push(("seeds".into(), seeds.join(", ")));
         }
-        html += &facts_table(&machine);
-        html + "</section>\n"
+        let notes = self.notes.iter().map(String::as_str);
+        page_footer(own.iter().copied().chain(notes), &facts_table(&machine))
     }
+}
+
+/// What figures of maps are.
+pub const OF_MAPS: [&str; 4] = [
+    "CD is half of accuracy (mean distance map → truth) plus completeness (mean distance \
+     seen truth → map), HD the larger of the two directed maxima. Both are raw: nothing \
+     aligned, nothing cropped, no threshold of the evaluator's.",
+    "An empty map has infinite error, which no logarithmic axis can show: it is said below \
+     the curve, not drawn.",
+    "Compute time is CPU time of the mapper on the machine below and compares within this \
+     report only; counted work (Gaussian–bin pairs and voxel looks) compares across machines.",
+    "Confident but false is the share of what is asserted that is further than 0.25 m from \
+     all truth; none at all is drawn at 0.01 %.",
+];
+
+/// Of every page.
+const OF_NUMBERS: &str =
+    "k, M, G and T behind a number are thousands, millions, billions and trillions.";
+
+fn page_footer<'a>(notes: impl Iterator<Item = &'a str>, below: &str) -> String {
+    let mut html = "<section><h2>How to read this</h2>\n<ul>\n".to_owned();
+    for note in notes.chain([OF_NUMBERS]) {
+        let _ = writeln!(html, "<li>{}</li>", escape(note));
+    }
+    html + "</ul>\n" + below + "</section>\n"
+}
+
+/// The whole document around what it shows.
+fn page(title: &str, main: &str) -> String {
+    format!(
+        "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
+         <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\
+         <meta name=\"color-scheme\" content=\"light dark\">\
+         <title>{}</title>\n<style>{STYLE}</style></head>\n<body><main>\n{main}</main></body></html>\n",
+        escape(title)
+    )
 }
 
 impl Section {
@@ -229,149 +255,6 @@ fn facts_table(facts: &[(String, String)]) -> String {
         let _ = writeln!(html, "<tr><th>{name}</th><td>{value}</td></tr>");
     }
     html + "</tbody></table></div>\n"
-}
-
-/// Curves that are not errors over cost.
-fn plots_html(plots: &[Plot]) -> String {
-    let mut names: Vec<&str> = Vec::new();
-    for (name, _) in plots.iter().flat_map(|plot| &plot.lines) {
-        if !names.contains(&name.as_str()) {
-            names.push(name);
-        }
-    }
-    if names.is_empty() {
-        return String::new();
-    }
-    let mut html = "<ul class=\"legend\">".to_owned();
-    for (index, name) in names.iter().enumerate() {
-        let (color, name) = (index % chart::COLOR_COUNT, escape(name));
-        let _ = write!(html, "<li><i class=\"s{color}\"></i>{name}</li>");
-    }
-    html += "</ul>\n<div class=\"charts\">\n";
-    for plot in plots {
-        let chart = Chart {
-            x_label: &plot.x_label,
-            y_label: &plot.y_label,
-            x_is_linear: plot.x_is_linear,
-            lines: names.iter().map(|name| plot.line(name)).collect(),
-            marks: &plot.marks,
-        };
-        let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
-    }
-    html + "</div>\n"
-}
-
-impl Plot {
-    /// The line of this name, empty if there is none.
-    fn line(&self, name: &str) -> Line {
-        let own = self.lines.iter().filter(|line| line.0 == name);
-        let points = own.flat_map(|line| &line.1);
-        Line {
-            name: name.to_owned(),
-            points: points.map(|&(x, y)| (x, Spread::of([y]))).collect(),
-        }
-    }
-}
-
-/// The three errors over dive time, compute time and, where it was counted, work.
-fn curves_html(bands: &[Band]) -> String {
-    if bands.is_empty() {
-        return String::new();
-    }
-    let counted = bands.iter().flat_map(|b| &b.points).any(|p| p.work > 0.0);
-    let x_axes = [Axis::Compute, Axis::Dive, Axis::Work];
-    let x_axes = &x_axes[..if counted { 3 } else { 2 }];
-    let mut html = legend(bands) + "<div class=\"charts\">\n";
-    for y in [Axis::Chamfer, Axis::Hausdorff, Axis::False] {
-        for &x in x_axes {
-            let chart = Chart {
-                x_label: x.label(),
-                y_label: y.label(),
-                x_is_linear: false,
-                lines: lines(bands, x, y),
-                marks: &[],
-            };
-            let _ = writeln!(html, "<figure>{}</figure>", chart.to_svg());
-        }
-    }
-    html + "</div>\n" + &not_drawn(bands)
-}
-
-fn lines(bands: &[Band], x: Axis, y: Axis) -> Vec<Line> {
-    let line = |band: &Band| Line {
-        name: band.method.clone(),
-        points: band
-            .points
-            .iter()
-            .map(|point| (x.of(point), y.spread_of(point)))
-            .collect(),
-    };
-    bands.iter().map(line).collect()
-}
-
-fn legend(bands: &[Band]) -> String {
-    let mut html = "<ul class=\"legend\">".to_owned();
-    for (index, band) in bands.iter().enumerate() {
-        let (method, count) = (escape(&band.method), band.seeds.len());
-        let runs = if count == 1 {
-            "one run".to_owned()
-        } else {
-            format!("{count} seeds")
-        };
-        let _ = write!(
-            html,
-            "<li><i class=\"s{}\"></i>{method} <small>{runs}</small></li>",
-            index % chart::COLOR_COUNT
-        );
-    }
-    let many = bands.iter().any(|band| band.seeds.len() > 1);
-    let explained = if many {
-        "<li><small>line: median; band: least to most</small></li>"
-    } else {
-        ""
-    };
-    html + explained + "</ul>\n"
-}
-
-/// What the curves cannot show: empty maps and failed runs.
-fn not_drawn(bands: &[Band]) -> String {
-    let mut html = String::new();
-    for band in bands {
-        let empty = band.points.iter().filter(|p| !p.cd_m.median.is_finite());
-        let count = empty.clone().count();
-        if count > 0 {
-            let until_s = empty.map(|p| p.dive_s).fold(0.0, f64::max);
-            let _ = writeln!(
-                html,
-                "<p class=\"note\">{}: {count} of {} samples (up to {until_s:.0} s of the dive) have \
-                 an empty map, infinite error, not drawn.</p>",
-                escape(&band.method),
-                band.points.len()
-            );
-        }
-        for (seed, reason) in &band.failures {
-            let (method, reason) = (escape(&band.method), escape(reason));
-            let _ = writeln!(
-                html,
-                "<p class=\"note failed\">{method}, seed {seed}: failed: {reason}</p>"
-            );
-        }
-    }
-    html
-}
-
-/// The samples of each run as a table to be opened.
-fn samples_html(curves: &[Curve]) -> String {
-    let mut html = String::new();
-    for curve in curves.iter().filter(|curve| !curve.samples.is_empty()) {
-        let (method, seed) = (escape(&curve.method), curve.seed);
-        let text = escape(&table::curve(curve));
-        let _ = writeln!(
-            html,
-            "<details><summary>{method}, seed {seed}: samples</summary><pre>{text}</pre></details>"
-        );
-    }
-    html
 }
 
 pub(crate) fn escape(text: &str) -> String {

@@ -5,12 +5,17 @@ use std::fmt::Write;
 
 use glam::{DVec2, DVec3};
 
+use crate::axes::{Axes, BOTTOM, LEFT, scale_bar};
 use echosplat_metrics::{MapPoints, Truth, distances_to_truth};
 
 /// Width of a view in its own units; dots are thinned to one per unit square.
 const VIEW_WIDTH: f64 = 300.0;
 const MAX_VIEW_HEIGHT: f64 = 420.0;
 const MARGIN: f64 = 14.0;
+/// Room for the name of the axis up.
+const TOP: f64 = 22.0;
+/// Height of the scale bar's line below the axes.
+const BAR_ROOM: f64 = 16.0;
 /// Most dots of each kind and view; about 11 bytes each.
 const MAX_DOTS: usize = 6000;
 /// Upper ends of the classes of error, metres; the last has none.
@@ -20,34 +25,46 @@ const ERROR_NAMES: [&str; 5] = ["to 2.5 cm", "to 5 cm", "to 10 cm", "to 25 cm", 
 /// Kinds of dots in the order they are drawn: truth, ambiguous, then by error.
 const TRUTH: usize = 0;
 const AMBIGUOUS: usize = 1;
+/// All that is asserted, where distances are not known.
+const ASSERTED: usize = 2;
 const KINDS: usize = 2 + ERROR_NAMES.len();
 
 /// The points of a picture, by kind.
 #[derive(Debug, Clone, Default)]
 pub struct Picture {
     kinds: [Vec<DVec3>; KINDS],
+    /// Whether distances from it are known.
+    has_truth: bool,
 }
 
 /// A side to look from: two unit vectors of the world that become right and up.
 struct View {
     name: &'static str,
+    along: &'static str,
+    upward: &'static str,
     right: DVec3,
     up: DVec3,
 }
 
 const VIEWS: [View; 3] = [
     View {
-        name: "top (east right, north up)",
+        name: "from above",
+        along: "east, m",
+        upward: "north, m",
         right: DVec3::X,
         up: DVec3::Y,
     },
     View {
-        name: "front (east right, up)",
+        name: "from the south",
+        along: "east, m",
+        upward: "up, m",
         right: DVec3::X,
         up: DVec3::Z,
     },
     View {
-        name: "side (north right, up)",
+        name: "from the east",
+        along: "north, m",
+        upward: "up, m",
         right: DVec3::Y,
         up: DVec3::Z,
     },
@@ -61,7 +78,7 @@ impl View {
     /// The scale at which a box just fits.
     fn units_per_m(&self, low: DVec3, high: DVec3) -> f64 {
         let size = (self.flat(high) - self.flat(low)).max(DVec2::splat(1e-9));
-        let room = DVec2::new(VIEW_WIDTH, MAX_VIEW_HEIGHT) - 2.0 * MARGIN;
+        let room = DVec2::new(VIEW_WIDTH - LEFT - MARGIN, MAX_VIEW_HEIGHT - TOP - BOTTOM);
         (room / size).min_element()
     }
 }
@@ -70,7 +87,10 @@ impl Picture {
     /// Of a map and its truth; confident points are classed by their distance from the truth.
     #[must_use]
     pub fn new(points: &MapPoints, truth: &Truth) -> Self {
-        let mut picture = Self::default();
+        let mut picture = Self {
+            has_truth: true,
+            ..Self::default()
+        };
         picture.kinds[TRUTH] = truth.seen().iter().map(|point| point.position).collect();
         picture.kinds[AMBIGUOUS].clone_from(&points.ambiguous);
         let errors = distances_to_truth(&points.confident, truth);
@@ -78,6 +98,16 @@ impl Picture {
             let class = ERROR_CLASSES_M.partition_point(|limit_m| error_m > *limit_m);
             picture.kinds[AMBIGUOUS + 1 + class].push(point.position);
         }
+        picture
+    }
+
+    /// Of a map whose truth nobody knows.
+    #[must_use]
+    pub fn of_map(points: &MapPoints) -> Self {
+        let mut picture = Self::default();
+        picture.kinds[AMBIGUOUS].clone_from(&points.ambiguous);
+        let asserted = points.confident.iter().map(|point| point.position);
+        picture.kinds[ASSERTED] = asserted.collect();
         picture
     }
 
@@ -108,8 +138,8 @@ impl Picture {
         if outside > 0 {
             let _ = writeln!(
                 html,
-                "<p class=\"note\">{outside} points lie outside the frame (the seen truth and a \
-                 quarter of its size around it) and are not drawn.</p>"
+                "<p class=\"note\">{outside} points lie outside the frame (what is known \
+                 and a quarter of its size around it) and are not drawn.</p>"
             );
         }
         html
@@ -137,13 +167,21 @@ impl Picture {
     fn legend(&self) -> String {
         let mut html = "<ul class=\"legend\">".to_owned();
         let count = |kind: usize| self.kinds[kind].len();
-        let _ = write!(html, "<li><i class=\"p0\"></i>truth seen</li>");
-        for (class, name) in ERROR_NAMES.iter().enumerate() {
-            let kind = AMBIGUOUS + 1 + class;
+        if self.has_truth {
+            let _ = write!(html, "<li><i class=\"p0\"></i>truth seen</li>");
+            for (class, name) in ERROR_NAMES.iter().enumerate() {
+                let kind = AMBIGUOUS + 1 + class;
+                let count = count(kind);
+                let _ = write!(
+                    html,
+                    "<li><i class=\"p{kind}\"></i>{name} <small>{count}</small></li>"
+                );
+            }
+        } else {
+            let count = count(ASSERTED);
             let _ = write!(
                 html,
-                "<li><i class=\"p{kind}\"></i>{name} <small>{}</small></li>",
-                count(kind)
+                "<li><i class=\"p{ASSERTED}\"></i>asserted <small>{count}</small></li>"
             );
         }
         let ambiguous = count(AMBIGUOUS);
@@ -155,18 +193,22 @@ impl Picture {
     }
 
     fn view_svg(&self, view: &View, low: DVec3, high: DVec3, per_m: f64) -> (String, bool) {
-        let low_2d = view.flat(low);
-        let size = view.flat(high) - low_2d;
-        let height = size.y * per_m + 2.0 * MARGIN;
-        let left = 0.5 * (VIEW_WIDTH - size.x * per_m);
-        let place = |point: DVec3| {
-            let at = (view.flat(point) - low_2d) * per_m;
-            DVec2::new(left + at.x, height - MARGIN - at.y)
+        let (low_2d, high_2d) = (view.flat(low), view.flat(high));
+        let size = (high_2d - low_2d) * per_m;
+        let left = LEFT + 0.5 * (VIEW_WIDTH - LEFT - MARGIN - size.x);
+        let axes = Axes {
+            low: low_2d,
+            high: high_2d,
+            from: DVec2::new(left, TOP + size.y),
+            to: DVec2::new(left + size.x, TOP),
         };
+        let height = TOP + size.y + BOTTOM;
+        let place = |point: DVec3| axes.place(view.flat(point));
         let mut svg = format!(
-            "<svg viewBox=\"0 0 {VIEW_WIDTH} {:.0}\" role=\"img\" aria-label=\"{}\">",
-            height + 18.0,
-            view.name
+            "<svg viewBox=\"0 0 {VIEW_WIDTH} {:.0}\" role=\"img\" aria-label=\"the map {}\">{}",
+            height + BAR_ROOM,
+            view.name,
+            axes.to_svg(view.along, view.upward)
         );
         let mut is_thinned = false;
         for (kind, points) in self.kinds.iter().enumerate() {
@@ -177,7 +219,7 @@ impl Picture {
                 let _ = write!(svg, "<path class=\"p{kind}\" d=\"{dots}\"/>");
             }
         }
-        svg += &scale_bar(per_m, height);
+        svg += &scale_bar(per_m, 0.35 * VIEW_WIDTH, LEFT, height + 8.0);
         (svg + "</svg>", is_thinned)
     }
 }
@@ -210,25 +252,6 @@ fn dots(places: impl Iterator<Item = DVec2>) -> (String, bool) {
         drawn += 1;
     }
     (path, drawn < count)
-}
-
-/// A bar of a round length at the bottom.
-fn scale_bar(per_m: f64, height: f64) -> String {
-    let most_m = 0.35 * VIEW_WIDTH / per_m;
-    let decade = 10_f64.powf(most_m.log10().floor());
-    let digit = [5.0, 2.0, 1.0]
-        .into_iter()
-        .find(|d| d * decade <= most_m)
-        .unwrap_or(1.0);
-    let length_m = digit * decade;
-    let (length, y) = (length_m * per_m, height + 8.0);
-    format!(
-        "<path class=\"frame\" d=\"M{MARGIN} {y:.1}h{length:.1}\"/><text class=\"tick\" \
-         x=\"{:.1}\" y=\"{:.1}\">{} m</text>",
-        MARGIN + length + 6.0,
-        y + 4.0,
-        (length_m * 1e6).round() / 1e6
-    )
 }
 
 #[cfg(test)]

@@ -238,6 +238,41 @@ pub fn metres_unit(value: f64) -> String {
     }
 }
 
+/// Three digits, without an exponent: 0.00021, 2.5, 1234, 53.2 k, 2.37 G.
+#[must_use]
+pub fn quantity(value: f64) -> String {
+    const PREFIXES: [(f64, &str); 4] = [(1e12, " T"), (1e9, " G"), (1e6, " M"), (1e4, " k")];
+    let size = value.abs();
+    if !value.is_finite() {
+        return if value > 0.0 { "∞" } else { "–" }.to_owned();
+    }
+    if let Some((least, prefix)) = PREFIXES
+        .into_iter()
+        .find(|(least, _)| size >= 0.9995 * least)
+    {
+        let unit = if prefix == " k" { 1e3 } else { least };
+        return significant(value / unit, 3) + prefix;
+    }
+    match size >= 1000.0 {
+        true => format!("{value:.0}"),
+        false => significant(value, 3),
+    }
+}
+
+/// So many digits that count, in plain decimals, without zeros at the end. What is nearer to 0 than 10⁻¹² is 0.
+#[must_use]
+pub fn significant(value: f64, digits: i32) -> String {
+    if value.abs() < 1e-12 {
+        return "0".to_owned();
+    }
+    let places = (digits - 1 - value.abs().log10().floor() as i32).max(0);
+    let text = format!("{value:.0$}", places as usize);
+    match text.contains('.') {
+        true => text.trim_end_matches('0').trim_end_matches('.').to_owned(),
+        false => text,
+    }
+}
+
 /// A share, 0 to 1, in per cent.
 #[must_use]
 pub fn percent(share: f64) -> String {
@@ -267,6 +302,20 @@ mod tests {
         let widths: Vec<usize> = lines[1..5].iter().map(|l| l.chars().count()).collect();
         assert!(widths.iter().all(|width| *width == widths[0]), "{widths:?}");
         assert_eq!(lines[5], "failed: stopped");
+    }
+
+    #[test]
+    fn quantities_have_no_exponents() {
+        let said = [
+            0.0, 1e-3, 2e-4, 0.5, 1000.0, 9_876.0, 1e5, 53_210.0, 2.373e9, 5e12, -0.25,
+        ];
+        let expected = [
+            "0", "0.001", "0.0002", "0.5", "1000", "9876", "100 k", "53.2 k", "2.37 G", "5 T",
+            "-0.25",
+        ];
+        assert_eq!(said.map(quantity), expected);
+        assert_eq!(quantity(f64::INFINITY), "∞");
+        assert_eq!(significant(0.000_012_34, 3), "0.0000123");
     }
 
     #[test]

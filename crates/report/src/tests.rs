@@ -79,6 +79,10 @@ fn the_report_is_whole_self_contained_and_small() {
     ] {
         assert!(html.contains(part), "{part}");
     }
+    assert_closed(&html);
+}
+
+fn assert_closed(html: &str) {
     for tag in [
         "section", "svg", "table", "ul", "figure", "details", "div", "g",
     ] {
@@ -99,4 +103,156 @@ fn text_cannot_become_markup() {
         escape("<a b=\"c\">&\u{7}"),
         "&lt;a b=&quot;c&quot;&gt;&amp; "
     );
+}
+
+/// A number in scientific notation, or a power of ten raised.
+fn has_exponent(html: &str) -> bool {
+    let bytes = html.as_bytes();
+    let is_exponent = |at: usize| {
+        let (before, after) = (bytes[at - 1], &bytes[at + 1..]);
+        let signed = after.strip_prefix(b"-").or(after.strip_prefix(b"+"));
+        let digit = signed.unwrap_or(after).first();
+        before.is_ascii_digit() && digit.is_some_and(u8::is_ascii_digit)
+    };
+    let found = html
+        .match_indices(['e', 'E'])
+        .any(|(at, _)| at > 0 && is_exponent(at));
+    found || html.contains("10⁻") || html.contains("·10")
+}
+
+/// Without scripts, styles and packed numbers.
+fn read_by_people(html: &str) -> String {
+    let mut rest = html;
+    let mut text = String::new();
+    while let Some((before, after)) = rest.split_once("<script") {
+        text += before;
+        rest = after.split_once("</script>").unwrap().1;
+    }
+    text += rest;
+    let (head, body) = text.split_once("<style>").unwrap();
+    head.to_owned() + body.split_once("</style>").unwrap().1
+}
+
+fn dive() -> DiveReport {
+    let plot = |index: usize| Plot {
+        x_label: "dive time, s".into(),
+        y_label: format!("number {index}"),
+        x_is_linear: true,
+        y_is_linear: true,
+        lines: vec![("one".into(), vec![(0.0, 0.0), (1e7, 3e-5)])],
+        ..Plot::default()
+    };
+    let section = report().sections.remove(0);
+    let gaussian = echosplat_model::Gaussian {
+        id: 1,
+        mean_m: glam::Vec3::ONE,
+        rotation: glam::Quat::IDENTITY,
+        scale_m: glam::Vec3::splat(0.03),
+        opacity: 0.5,
+        reflectivity: 0.1,
+        sigma_m: 0.02,
+        position_covariance_m2: echosplat_model::Gaussian::known_alike_m2(0.02),
+        probability: 0.9,
+        standing: echosplat_model::Standing::Confident,
+    };
+    let way = [DVec3::ZERO, DVec3::X, DVec3::ONE];
+    DiveReport {
+        title: "a <dive>".into(),
+        text: "echosplat replay".into(),
+        verdict: "A map of 1 Gaussian; nothing went wrong.".into(),
+        view: MapView::new(&[gaussian], Some(&[0.01]), &way),
+        picture: section.picture.unwrap(),
+        trajectory: Trajectory(
+            (0..3)
+                .zip(way)
+                .map(|(at, place)| (f64::from(at), place))
+                .collect(),
+        ),
+        plots: (0..6).map(plot).collect(),
+        tables: vec![Table {
+            title: "The run".into(),
+            columns: vec!["what".into(), "value".into()],
+            rows: vec![vec!["pairs".into(), table::quantity(2.37e9)]],
+            note: String::new(),
+        }],
+        notes: vec!["a note".into()],
+        machine: vec![("CPU".into(), "two cores".into())],
+    }
+}
+
+#[test]
+fn a_dive_is_told_in_its_order_and_reaches_nowhere() {
+    let html = dive().to_html();
+    let at = |text: &str| html.find(text).unwrap_or_else(|| panic!("{text}"));
+    let order = [
+        "<h1>a &lt;dive&gt;</h1>",
+        "class=\"verdict\"",
+        "id=\"viewer\"",
+        "id=\"flat\"",
+        "<h2>Trajectory</h2>",
+        "<h2>Over the dive</h2>",
+        "<h2>Figures</h2>",
+        "<h2>What was run</h2>",
+    ];
+    assert!(order.map(at).is_sorted());
+    for foreign in [
+        "://",
+        "src=",
+        "href=",
+        "url(",
+        "@import",
+        "fetch(",
+        "new WebSocket",
+    ] {
+        assert!(!html.contains(foreign), "{foreign}");
+    }
+    assert!(html.len() < 250_000, "{} bytes", html.len());
+    assert_closed(&read_by_people(&html));
+}
+
+#[test]
+fn at_most_four_charts_are_drawn_and_no_figure_has_an_exponent() {
+    let html = dive().to_html();
+    let (_, charts) = html.split_once("<h2>Over the dive</h2>").unwrap();
+    let (charts, _) = charts.split_once("</section>").unwrap();
+    assert_eq!(charts.matches("<svg").count(), MOST_CHARTS);
+    for html in [html, report().to_html()] {
+        let text = read_by_people(&html);
+        assert!(!has_exponent(&text), "{text}");
+    }
+    assert!(has_exponent("2.37e9") && has_exponent("1e-4") && !has_exponent("stroke 1 e"));
+}
+
+#[test]
+fn every_picture_has_axes_and_every_map_a_scale() {
+    let html = dive().to_html();
+    let pictures = html
+        .split("<svg")
+        .skip(1)
+        .map(|rest| rest.split("</svg>").next().unwrap());
+    for picture in pictures {
+        assert!(
+            picture.contains("class=\"axis\"") && picture.contains("class=\"tick\""),
+            "{picture}"
+        );
+        let is_map = picture.contains("the map from") || picture.contains("north, m over east, m");
+        assert_eq!(picture.contains("class=\"bar\""), is_map, "{picture}");
+    }
+}
+
+#[test]
+fn a_chart_has_at_most_seven_lines_and_no_line_is_lost() {
+    let line = |index: usize| (format!("line {index}"), vec![(1.0, 1.0), (2.0, 2.0)]);
+    let plot = Plot {
+        lines: (0..16).map(line).collect(),
+        ..Plot::default()
+    };
+    let html = plots_html(&[plot.clone(), plot]);
+    let charts: Vec<usize> = html
+        .split("<svg")
+        .skip(1)
+        .map(|svg| svg.matches("class=\"line\"").count())
+        .collect();
+    assert_eq!(charts, [7, 7, 7, 7, 2, 2]);
+    assert_eq!(html.matches("<details><summary>2 more").count(), 1);
 }

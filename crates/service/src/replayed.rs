@@ -6,7 +6,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use echosplat_bus::Bus;
-use echosplat_driver::{DriverConfig, SonarUrl, Tape, TapeItem};
+use echosplat_driver::{DriverConfig, Pause, SonarUrl, Tape, TapeItem};
 use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_model::Timestamp;
 use echosplat_pose::{PoseSource, PoseUrl};
@@ -30,6 +30,7 @@ pub(crate) const PING_LET_GO: &str = "ping_let_go";
 /// Logs, or the files of one recorded dive.
 pub(crate) struct Replayed {
     paths: Vec<PathBuf>,
+    pause: Pause,
     dive: Option<RecordedDive>,
 }
 
@@ -75,6 +76,7 @@ impl Replayed {
             }
             return Ok(Self {
                 paths: paths.to_owned(),
+                pause: Pause::default(),
                 dive: None,
             });
         }
@@ -85,6 +87,7 @@ impl Replayed {
         let scan = Recording::scan(paths).map_err(Usage::error)?;
         Ok(Self {
             paths: paths.to_owned(),
+            pause: Pause::default(),
             dive: Some(RecordedDive::of(scan)),
         })
     }
@@ -94,6 +97,11 @@ impl Replayed {
         self.dive.as_ref()?.scan.settings.as_deref()
     }
 
+    /// Holds it, and lets it go on.
+    pub(crate) fn pause(&self) -> &Pause {
+        &self.pause
+    }
+
     /// The drivers, one log after another, or one tape of a recorded dive.
     pub(crate) fn inputs(&self, config: &Config, rate: f64) -> Vec<Input> {
         match &self.dive {
@@ -101,7 +109,7 @@ impl Replayed {
             None => self
                 .paths
                 .iter()
-                .map(|log| of_log(log, config, rate))
+                .map(|log| of_log(log, config, rate, &self.pause))
                 .collect(),
         }
     }
@@ -114,6 +122,7 @@ impl Replayed {
             config: DriverConfig {
                 rate,
                 tape_is_log: dive.is_log,
+                pause: Some(self.pause.clone()),
                 session: dive.session.clone().unwrap_or(driver.session),
                 ..driver
             },
@@ -253,11 +262,12 @@ fn foreign(path: &Path, topic: Option<&str>) -> anyhow::Result<PoseSource> {
     Ok(PoseSource::recorded(held))
 }
 
-fn of_log(log: &Path, config: &Config, rate: f64) -> Input {
+fn of_log(log: &Path, config: &Config, rate: f64, pause: &Pause) -> Input {
     let url = SonarUrl::File(log.to_owned());
     Input {
         config: DriverConfig {
             rate,
+            pause: Some(pause.clone()),
             ..inputs::driver(config, url)
         },
         tape: None,

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, UNIX_EPOCH};
 
+use echosplat_driver::Pause;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{Snapshot, Standing};
 use echosplat_recording::ply::{self, MapFile};
@@ -47,6 +48,7 @@ impl Page {
         };
         let service = Arc::new(Service {
             recorder: Mutex::default(),
+            pause: Mutex::default(),
             held_out_every: config.pipeline.hold_back_every,
         });
         let control = Arc::clone(&service);
@@ -74,7 +76,12 @@ impl Page {
 
     /// What is begun and ended from the page.
     pub(crate) fn control(&self, recorder: Option<&Recorder>) {
-        *self.service.lock() = recorder.cloned();
+        *lock(&self.service.recorder) = recorder.cloned();
+    }
+
+    /// What is held and let go on from the page.
+    pub(crate) fn control_replay(&self, pause: &Pause) {
+        *lock(&self.service.pause) = Some(pause.clone());
     }
 
     /// A dive that was replayed is looked at until Ctrl-C.
@@ -93,18 +100,15 @@ impl Page {
 /// What the page can have done.
 struct Service {
     recorder: Mutex<Option<Recorder>>,
+    /// Of what is replayed.
+    pause: Mutex<Option<Pause>>,
     held_out_every: u64,
 }
 
 impl Service {
-    fn lock(&self) -> MutexGuard<'_, Option<Recorder>> {
-        let recorder = self.recorder.lock();
-        recorder.unwrap_or_else(PoisonError::into_inner)
-    }
-
     /// Cloned, so that nobody waits for what is done with it.
     fn recorder(&self) -> Option<Recorder> {
-        self.lock().clone()
+        lock(&self.recorder).clone()
     }
 }
 
@@ -145,6 +149,16 @@ impl Control for Service {
         }
     }
 
+    fn hold_replay(&self, is_held: bool) -> Result<(), String> {
+        match &*lock(&self.pause) {
+            Some(pause) => {
+                pause.set(is_held);
+                Ok(())
+            }
+            None => Err("nothing is replayed here that could be held".to_owned()),
+        }
+    }
+
     fn logs(&self) -> Vec<LogFile> {
         let Some(recorder) = self.recorder() else {
             return Vec::new();
@@ -165,6 +179,10 @@ impl Control for Service {
             recorder.directory().join(PathBuf::from(log.name)),
         ))
     }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 fn log_of(entry: &std::fs::DirEntry) -> Option<LogFile> {

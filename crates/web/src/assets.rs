@@ -2,48 +2,38 @@
 
 use axum::http::header::{CACHE_CONTROL, CONTENT_TYPE};
 use axum::response::{IntoResponse, Response};
+use echosplat_page::FILES;
 
 const HTML: &str = "text/html; charset=utf-8";
 const CSS: &str = "text/css; charset=utf-8";
 const JS: &str = "text/javascript; charset=utf-8";
 const SVG: &str = "image/svg+xml";
 
-/// Name, type and text of every file.
-const FILES: [(&str, &str, &str); 17] = [
-    ("index.html", HTML, include_str!("../page/index.html")),
-    ("style.css", CSS, include_str!("../page/style.css")),
-    ("icon.svg", SVG, include_str!("../page/icon.svg")),
-    ("app.js", JS, include_str!("../page/app.js")),
-    ("camera.js", JS, include_str!("../page/camera.js")),
-    ("charts.js", JS, include_str!("../page/charts.js")),
-    ("colors.js", JS, include_str!("../page/colors.js")),
-    ("connection.js", JS, include_str!("../page/connection.js")),
-    ("history.js", JS, include_str!("../page/history.js")),
-    ("lines.js", JS, include_str!("../page/lines.js")),
-    ("map.js", JS, include_str!("../page/map.js")),
-    ("math.js", JS, include_str!("../page/math.js")),
-    ("panels.js", JS, include_str!("../page/panels.js")),
-    ("renderer.js", JS, include_str!("../page/renderer.js")),
-    ("scene.js", JS, include_str!("../page/scene.js")),
-    ("shaders.js", JS, include_str!("../page/shaders.js")),
-    ("wire.js", JS, include_str!("../page/wire.js")),
-];
+fn kind(name: &str) -> &'static str {
+    match name.rsplit_once('.') {
+        Some((_, "html")) => HTML,
+        Some((_, "css")) => CSS,
+        Some((_, "svg")) => SVG,
+        _ => JS,
+    }
+}
 
 /// The file of this name.
 pub(crate) fn file(name: &str) -> Option<Response> {
-    let (_, kind, text) = FILES.iter().find(|(known, ..)| *known == name)?;
+    let found = FILES.iter().find(|known| known.name == name)?;
     // Small, and another version of the program may answer next.
-    let headers = [(CONTENT_TYPE, *kind), (CACHE_CONTROL, "no-cache")];
-    Some((headers, *text).into_response())
+    let headers = [(CONTENT_TYPE, kind(name)), (CACHE_CONTROL, "no-cache")];
+    Some((headers, found.text).into_response())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use echosplat_page::PageFile;
 
     #[test]
     fn the_page_needs_no_other_host_and_no_root() {
-        for (name, kind, text) in FILES {
+        for PageFile { name, text } in FILES {
             let foreign = text.matches("://").count()
                 - text.matches("http://www.w3.org/").count()
                 - text.matches("\"://\"").count();
@@ -51,15 +41,27 @@ mod tests {
             for absolute in ["from \"/", "src=\"/", "href=\"/", "url(/", "fetch(\"/"] {
                 assert!(!text.contains(absolute), "{name}: {absolute}");
             }
-            assert!(!kind.is_empty() && !text.is_empty());
         }
     }
 
     #[test]
+    fn files_say_what_they_are() {
+        for (name, wanted) in [
+            ("index.html", HTML),
+            ("style.css", CSS),
+            ("icon.svg", SVG),
+            ("app.js", JS),
+        ] {
+            let response = file(name).unwrap();
+            assert_eq!(response.headers()[CONTENT_TYPE], wanted, "{name}");
+        }
+        assert!(file("viewer.js").is_none() && file("none").is_none());
+    }
+
+    #[test]
     fn every_import_is_embedded() {
-        for (name, kind, text) in FILES {
-            let imports = text.split("from \"./").skip(1).filter(|_| kind == JS);
-            for rest in imports {
+        for PageFile { name, text } in FILES {
+            for rest in text.split("from \"./").skip(1) {
                 let wanted = rest.split('"').next().unwrap_or_default();
                 assert!(file(wanted).is_some(), "{name} imports {wanted}");
             }

@@ -49,6 +49,12 @@ pub trait Control: Send + Sync + 'static {
     /// A sentence for whoever asked.
     fn stop_recording(&self) -> Result<(), String>;
 
+    /// Holds what is replayed between two pings, or lets it go on.
+    ///
+    /// # Errors
+    /// A sentence for whoever asked; where a sonar is listened to, nothing can be held.
+    fn hold_replay(&self, is_held: bool) -> Result<(), String>;
+
     /// The recordings there are, newest first.
     fn logs(&self) -> Vec<LogFile>;
 

@@ -7,7 +7,8 @@
 //! | `GET /live` | WebSocket: see [`wire`] |
 //! | `GET /map.ply`, `/map.ambiguous.ply` | the map as it stands |
 //! | `GET /logs`, `/logs/NAME` | recordings as a JSON list, and one of them |
-//! | `POST /recording/start`, `/recording/stop` | the only requests that change anything |
+//! | `POST /recording/start`, `/recording/stop` | begins and ends a recording |
+//! | `POST /replay/pause`, `/replay/resume` | holds what is replayed; with those for recordings all that changes anything |
 //! | `GET /metrics` | every number of the status, for Prometheus |
 //! | `GET /healthz` | 200 while the service reports, else 503 |
 //! | `GET /register_service` | what `BlueOS` asks an extension |
@@ -42,3 +43,4 @@ pub use config::WebConfig;
 pub use control::{Control, LogFile, MapPart};
 pub use feed::Feed;
 pub use server::{About, WebError, WebServer};
+pub use track::{Track, TrackPoint};

@@ -65,6 +65,8 @@ pub(crate) fn router(app: App) -> Router {
         .route("/logs/{name}", get(log))
         .route("/recording/start", post(start_recording))
         .route("/recording/stop", post(stop_recording))
+        .route("/replay/pause", post(pause_replay))
+        .route("/replay/resume", post(resume_replay))
         .route("/metrics", get(prometheus))
         .route("/healthz", get(health))
         .route("/register_service", get(register_service))
@@ -239,25 +241,45 @@ async fn log(State(app): State<App>, Path(name): Path<String>) -> Response {
 }
 
 async fn start_recording(State(app): State<App>) -> Response {
-    switch(app, Control::start_recording).await
+    switch(app, |control| recording(control, Control::start_recording)).await
 }
 
 async fn stop_recording(State(app): State<App>) -> Response {
-    switch(app, Control::stop_recording).await
+    switch(app, |control| recording(control, Control::stop_recording)).await
 }
 
-async fn switch(app: App, act: fn(&dyn Control) -> Result<(), String>) -> Response {
+fn recording(
+    control: &dyn Control,
+    act: fn(&dyn Control) -> Result<(), String>,
+) -> Result<Value, String> {
+    act(control)?;
+    Ok(json!({ "is_recording": control.is_recording() }))
+}
+
+async fn pause_replay(State(app): State<App>) -> Response {
+    switch(app, |control| held(control, true)).await
+}
+
+async fn resume_replay(State(app): State<App>) -> Response {
+    switch(app, |control| held(control, false)).await
+}
+
+fn held(control: &dyn Control, is_held: bool) -> Result<Value, String> {
+    control.hold_replay(is_held)?;
+    Ok(json!({ "is_held": is_held }))
+}
+
+async fn switch(app: App, act: fn(&dyn Control) -> Result<Value, String>) -> Response {
     let Some(busy) = app.0.switching.begin() else {
         return refusal(StatusCode::CONFLICT, "another such request goes on");
     };
     let control = Arc::clone(&app.0.control);
     let done = tokio::task::spawn_blocking(move || {
         let _busy = busy;
-        let done = act(&*control);
-        done.map(|()| control.is_recording())
+        act(&*control)
     });
     match done.await {
-        Ok(Ok(is_recording)) => answer(&json!({ "is_recording": is_recording })),
+        Ok(Ok(said)) => answer(&said),
         Ok(Err(sentence)) => refusal(StatusCode::CONFLICT, &sentence),
         Err(_) => failed(),
     }

@@ -1,4 +1,4 @@
-//! Where the sonar has been, thinned to what a page can draw.
+//! Where the sonar has been, thinned to what a page or a report can draw.
 
 use echosplat_model::glam::DVec3;
 
@@ -9,15 +9,16 @@ const FIRST_STEP_S: f64 = 0.1;
 
 /// Time of the dive and place.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct TrackPoint {
-    pub(crate) dive_s: f64,
-    /// In the poses' frame.
-    pub(crate) place_m: DVec3,
+pub struct TrackPoint {
+    /// Seconds of the dive.
+    pub dive_s: f64,
+    /// In the poses' frame, metres.
+    pub place_m: DVec3,
 }
 
 /// At most 4,096 points over the whole dive.
-#[derive(Debug)]
-pub(crate) struct Track {
+#[derive(Debug, Clone)]
+pub struct Track {
     points: Vec<TrackPoint>,
     step_s: f64,
 }
@@ -32,7 +33,8 @@ impl Default for Track {
 }
 
 impl Track {
-    pub(crate) fn push(&mut self, point: TrackPoint) {
+    /// Adds a place, unless the last is of nearly the same time.
+    pub fn push(&mut self, point: TrackPoint) {
         if let Some(last) = self.points.last()
             && (point.dive_s - last.dive_s).abs() < self.step_s
         {
@@ -49,7 +51,9 @@ impl Track {
         self.points.push(point);
     }
 
-    pub(crate) fn points(&self) -> &[TrackPoint] {
+    /// What is kept, in order of time.
+    #[must_use]
+    pub fn points(&self) -> &[TrackPoint] {
         &self.points
     }
 }

@@ -39,7 +39,7 @@ pub(crate) const MAPPER: &str = "echosplat-mapper";
 pub(crate) const FIRMWARE_PROTOCOL: &str = "echosplat-firmware-protocol";
 
 /// Every crate of the workspace: name, folder, kind.
-pub(crate) const CRATES: [(&str, &str, Kind); 24] = [
+pub(crate) const CRATES: [(&str, &str, Kind); 25] = [
     (FIRMWARE_PROTOCOL, "firmware-protocol/", PURE),
     ("echosplat-model", "crates/model/", PURE),
     ("echosplat-ros", "crates/ros/", PURE),
@@ -55,6 +55,7 @@ pub(crate) const CRATES: [(&str, &str, Kind); 24] = [
     ("echosplat-simulator", "crates/simulator/", PURE_WITH_FILES),
     ("echosplat-prediction", "crates/prediction/", PURE),
     ("echosplat-metrics", "crates/metrics/", PURE_WITH_FILES),
+    ("echosplat-page", "crates/page/", PURE),
     ("echosplat-report", "crates/report/", PURE),
     (DRIVER, "crates/driver/", Kind::Io),
     ("echosplat-bus", "crates/bus/", Kind::Io),

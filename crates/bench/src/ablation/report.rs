@@ -6,7 +6,7 @@ use super::cases::{Case, Part, Variant};
 use super::check::Check;
 use crate::runs::{LeftOut, Outcome, Outcomes};
 use echosplat_metrics::curve::Spread;
-use echosplat_report::table::{aligned, metres, percent};
+use echosplat_report::table::{aligned, metres, percent, quantity};
 use echosplat_report::{FAILED, Plot, Section, Table};
 
 const COLUMNS: [&str; 10] = [
@@ -109,8 +109,8 @@ fn cells(row: &Row) -> [String; 10] {
         shown(percent(row.confident_false_share.median)),
         row.held_back_gain
             .map_or("–".to_owned(), |gain| format!("{:+.3}", gain.median)),
-        shown(format!("{:.2e}", row.pairs.median)),
-        shown(format!("{:.2e}", row.voxel_looks.median)),
+        shown(quantity(row.pairs.median)),
+        shown(quantity(row.voxel_looks.median)),
         shown(format!("{:.2}", row.compute_s.median)),
         shown(format!("{:.2}", row.finish_s.median)),
         match left_out.is_empty() {

@@ -6,7 +6,7 @@ use super::cases::{Case, Line};
 use super::sweeps::{Point, Sweep};
 use crate::runs::{Ending, Outcome, Outcomes};
 use echosplat_metrics::curve::Spread;
-use echosplat_report::table::{metres, percent};
+use echosplat_report::table::{metres, percent, quantity};
 use echosplat_report::{FAILED, Mark, Plot, Section, Table};
 
 const COLUMNS: [&str; 12] = [
@@ -148,7 +148,7 @@ fn cells(endings: &Endings) -> [String; 12] {
     let [converged, budget, degenerate, rejected] = endings.counts;
     let runs: usize = endings.counts.iter().sum();
     let counted = |value: Spread| match value.median.is_finite() {
-        true => format!("{:.2e}", value.median),
+        true => quantity(value.median),
         false => "–".to_owned(),
     };
     let of_runs = |text: String| {
@@ -184,9 +184,9 @@ pub(crate) fn sweep_section(sweep: &Sweep, results: &Outcomes) -> Section {
     let plot = |x_label: &str, cost: fn(&Point) -> f64| Plot {
         x_label: x_label.to_owned(),
         y_label: "CD, m".to_owned(),
-        x_is_linear: false,
         lines: lines(&points, cost),
         marks: points.iter().map(|point| mark(point, cost)).collect(),
+        ..Plot::default()
     };
     Section {
         title: format!("Settings: {}, survey, nominal", sweep.scene),
@@ -251,7 +251,7 @@ fn sweep_table(points: &[Point]) -> Table {
             },
             point.value.clone(),
             format!("{:.2}", point.compute_s),
-            format!("{:.3e}", point.work as f64),
+            quantity(point.work as f64),
             metres(point.cd_m),
             percent(point.confident_false_share),
             front.to_owned(),

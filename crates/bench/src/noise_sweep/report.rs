@@ -198,6 +198,7 @@ fn plot(rows: &[Row], y: &str, value: fn(&Row) -> f64, limit: (f64, Option<f64>)
         x_label: "strongest echo over mean noise, dB".to_owned(),
         y_label: y.to_owned(),
         x_is_linear: true,
+        y_is_linear: false,
         lines: vec![
             line(NoiseLevel::Field),
             line(NoiseLevel::Nominal),

@@ -3,7 +3,7 @@
 use super::limit::{Row, Verdict};
 use super::sections::Section;
 use crate::runs::{Outcome, Outcomes};
-use echosplat_report::table::{self, metres, percent};
+use echosplat_report::table::{self, metres, percent, quantity};
 use echosplat_report::{FAILED, Section as Chapter, Table};
 
 const ROW_COLUMNS: [&str; 9] = [
@@ -123,8 +123,8 @@ fn run_cells(name: &str, outcome: &Outcome) -> [String; 13] {
         metres(outcome.mid_dive_cd_m),
         format!("{:.1}", work.compute_s),
         format!("{:.1}", work.compute_s - outcome.streamed.compute_s),
-        format!("{:.2e}", work.pairs as f64),
-        format!("{:.2e}", work.voxel_looks as f64),
+        quantity(work.pairs as f64),
+        quantity(work.voxel_looks as f64),
         format!("{} + {}", metrics.confident_count, metrics.ambiguous_count),
         metrics.normals.map_or_else(none, normals),
         outcome.held_back.map_or_else(none, gain),

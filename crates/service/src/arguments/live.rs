@@ -140,7 +140,7 @@ pub struct ReplayArguments {
     /// The default; kept for scripts
     #[arg(long, hide = true, conflicts_with = "publish")]
     pub(crate) no_publish: bool,
-    /// Where the report goes, error against time as HTML; beside --map without
+    /// Where the report goes, one HTML file; with --truth beside --map without
     #[arg(long, value_name = "OUT.html")]
     pub(crate) report: Option<PathBuf>,
     /// Print one JSON object on standard output

@@ -7,7 +7,7 @@ use echosplat_model::PosedPing;
 use echosplat_prediction::held_back::{HeldBack, Pair, is_fitted_on, is_held_back, score};
 use echosplat_prediction::{MapRenderer, blank_bins, pair_of};
 use echosplat_recording::ply::MapFile;
-use echosplat_report::table;
+use echosplat_report::table::{self, significant};
 use echosplat_report::{Column, Panel, SonarImage};
 use serde_json::{Map, Value};
 
@@ -201,20 +201,20 @@ fn account(found: &HeldBack) -> String {
     let HeldBack { map, constant, .. } = found;
     format!(
         "{} held-out pings, {} bins: {:+.4} nats per bin against a constant\n\
-         the map: log likelihood {:.4} per bin ({} looks), L1 {:.4e}; gain {:.3}, noise floor {:.3e}\n\
-         a constant of {:.3e}: log likelihood {:.4} per bin ({} looks), L1 {:.4e}",
+         the map: log likelihood {:.4} per bin ({} looks), L1 {}; gain {:.3}, noise floor {}\n\
+         a constant of {}: log likelihood {:.4} per bin ({} looks), L1 {}",
         found.ping_count,
         found.bin_count,
         found.gain_per_bin,
         map.log_likelihood_per_bin,
         rounded(map.looks),
-        map.l1,
+        significant(map.l1, 5),
         found.gain,
-        found.noise_floor,
-        found.constant_level,
+        significant(found.noise_floor, 4),
+        significant(found.constant_level, 4),
         constant.log_likelihood_per_bin,
         rounded(constant.looks),
-        constant.l1,
+        significant(constant.l1, 5),
     )
 }
 

@@ -1,5 +1,5 @@
-//! Judges maps while the next ones are made: on a thread of its own, whose time is not the
-//! mapper's, with a line for each as soon as it is judged.
+//! Looks at maps while the next ones are made, and judges them where a truth is known: on a thread of its
+//! own, whose time is not the mapper's, with a line for each as soon as it is judged.
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -8,19 +8,21 @@ use std::thread::JoinHandle;
 use anyhow::{Context, anyhow};
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
 use echosplat_metrics::curve::{Curve, Sample};
-use echosplat_metrics::{MapPoints, Metrics, Truth, evaluate, evaluate_raw};
-use echosplat_report::table;
-use echosplat_report::{Picture, Section, Table};
+use echosplat_metrics::{MapPoints, Metrics, Truth, distances_to_truth, evaluate, evaluate_raw};
+use echosplat_model::{Snapshot, Standing};
+use echosplat_report::{Picture, Trajectory, table};
 use echosplat_web::Feed;
-use serde_json::Value;
 
 use crate::logging;
-use crate::pipeline::{Observed, Observer, Outcome, Schedule};
+use crate::pipeline::{Observed, Observer, Outcome, Schedule, Way};
 
 /// Time between two maps that are judged, on the dive's clock.
 const JUDGED_EVERY_S: f64 = 10.0;
 /// Maps that wait to be judged. The mapper never waits: more are left out and counted.
 const QUEUE: usize = 64;
+
+/// Most moments of which counts are kept; when they are full every other one goes.
+const MAX_MOMENTS: usize = 4096;
 
 /// A thread that judges.
 pub(super) struct Judge {
@@ -28,27 +30,52 @@ pub(super) struct Judge {
     thread: JoinHandle<Judged>,
     newest: Arc<Mutex<Option<Sample>>>,
     left_out: Arc<AtomicU64>,
+    way: Way,
     lines: bool,
 }
 
+/// How a truth is found out, on the judge's thread.
+pub(super) type TruthOf = Box<dyn FnOnce() -> Truth + Send>;
+
 /// What the thread leaves.
 struct Judged {
-    truth: Truth,
+    truth: Option<Truth>,
     samples: Vec<Sample>,
+    growth: Vec<Growth>,
+}
+
+/// How much map there was at a moment.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Growth {
+    pub(super) dive_s: f64,
+    pub(super) compute_s: f64,
+    pub(super) confident: usize,
+    pub(super) ambiguous: usize,
 }
 
 /// What a run was worth.
 pub(super) struct Verdict {
     pub(super) picture: Picture,
+    pub(super) trajectory: Trajectory,
+    pub(super) growth: Vec<Growth>,
+    /// Where a truth is known.
+    pub(super) against_truth: Option<AgainstTruth>,
+}
+
+/// How far a run's maps were from the truth.
+pub(super) struct AgainstTruth {
+    /// Of the final map.
     pub(super) metrics: Metrics,
     pub(super) curve: Curve,
+    /// Of each of the final map's Gaussians, metres.
+    pub(super) errors_m: Vec<f64>,
 }
 
 impl Judge {
-    /// Finds out the truth, and then waits for maps; `lines` says each on standard output, and a page
-    /// draws them.
+    /// Finds out the truth, if there is one, and then waits for maps; `lines` says each that is judged on standard
+    /// output, and a page draws them.
     pub(super) fn start(
-        truth: impl FnOnce() -> Truth + Send + 'static,
+        truth: Option<TruthOf>,
         lines: bool,
         page: Option<Feed>,
     ) -> anyhow::Result<Self> {
@@ -57,13 +84,14 @@ impl Judge {
         let shown = Arc::clone(&newest);
         let thread = std::thread::Builder::new()
             .name("judge".to_owned())
-            .spawn(move || judge_all(truth(), &receiver, &shown, lines, page.as_ref()))
+            .spawn(move || judge_all(truth, &receiver, &shown, lines, page.as_ref()))
             .context("cannot start the judge's thread")?;
         Ok(Self {
             observed: sender,
             thread,
             newest,
             left_out: Arc::default(),
+            way: Way::default(),
             lines,
         })
     }
@@ -79,6 +107,11 @@ impl Judge {
                 }
             }),
         }
+    }
+
+    /// Where the run says where the sonar was.
+    pub(super) fn way(&self) -> Way {
+        Arc::clone(&self.way)
     }
 
     /// The newest sample.
@@ -98,8 +131,23 @@ impl Judge {
             tracing::warn!(left_out, "maps came faster than they could be judged");
         }
         let points = MapPoints::from(&*outcome.snapshot);
-        let metrics = evaluate(&points, &judged.truth);
+        let mut growth = judged.growth;
         let report = &outcome.status.report;
+        growth.push(grown(
+            &outcome.snapshot,
+            report.dive_s,
+            report.work.compute_s,
+        ));
+        let mut verdict = Verdict {
+            picture: Picture::of_map(&points),
+            trajectory: trajectory(&self.way),
+            growth,
+            against_truth: None,
+        };
+        let Some(truth) = judged.truth else {
+            return Ok(verdict);
+        };
+        let metrics = evaluate(&points, &truth);
         let last = Sample {
             dive_s: report.dive_s,
             compute_s: report.work.compute_s,
@@ -114,68 +162,86 @@ impl Judge {
         let mut curve = Curve::new("online", seed);
         curve.samples = judged.samples;
         curve.samples.push(last);
-        Ok(Verdict {
-            picture: Picture::new(&points, &judged.truth),
+        verdict.picture = Picture::new(&points, &truth);
+        verdict.against_truth = Some(AgainstTruth {
             metrics,
             curve,
-        })
+            errors_m: errors_m(&outcome.snapshot, &truth),
+        });
+        Ok(verdict)
     }
 }
 
-impl Verdict {
-    /// Curves, figures, picture and what the run took, `summary` as `--json` has it.
-    pub(super) fn section(&self, title: String, text: String, summary: &Value) -> Section {
-        Section {
-            title,
-            text,
-            curves: vec![self.curve.clone()],
-            metrics: Some(self.metrics),
-            picture: Some(self.picture.clone()),
-            tables: vec![run_table(summary)],
-            ..Section::default()
-        }
-    }
+/// Of all Gaussians alike, in their order.
+fn errors_m(snapshot: &Snapshot, truth: &Truth) -> Vec<f64> {
+    let place = |mean: glam::Vec3| match mean.is_finite() {
+        true => snapshot.origin_m + mean.as_dvec3(),
+        false => snapshot.origin_m,
+    };
+    let places = snapshot.gaussians.iter().map(|g| place(g.mean_m));
+    distances_to_truth(&MapPoints::of_positions(places).confident, truth)
+}
 
-    /// Figures worth reading first.
-    pub(super) fn highlights(&self) -> Vec<(String, String)> {
-        let metrics = &self.metrics;
-        let figure = |name: &str, value: String| (name.to_owned(), value);
-        vec![
-            figure("Chamfer distance", table::metres(metrics.cd_m) + " m"),
-            figure("Hausdorff distance", table::metres(metrics.hd_m) + " m"),
-            figure("Gaussians", metrics.confident_count.to_string()),
-        ]
+fn trajectory(way: &Way) -> Trajectory {
+    let way = way.lock().unwrap_or_else(PoisonError::into_inner);
+    let points = way.points().iter();
+    Trajectory(points.map(|point| (point.dive_s, point.place_m)).collect())
+}
+
+fn grown(map: &Snapshot, dive_s: f64, compute_s: f64) -> Growth {
+    let is_asserted = |g: &&echosplat_model::Gaussian| g.standing == Standing::Confident;
+    let confident = map.gaussians.iter().filter(is_asserted).count();
+    Growth {
+        dive_s,
+        compute_s,
+        confident,
+        ambiguous: map.gaussians.len() - confident,
     }
 }
 
 fn judge_all(
-    truth: Truth,
+    truth: Option<TruthOf>,
     observed: &Receiver<Observed>,
     newest: &Mutex<Option<Sample>>,
     lines: bool,
     page: Option<&Feed>,
 ) -> Judged {
-    let mut samples = Vec::new();
+    let mut judged = Judged {
+        truth: truth.map(|truth| truth()),
+        samples: Vec::new(),
+        growth: Vec::new(),
+    };
     for observed in observed {
+        let moment = observed.moment;
+        if judged.growth.len() == MAX_MOMENTS {
+            let mut index = 0;
+            judged.growth.retain(|_| {
+                index += 1;
+                index % 2 == 1
+            });
+        }
+        let growth = grown(&observed.snapshot, moment.dive_s, moment.compute_s);
+        judged.growth.push(growth);
+        let Some(truth) = &judged.truth else { continue };
         let sample = Sample {
-            dive_s: observed.moment.dive_s,
-            compute_s: observed.moment.compute_s,
-            pair_count: observed.moment.pairs,
-            voxel_looks: observed.moment.voxel_looks,
-            ping_count: observed.moment.pings,
-            metrics: evaluate_raw(&MapPoints::from(&*observed.snapshot), &truth),
+            dive_s: moment.dive_s,
+            compute_s: moment.compute_s,
+            pair_count: moment.pairs,
+            voxel_looks: moment.voxel_looks,
+            ping_count: moment.pings,
+            metrics: evaluate_raw(&MapPoints::from(&*observed.snapshot), truth),
         };
         if lines {
-            say(&sample, samples.is_empty());
+            say(&sample, judged.samples.is_empty());
         }
         if let Some(page) = page {
             let (cd_m, hd_m) = (sample.metrics.cd_m, sample.metrics.hd_m);
             page.error(sample.dive_s, cd_m, hd_m);
         }
         *newest.lock().unwrap_or_else(PoisonError::into_inner) = Some(sample);
-        samples.push(sample);
+        judged.samples.push(sample);
     }
-    Judged { truth, samples }
+    judged
 }
 
 /// A line of the table, the first with its head.
@@ -184,30 +250,4 @@ fn say(sample: &Sample, is_first: bool) {
         logging::print(&format!("{}\n{}", table::CAPTION, table::header()));
     }
     logging::print(&table::row(sample));
-}
-
-fn run_table(summary: &Value) -> Table {
-    let row = |name: &str, field: &str| {
-        let value = summary[field].as_f64().unwrap_or(0.0);
-        let shown = match value.fract() == 0.0 {
-            true => format!("{value:.0}"),
-            false => format!("{value:.2}"),
-        };
-        vec![name.to_owned(), shown]
-    };
-    Table {
-        title: "The run".to_owned(),
-        columns: vec!["what".to_owned(), "value".to_owned()],
-        rows: vec![
-            row("pings received", "pings_received"),
-            row("pings mapped", "pings_mapped"),
-            row("pings without a pose", "pings_without_pose"),
-            row("damaged frames", "frames_bad"),
-            row("processor seconds of the mapper", "compute_s"),
-            row("seconds by the clock", "wall_s"),
-            row("Gaussian–bin pairs", "pairs"),
-            row("most memory held, bytes", "peak_memory_bytes"),
-        ],
-        note: String::new(),
-    }
 }

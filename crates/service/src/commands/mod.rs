@@ -3,6 +3,7 @@
 mod calibrate;
 mod check;
 mod demo;
+mod dive_report;
 mod emulate;
 mod evaluate;
 mod export;

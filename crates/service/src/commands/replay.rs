@@ -4,12 +4,12 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use echosplat_pose::PoseUrl;
-use echosplat_report::Report;
 use echosplat_report::table;
 use serde_json::Value;
 
 use crate::arguments::ReplayArguments;
-use crate::commands::judging::{Judge, Verdict};
+use crate::commands::dive_report::{self, Heading};
+use crate::commands::judging::{Judge, TruthOf};
 use crate::commands::show_figures;
 use crate::config::{Config, Overrides};
 use crate::exit::{Finish, Usage};
@@ -17,7 +17,7 @@ use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Outcome, Part, Set
 use crate::replayed::Replayed;
 use crate::signals::Stop;
 use crate::web::Page;
-use crate::{clock, inputs, logging, maps, processor, truth};
+use crate::{clock, inputs, logging, maps, truth};
 
 /// # Errors
 /// If something asked for cannot be, or the map cannot be written.
@@ -28,11 +28,6 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
         maps::prepare(map)?;
     }
     let report = report_path(arguments, &config);
-    if arguments.report.is_some() && report.is_none() {
-        return Err(Usage::error(
-            "--report needs a --truth to judge by".to_owned(),
-        ));
-    }
     if let Some(report) = &report {
         maps::prepare(report)?;
     }
@@ -40,7 +35,7 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
     let page = Page::start(&config)?;
     let mut epoch = clock::now().nanos().unsigned_abs();
     loop {
-        let judge = judge(arguments, &config, page.as_ref())?;
+        let judge = judge(arguments, &config, report.as_deref(), page.as_ref())?;
         let outcome = once(
             arguments,
             &replayed,
@@ -95,26 +90,30 @@ fn poses_url(arguments: &ReplayArguments, config: &Config) -> Option<PoseUrl> {
     asked_poses(arguments).or(of_file)
 }
 
-/// Where `--report` says, or beside the map; nowhere without a truth.
+/// Where `--report` says or, with a truth, beside the map.
 fn report_path(arguments: &ReplayArguments, config: &Config) -> Option<PathBuf> {
     let output = &config.output;
     let beside = || output.map.as_ref().map(|map| map.with_extension("html"));
-    output.truth.as_ref()?;
-    arguments.report.clone().or_else(beside)
+    let judged = output.truth.as_ref().and_then(|_| beside());
+    arguments.report.clone().or(judged)
 }
 
 /// With `--json`, standard output is one object and nothing else.
 fn judge(
     arguments: &ReplayArguments,
     config: &Config,
+    report: Option<&Path>,
     page: Option<&Page>,
 ) -> anyhow::Result<Option<Judge>> {
-    let Some(path) = &config.output.truth else {
-        return Ok(None);
+    let truth = match &config.output.truth {
+        Some(path) => Some(truth::load(path)?),
+        None => None,
     };
-    let truth = truth::load(path)?;
-    let feed = page.map(Page::feed);
-    Judge::start(move || truth, !arguments.json, feed).map(Some)
+    if truth.is_none() && report.is_none() {
+        return Ok(None);
+    }
+    let truth = truth.map(|truth| -> TruthOf { Box::new(move || truth) });
+    Judge::start(truth, !arguments.json, page.map(Page::feed)).map(Some)
 }
 
 fn once(
@@ -138,6 +137,7 @@ fn once(
     let recorder = inputs::recorder(config, session, true)?;
     if let Some(page) = page {
         page.control(recorder.as_ref());
+        page.control_replay(replayed.pause());
     }
     let poses = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
     let setup = Setup {
@@ -156,6 +156,7 @@ fn once(
         },
         hooks: Hooks {
             observer: judge.map(Judge::observer),
+            way: judge.map(Judge::way),
             album: Album::parse(arguments.service.maps_every.as_deref())?,
             on_status: Some(show_figures()),
             page: page.map(Page::feed),
@@ -220,15 +221,18 @@ fn conclude(
     summary["metrics"] = Value::Null;
     if let Some(judge) = judge {
         let verdict = judge.finish(outcome, config.sonar.seed)?;
-        for (name, value) in table::facts(&verdict.metrics) {
-            tracing::info!("{name}: {value}");
-        }
         if let Some(report) = report {
-            std::fs::write(report, html(&verdict, &summary))
+            let page = dive_report::html(heading(arguments), outcome, &verdict, &summary);
+            std::fs::write(report, page)
                 .with_context(|| format!("cannot write {}", report.display()))?;
             tracing::info!(report = %report.display(), "report written");
         }
-        summary["metrics"] = serde_json::to_value(verdict.metrics)?;
+        if let Some(found) = &verdict.against_truth {
+            for (name, value) in table::facts(&found.metrics) {
+                tracing::info!("{name}: {value}");
+            }
+            summary["metrics"] = serde_json::to_value(found.metrics)?;
+        }
     }
     match arguments.json {
         true => logging::print(&summary.to_string()),
@@ -237,17 +241,16 @@ fn conclude(
     Ok(outcome.finish())
 }
 
-fn html(verdict: &Verdict, summary: &Value) -> String {
-    let text = "The map at moments of the dive, and at its end, against the truth. Maps made only \
-                to be judged count neither as work nor as time.";
-    let section = verdict.section("Error against time".to_owned(), text.to_owned(), summary);
-    let report = Report {
-        title: "EchoSplat replay".to_owned(),
-        subtitle: "echosplat replay".to_owned(),
-        highlights: verdict.highlights(),
-        machine: processor::description(),
-        sections: vec![section],
-        ..Report::default()
-    };
-    report.to_html()
+fn heading(arguments: &ReplayArguments) -> Heading {
+    let names = arguments.logs.iter();
+    let names: Vec<String> = names
+        .filter_map(|log| Some(log.file_name()?.to_string_lossy().into_owned()))
+        .collect();
+    Heading {
+        title: format!("EchoSplat replay: {}", names.join(", ")),
+        text: "echosplat replay: the pipeline from logs. Maps made only to be judged count neither as work nor as \
+               time."
+            .to_owned(),
+        seed: None,
+    }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use crossbeam_channel::Sender;
 use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, RawTap,
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, Pause, RawTap,
     SonarUrl, Tape,
 };
 use echosplat_liveness::Heartbeat;
@@ -53,6 +53,8 @@ pub(crate) struct Drivers {
     events: Option<Sender<DriverEvent>>,
     /// Of all inputs, if all say it.
     byte_count: Option<u64>,
+    /// Of what is replayed.
+    pause: Option<Pause>,
 }
 
 impl Drivers {
@@ -69,6 +71,7 @@ impl Drivers {
             running: None,
             link: None,
             byte_count: inputs.iter().map(|input| input.byte_count).sum(),
+            pause: inputs.first().and_then(|input| input.config.pause.clone()),
             waiting: inputs.into(),
             done: Vec::new(),
             tap,
@@ -83,6 +86,11 @@ impl Drivers {
         let byte_count = self.byte_count.filter(|&count| count > 0)?;
         let read = self.status().session.bytes_received;
         Some((read as f64 / byte_count as f64).min(1.0))
+    }
+
+    /// Whether somebody holds what is replayed; `None` where nothing is.
+    pub(crate) fn is_held(&self) -> Option<bool> {
+        self.pause.as_ref().map(Pause::is_set)
     }
 
     /// Inputs, begun or not.

@@ -27,7 +27,7 @@ mod telling;
 mod worker;
 
 use std::collections::HashSet;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Instant;
 
@@ -38,7 +38,7 @@ use echosplat_driver::{DriverEvent, DriverStatus};
 use echosplat_liveness::{Drill, Heartbeat};
 use echosplat_mapper::Mapper;
 use echosplat_model::Snapshot;
-use echosplat_web::Feed;
+use echosplat_web::{Feed, Track};
 
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
@@ -129,12 +129,16 @@ pub(crate) struct Hooks {
     pub(crate) is_over: Option<IsOver>,
     /// Called with the final map once it is published, while others can still ask for it.
     pub(crate) on_final: Option<OnFinal>,
+    /// Takes where the sonar was, for a report.
+    pub(crate) way: Option<Way>,
     /// Shows what there is to show.
     pub(crate) page: Option<Feed>,
     /// Of the threads of the page, which the run goes on without.
     pub(crate) page_heartbeats: Vec<Heartbeat>,
 }
 
+/// Where the sonar was; shared with whoever asks when the run is over.
+pub(crate) type Way = Arc<Mutex<Track>>;
 pub(crate) type OnStatus = Box<dyn FnMut(&Status)>;
 pub(crate) type IsOver = Box<dyn FnMut(&DriverStatus) -> bool>;
 pub(crate) type OnFinal = Box<dyn FnOnce(&Snapshot)>;

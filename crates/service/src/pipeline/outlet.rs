@@ -1,13 +1,14 @@
 //! Where pings and maps go from the mapper's thread: nothing here waits for anyone.
 
-use std::sync::Arc;
+use std::sync::{Arc, MutexGuard, OnceLock, PoisonError};
 use std::time::Instant;
 
 use bytes::Bytes;
 use echosplat_bus::{Bus, MapPublisher, RosPublisher, Sent};
-use echosplat_model::{Ping, PosedPing, Snapshot};
-use echosplat_web::Feed;
+use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
+use echosplat_web::{Feed, Track, TrackPoint};
 
+use super::Way;
 use super::prediction::{Predicted, Prediction};
 use crate::clock;
 
@@ -88,6 +89,8 @@ pub(crate) struct Outlet {
     made: Option<Sent>,
     prediction: Option<Prediction>,
     page: Option<Feed>,
+    way: Option<Way>,
+    first_time: OnceLock<Timestamp>,
 }
 
 impl Outlet {
@@ -109,6 +112,8 @@ impl Outlet {
             made: None,
             prediction: None,
             page: None,
+            way: None,
+            first_time: OnceLock::new(),
         }
     }
 
@@ -120,6 +125,9 @@ impl Outlet {
     /// Maps from now on are of another world than those before.
     pub(crate) fn begin_epoch(&mut self) {
         self.epoch += 1;
+        if let Some(way) = &self.way {
+            *lock(way) = Track::default();
+        }
         if let Some(page) = &self.page {
             page.begin_epoch();
         }
@@ -140,8 +148,21 @@ impl Outlet {
         Self { page, ..self }
     }
 
+    /// The same, keeping where the sonar was.
+    pub(crate) fn with_way(self, way: Option<Way>) -> Self {
+        Self { way, ..self }
+    }
+
     /// A ping with its pose, whether or not it goes into the map.
     pub(crate) fn posed(&self, posed: &PosedPing) {
+        if let Some(way) = &self.way {
+            let time = posed.ping.transmit_time();
+            let first = self.first_time.get_or_init(|| time);
+            lock(way).push(TrackPoint {
+                dive_s: time.seconds_since(*first),
+                place_m: posed.world_from_sensor.translation_m,
+            });
+        }
         if let Some(page) = &self.page {
             page.posed(posed);
         }
@@ -217,6 +238,10 @@ impl Outlet {
         }
         snapshot
     }
+}
+
+fn lock(way: &Way) -> MutexGuard<'_, Track> {
+    way.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 #[cfg(test)]

@@ -310,5 +310,6 @@ fn outlet(
         .predicting(prediction)
         .told_to_ros(published.ros.clone())
         .shown_on(setup.hooks.page.clone())
+        .with_way(setup.hooks.way.clone())
         .of_epoch(setup.epoch)
 }

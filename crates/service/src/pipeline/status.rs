@@ -55,6 +55,8 @@ pub(crate) struct Status {
     pub(crate) map_fault: Option<String>,
     /// That another service maps under the same name.
     pub(crate) other_service: Option<String>,
+    /// Whether a replay is held; `null` where nothing is replayed.
+    pub(crate) replay_is_held: Option<bool>,
     /// Whether the threads of the run are alive.
     pub(crate) parts: Vec<PartReport>,
     /// What is wrong, and what was.
@@ -178,6 +180,7 @@ impl Status {
             recording_fault: None,
             map_fault: None,
             other_service: None,
+            replay_is_held: None,
             parts: Vec::new(),
             notices: Vec::new(),
             newest_notice: None,

@@ -99,6 +99,7 @@ impl Run {
                 .map(str::to_owned)
                 .or_else(|| self.album.as_ref().and_then(AlbumWriter::fault)),
             other_service: other_service(&others.unwrap_or_default()),
+            replay_is_held: self.drivers.is_held(),
             parts: self.supervisor.reports(),
             notices: self.notices.all(),
             newest_notice: self.notices.newest_standing().map(str::to_owned),

@@ -86,7 +86,7 @@ impl Outcome {
                 row("processor seconds", format!("{compute_s:.1}"), none()),
                 row(
                     "Gaussian–pixel pairs",
-                    format!("{:.3e}", self.pairs as f64),
+                    table::quantity(self.pairs as f64),
                     none(),
                 ),
                 row(

@@ -48,11 +48,8 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
     let (scene, dive) = (Arc::clone(sonar.scene()), Arc::clone(sonar.dive()));
     let page = Page::start(&config)?;
     let feed = page.as_ref().map(Page::feed);
-    let judge = Judge::start(
-        move || truth::of_simulated(&scene, &dive),
-        true,
-        feed.clone(),
-    )?;
+    let truth = move || truth::of_simulated(&scene, &dive);
+    let judge = Judge::start(Some(Box::new(truth)), true, feed.clone())?;
     let buses = Buses::open(&config.bus)?;
     let received = Arc::new(Mutex::new(None));
     let mut setup = set_up(&config, sonar, &buses, &judge, &received)?;
@@ -138,6 +135,7 @@ fn set_up(
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             observer: Some(judge.observer()),
+            way: Some(judge.way()),
             album: None,
             on_status: Some(progress(length_s, judge.newest())),
             is_over: Some(rig.end_of_dive()),
@@ -244,7 +242,7 @@ fn conclude(
         .context("the subscriber was never asked")??;
     let same = compare(&outcome.snapshot, &received)?;
     let report = arguments.out.join("report.html");
-    std::fs::write(&report, results.html(same))
+    std::fs::write(&report, results.html(outcome, same))
         .with_context(|| format!("cannot write {}", report.display()))?;
     logging::print(&outcome.status.account());
     logging::print(&format!(

@@ -1,10 +1,10 @@
 //! The demo's results as one HTML file.
 
-use echosplat_report::Report;
 use serde_json::Value;
 
+use crate::commands::dive_report::{self, Heading};
 use crate::commands::judging::Verdict;
-use crate::processor;
+use crate::pipeline::Outcome;
 
 /// What the demo came to.
 pub(super) struct Results {
@@ -18,25 +18,18 @@ pub(super) struct Results {
 
 impl Results {
     /// `received_count` Gaussians were found the same at the subscriber's end.
-    pub(super) fn html(&self, received_count: usize) -> String {
+    pub(super) fn html(&self, outcome: &Outcome, received_count: usize) -> String {
         let text = format!(
-            "A simulated OmniScan 450 with {} noise, over TCP on loopback, poses over zenoh; the \
+            "echosplat demo: a simulated OmniScan 450 with {} noise, over TCP on loopback, poses over zenoh; the \
              service as it runs at sea. A subscriber in a session of its own received the same \
              {received_count} Gaussians.",
             self.noise
         );
-        let section = self
-            .verdict
-            .section(self.title.clone(), text, &self.summary);
-        let report = Report {
-            title: "EchoSplat demo".to_owned(),
-            subtitle: "echosplat demo".to_owned(),
-            highlights: self.verdict.highlights(),
-            machine: processor::description(),
-            seeds: vec![self.seed],
-            notes: Vec::new(),
-            sections: vec![section],
+        let heading = Heading {
+            title: format!("EchoSplat demo: {}", self.title),
+            text,
+            seed: Some(self.seed),
         };
-        report.to_html()
+        dive_report::html(heading, outcome, &self.verdict, &self.summary)
     }
 }

@@ -6,6 +6,7 @@ const MAPS = {
   sigma: ["#1f9e89", "#6cbf5f", "#d9c43f", "#ee8a3a", "#d8435c"],
   strength: ["#3d3a86", "#7a3b98", "#b9437e", "#e66a57", "#f5a54a", "#f3dc7a"],
   age: ["#ffd166", "#f2915c", "#c0628a", "#7f5ba8", "#5a6bb0", "#5c7f9e"],
+  error: ["#12806f", "#6fa53f", "#d9a520", "#e8762c", "#cc1f2f"],
   echo: ["#081224", "#10315c", "#15608c", "#1c9a9a", "#7cc77b", "#f2d95c", "#fff6d6"],
 };
 
@@ -16,7 +17,11 @@ export const MODES = {
   sigma: { name: "Sigma", unit: "m", says: "uncertainty of the place, one sigma" },
   strength: { name: "Strength", unit: "dB", says: "opacity × reflectivity" },
   age: { name: "Age", unit: "s", says: "of the dive since it last changed here" },
+  error: { name: "Error", unit: "m", says: "distance from the nearest truth; further is the last colour" },
 };
+
+/// What can be coloured by while a dive goes on, when nobody knows the truth.
+export const LIVE_MODES = Object.fromEntries(Object.entries(MODES).filter(([name]) => name !== "error"));
 
 const rgb = (hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
 

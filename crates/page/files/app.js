@@ -2,12 +2,13 @@
 
 import { Camera } from "./camera.js";
 import { drawErrors, Pings } from "./charts.js";
-import { gradient, MODES, unitRgb } from "./colors.js";
+import { gradient, LIVE_MODES, MODES, unitRgb } from "./colors.js";
 import { Connection } from "./connection.js";
 import { History } from "./history.js";
 import { LOST_THREAD, MapModel, OLD, summary } from "./map.js";
-import { clamp, length, mix, roundStep, rotated, scaled, shown, sub } from "./math.js";
+import { clamp, mix, rotated, shown, sub } from "./math.js";
 import { Panels } from "./panels.js";
+import { colorRange, drawGizmo, ended, fitted, sceneColors, showScale, SIDES } from "./picture.js";
 import { Renderer } from "./renderer.js";
 import { Scene } from "./scene.js";
 import { parse } from "./wire.js";
@@ -54,13 +55,16 @@ const state = {
   frameMs: 16,
   latencies: [],
   waiting: [],
+  /// When each of the newest pings was sent here, and how long until a map that holds it was drawn, ms.
+  pingsSent: new Map(),
+  pingLatencies: [],
   movedAt: 0,
   asksAgainAt: 0,
   updates: 0,
   updatedAt: 0,
   throttledUntil: 0,
 };
-if (!MODES[state.mode]) state.mode = "height";
+if (!LIVE_MODES[state.mode]) state.mode = "height";
 
 let renderer = null;
 try {
@@ -115,7 +119,7 @@ const connection = new Connection({
   },
   binary(buffer) {
     const message = parse(buffer);
-    if (message.kind === "ping") pings.push(message.header, message.payload);
+    if (message.kind === "ping") takePing(message);
     else takeMap(message);
     if (message.kind === "ping" && state.firstTimeNs === null) state.firstTimeNs = message.header.time_ns;
   },
@@ -148,6 +152,12 @@ function takePose(pose) {
   showTime();
 }
 
+function takePing({ header, payload, sentMs }) {
+  pings.push(header, payload);
+  state.pingsSent.set(header.sequence, sentMs);
+  if (state.pingsSent.size > 1000) state.pingsSent.delete(state.pingsSent.keys().next().value);
+}
+
 function takeMap({ kind, header, payload, sentMs }) {
   const changed = state.firstTimeNs === null ? 0 : (header.time_ns - state.firstTimeNs) * 1e-9;
   const before = model.epoch;
@@ -162,7 +172,7 @@ function takeMap({ kind, header, payload, sentMs }) {
   state.updatedAt = performance.now();
   clearTimeout(state.calmTimer);
   state.calmTimer = setTimeout(wake, CALM_AFTER_MS + 100);
-  if (kind === "delta" && state.waiting.length < 1000) state.waiting.push(sentMs);
+  if (kind === "delta" && state.waiting.length < 1000) state.waiting.push([sentMs, header.through_ping]);
   past.keep(changed, model);
   if (state.at === null) wake();
 }
@@ -216,7 +226,7 @@ function draw(now, isMoving) {
   const view = { ...camera.view(width, height), width, height };
   const floorM = found.isEmpty ? -2 : Math.floor((found.low[2] - 0.05) * 2) / 2;
   scene.build({ originM, pose, view, targetM: camera.targetM, floorM, colors: palette, until: state.at, width });
-  const range = colorRange();
+  const range = shownRange();
   const began = performance.now();
   const coarse = { scale: renderer.scale, thinning: renderer.thinning };
   const predicted = state.frameMs * coarse.thinning * (1 / coarse.scale);
@@ -239,11 +249,16 @@ function draw(now, isMoving) {
   // A pixel is asked for, so that the card has really drawn when the clock is read.
   if (sent.length || state.measures) renderer.gl.readPixels(0, 0, 1, 1, renderer.gl.RGBA, renderer.gl.UNSIGNED_BYTE, new Uint8Array(4));
   const ended = performance.now();
-  for (const ms of sent) state.latencies.push(Date.now() - ms);
-  if (state.latencies.length > 2000) state.latencies.splice(0, 1000);
+  for (const [ms, ping] of sent) {
+    state.latencies.push(Date.now() - ms);
+    if (!state.pingsSent.has(ping)) continue;
+    state.pingLatencies.push(Date.now() - state.pingsSent.get(ping));
+    state.pingsSent.delete(ping);
+  }
+  for (const list of [state.latencies, state.pingLatencies]) if (list.length > 2000) list.splice(0, 1000);
   measure(now, ended - began, isMoving, isStill, coarse);
-  drawGizmo(view);
-  showScale(view);
+  drawGizmo($("gizmo"), view);
+  showScale($("scale").querySelector("i"), $("scale").querySelector("span"), view);
 }
 
 /// Coarser when frames are slow, finer when they are fast.
@@ -287,23 +302,15 @@ function say(now, drawMs) {
 
 // ---- colours and legend ----
 
-function colorRange() {
-  const spread = state.summary?.spread[state.mode];
-  if (!spread) return [0, 1];
-  if (state.mode === "sigma") return [0, roundStep(Math.max(0.02, Math.min(spread[1], 10)))];
-  if (state.mode === "age") return [0, Math.max(1, roundStep((state.at ?? state.diveS) - spread[0]))];
-  const low = Math.floor(spread[0] * 10) / 10;
-  return [low, Math.max(Math.ceil(spread[1] * 10) / 10, low + 0.1)];
-}
+const shownRange = () => colorRange(state.mode, state.summary, state.at ?? state.diveS);
 
 function showLegend() {
   const { unit, says } = MODES[state.mode];
-  const [low, high] = colorRange();
+  const range = shownRange();
   $("ramp").style.background = gradient(state.mode);
   const [first, second] = $("ramp-ends").children;
-  const digits = high - low < 0.5 ? 2 : 1;
-  first.textContent = `${low.toFixed(digits)} ${unit}`.replace("-", "−");
-  second.textContent = `${high.toFixed(digits)} ${unit}`.replace("-", "−");
+  first.textContent = ended(range[0], range, unit);
+  second.textContent = ended(range[1], range, unit);
   $("ramp-says").textContent = says;
   const { ambiguous } = state.summary ?? { ambiguous: 0 };
   $("ambiguous-count").textContent = `${shown(ambiguous)} ambiguous${state.shows.ambiguous ? "" : ", hidden"}`;
@@ -328,13 +335,7 @@ function readPalette() {
     return getComputedStyle(probe).color;
   };
   palette = {
-    name: isDark ? "dark" : "light",
-    ground: unitRgb(isDark ? "#0a141d" : "#eef2f5"),
-    grid: unitRgb(isDark ? "#5b7b92" : "#7d93a3"),
-    track: unitRgb(isDark ? "#ffd166" : "#b26a00"),
-    fan: unitRgb(isDark ? "#5cc8da" : "#0b7285"),
-    vehicle: unitRgb(isDark ? "#ffd166" : "#f2a516"),
-    axes: ["#e5534b", "#4caf6d", "#4a8df0"].map(unitRgb),
+    ...sceneColors(isDark, unitRgb),
     chart: { line: color("--line"), soft: color("--soft"), accent: color("--accent"), warn: color("--warn") },
   };
   probe.remove();
@@ -355,31 +356,27 @@ function updateEmpty() {
 
 /// The whole map in the picture, from where it is looked at or from another side.
 function fit(from = {}, isAtOnce = false) {
-  const found = state.summary;
   setFollow(false);
-  if (!found || found.isEmpty) {
+  const place = fitted(state.summary);
+  if (!place) {
     camera.go(from, isAtOnce);
     return;
   }
-  const middle = scaled([0, 1, 2].map((i) => found.low[i] + found.high[i]), 0.5);
-  const reach = Math.max(1, length(sub(found.high, found.low)) / 2);
-  camera.go({ ...from, targetM: middle, distanceM: (reach / Math.tan(0.42)) * 1.12 }, isAtOnce);
+  const { targetM, distanceM, reach } = place;
+  camera.go({ ...from, targetM, distanceM }, isAtOnce);
   state.fittedReach = reach;
 }
 
 /// Until somebody moves the camera, it keeps the growing map in the picture.
 function fitWhileGrowing(found) {
   if (state.hasFitted || found.isEmpty || found.confident < 30) return;
-  const reach = Math.max(1, length(sub(found.high, found.low)) / 2);
+  const { reach } = fitted(found);
   if (reach < (state.fittedReach ?? 0) * 1.15) return;
   fit({}, !state.fittedReach);
 }
 
 const VIEWS = {
-  fit: () => fit(),
-  top: () => fit({ yaw: -Math.PI / 2, pitch: Math.PI / 2 - 1e-4 }),
-  south: () => fit({ yaw: -Math.PI / 2, pitch: 0.02 }),
-  east: () => fit({ yaw: 0, pitch: 0.02 }),
+  ...Object.fromEntries(Object.entries(SIDES).map(([name, side]) => [name, () => fit(side)])),
   follow: () => setFollow(!state.follows),
 };
 
@@ -389,35 +386,6 @@ function setFollow(follows) {
   if (follows) state.hasFitted = true;
   document.querySelector('[data-view="follow"]').setAttribute("aria-pressed", follows);
   wake();
-}
-
-function drawGizmo(view) {
-  const gizmo = $("gizmo");
-  const context = gizmo.getContext("2d");
-  context.clearRect(0, 0, 128, 128);
-  const ends = [["E", "#e5534b"], ["N", "#4caf6d"], ["Up", "#4a8df0"]].map(([name, color], axis) => ({
-    name, color, x: view.right[axis] * 42, y: -view.up[axis] * 42, depth: view.forward[axis],
-  }));
-  ends.sort((a, b) => b.depth - a.depth);
-  context.font = '600 20px system-ui, "DejaVu Sans", sans-serif';
-  context.textAlign = "center";
-  context.textBaseline = "middle";
-  for (const { name, color, x, y } of ends) {
-    context.strokeStyle = color;
-    context.lineWidth = 5;
-    context.beginPath();
-    context.moveTo(64, 64);
-    context.lineTo(64 + x, 64 + y);
-    context.stroke();
-    context.fillStyle = color;
-    if (Math.hypot(x, y) > 14) context.fillText(name, 64 + x * 1.28, 64 + y * 1.28);
-  }
-}
-
-function showScale(view) {
-  const widthM = roundStep(view.metresPerPixel * 60);
-  $("scale").querySelector("i").style.width = `${widthM / view.metresPerPixel}px`;
-  $("scale").querySelector("span").textContent = widthM < 1 ? `${+(widthM * 100).toFixed(1)} cm` : `${widthM} m`;
 }
 
 // ---- time ----
@@ -488,7 +456,7 @@ $("extent").addEventListener("input", () => {
   wake();
 });
 $("extent").nextElementSibling.textContent = "1.6 σ";
-for (const [name, { name: label }] of Object.entries(MODES)) $("mode").append(new Option(label, name));
+for (const [name, { name: label }] of Object.entries(LIVE_MODES)) $("mode").append(new Option(label, name));
 $("mode").value = state.mode;
 $("mode").addEventListener("change", () => setMode($("mode").value));
 for (const button of document.querySelectorAll("[data-view]")) {
@@ -499,7 +467,7 @@ const KEYS = {
   a: () => flip("shows-ambiguous"), k: () => flip("shows-track"), n: () => flip("shows-fan"),
   g: () => flip("shows-grid"), l: () => flip("lighting"),
   c: () => {
-    const names = Object.keys(MODES);
+    const names = Object.keys(LIVE_MODES);
     setMode(names[(names.indexOf(state.mode) + 1) % names.length]);
   },
   " ": () => lookAt(state.at === null ? state.diveS : null),
@@ -531,11 +499,14 @@ window.echosplat = {
   get renderer() { return renderer; },
   forward: () => rotated(state.pose?.orientation_wxyz ?? [1, 0, 0, 0], [1, 0, 0]),
   stats() {
-    const sorted = state.latencies.toSorted((a, b) => a - b);
-    const part = (share) => sorted[clamp(Math.floor(sorted.length * share), 0, sorted.length - 1)];
+    const spread = (list) => {
+      const sorted = list.toSorted((a, b) => a - b);
+      const part = (share) => sorted[clamp(Math.floor(sorted.length * share), 0, sorted.length - 1)];
+      return { p50: part(0.5), p90: part(0.9), p99: part(0.99), count: sorted.length };
+    };
     return {
       epoch: model.epoch, sequence: model.sequence, gaussians: model.count(), isFinal: model.isFinal,
-      updates: state.updates, latencyMs: { p50: part(0.5), p99: part(0.99), count: sorted.length },
+      updates: state.updates, latencyMs: spread(state.latencies), pingToScreenMs: spread(state.pingLatencies),
       frameMs: state.frameMs, rate: state.rate, scale: renderer?.scale, card: renderer?.name(),
       confident: state.summary?.confident, ambiguous: state.summary?.ambiguous,
     };

@@ -8,11 +8,13 @@ const NEAREST_M = 0.2;
 const FARTHEST_M = 5000;
 
 export class Camera {
-  /// `changed()` is called when it moves, `held(pans)` when somebody moves it.
-  constructor(canvas, changed, held) {
+  /// `changed()` is called when it moves, `held(pans)` when somebody moves it. Within a longer document the
+  /// wheel zooms only where the canvas was clicked, so that reading on is possible.
+  constructor(canvas, changed, held, { wheelNeedsFocus = false } = {}) {
     this.canvas = canvas;
     this.changed = changed;
     this.held = held;
+    this.wheelNeedsFocus = wheelNeedsFocus;
     this.targetM = [0, 0, 0];
     this.yaw = -2.2;
     this.pitch = 0.5;
@@ -102,6 +104,7 @@ export class Camera {
     const { canvas } = this;
     canvas.addEventListener("contextmenu", (event) => event.preventDefault());
     canvas.addEventListener("wheel", (event) => {
+      if (this.wheelNeedsFocus && document.activeElement !== canvas) return;
       event.preventDefault();
       const pixels = event.deltaY * (event.deltaMode === 1 ? 24 : 1);
       this.zoom(Math.exp(clamp(pixels, -240, 240) * 0.0016));

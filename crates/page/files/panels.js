@@ -47,6 +47,7 @@ export class Panels {
     this.isRecording = false;
     $("panels-toggle").addEventListener("click", () => this.toggle());
     $("record").addEventListener("click", () => this.#record());
+    $("hold").addEventListener("click", () => this.#hold());
     $("all-filter").addEventListener("input", () => this.#showAll());
     $("panel-all").addEventListener("toggle", () => this.#showAll());
     $("panel-files").addEventListener("toggle", () => this.#refreshLogs());
@@ -54,7 +55,7 @@ export class Panels {
       event.preventDefault();
       sessionStorage.setItem(TOKEN_KEY, $("token").value);
       $("token-form").hidden = true;
-      this.#record();
+      (this.afterToken ?? (() => this.#record()))();
     });
     // The address in the service's log bears the token; it stays out of the history.
     const given = new URLSearchParams(location.hash.slice(1)).get("token");
@@ -91,6 +92,7 @@ export class Panels {
     const isDone = status.final;
     pill("sonar", isDone ? "off" : link.state, isDone ? "dive ended" : `sonar ${LINKS[link.state] ?? link.state}`);
     this.#setRecording(Boolean(recording) && !isDone, recording?.bytes);
+    this.#setHeld(isDone ? null : status.replay_is_held);
     terms2($("figures"), [
       ["pings/s", shown(rates.pings_per_s, 1)],
       ["Gaussians", shown(mapper.confident)],
@@ -198,31 +200,59 @@ export class Panels {
     if (changed) this.#refreshLogs();
   }
 
+  /// Whether a replay is held; null where nothing is replayed.
+  #setHeld(isHeld) {
+    this.isHeld = isHeld === true;
+    $("hold").hidden = isHeld === null || isHeld === undefined;
+    $("hold").textContent = this.isHeld ? "Go on" : "Hold replay";
+    $("hold").setAttribute("aria-pressed", this.isHeld);
+  }
+
+  #hold() {
+    return this.#ask($("hold"), `replay/${this.isHeld ? "resume" : "pause"}`, () => this.#hold(), (answer) => {
+      this.#setHeld(answer.is_held);
+      this.#say(answer.is_held ? "The replay is held." : "The replay goes on.");
+    });
+  }
+
   async #record() {
-    const action = this.isRecording ? "stop" : "start";
+    await this.#ask($("record"), `recording/${this.isRecording ? "stop" : "start"}`, () => this.#record(), (answer) => {
+      this.#setRecording(answer.is_recording, 0);
+      this.#say(answer.is_recording ? "Recording." : "The recording is complete.");
+    });
+    this.#refreshLogs();
+  }
+
+  /// Has something done, with the token where one is needed; `again` once it is given.
+  async #ask(button, path, again, done) {
     const token = sessionStorage.getItem(TOKEN_KEY);
     if (this.needsToken && !token) {
-      $("token-form").hidden = false;
-      $("token").focus();
+      this.#askForToken(again);
       return;
     }
-    $("record").disabled = true;
+    button.disabled = true;
     try {
       const headers = token ? { "X-EchoSplat-Token": token } : {};
-      const response = await fetch(`recording/${action}`, { method: "POST", headers });
+      const response = await fetch(path, { method: "POST", headers });
       const answer = await response.json().catch(() => ({}));
       if (response.status === 401) {
         sessionStorage.removeItem(TOKEN_KEY);
-        $("token-form").hidden = false;
+        this.#askForToken(again);
       }
       if (!response.ok) throw new Error(answer.error ?? `the service answers ${response.status}`);
-      this.#setRecording(answer.is_recording, 0);
-      this.#say(answer.is_recording ? "Recording." : "The recording is complete.");
+      done(answer);
     } catch (error) {
       this.#say(error.message, true);
     }
-    $("record").disabled = false;
-    this.#refreshLogs();
+    button.disabled = false;
+  }
+
+  #askForToken(again) {
+    this.afterToken = again;
+    this.toggle(true);
+    $("panel-files").open = true;
+    $("token-form").hidden = false;
+    $("token").focus();
   }
 
   #say(text, isBad = false) {
