@@ -13,6 +13,7 @@ mod calibrate;
 mod device;
 mod disturbances;
 mod dive;
+mod extension;
 mod fake_sonar;
 #[cfg(feature = "bench")]
 mod faults;

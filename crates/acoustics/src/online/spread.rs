@@ -40,7 +40,8 @@ impl<S: Simd> Edges<S> {
         let edge_m = look.bin_length_m.mul_add(bins.start as f32, from_m) - offset_m;
         Self {
             first: f32x8::splat(simd, edge_m * inverse_sigma),
-            step: look.bin_length_m * inverse_sigma,
+            // Finite, so that the first edge, 0 times it, is a number.
+            step: (look.bin_length_m * inverse_sigma).min(f32::MAX),
             last: bins.len() as f32,
         }
     }

@@ -25,7 +25,7 @@ pub(crate) struct ServiceArguments {
     /// Configuration file; `echosplat config` prints one
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
-    /// Where the map is written on exit; ambiguous Gaussians go beside it
+    /// Where the map is written on exit, `{time}` as when the run began; ambiguous Gaussians go beside it
     #[arg(long, value_name = "OUT.ply")]
     pub(crate) map: Option<PathBuf>,
     /// Keeps the map as it is every so many seconds of the dive too, as DIR/0120.ply

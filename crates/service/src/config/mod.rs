@@ -172,7 +172,7 @@ impl Default for PipelineConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub(crate) struct OutputConfig {
-    /// The map, on exit.
+    /// The map, on exit; `{time}` in its name stands for when the run began.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) map: Option<PathBuf>,
     /// What the final map is judged by.

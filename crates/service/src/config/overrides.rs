@@ -1,11 +1,13 @@
 //! The command line over the configuration file.
 
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
+use echosplat_model::Timestamp;
 use echosplat_pose::PoseUrl;
 
 use crate::arguments::{BusArguments, ServiceArguments};
+use crate::clock;
 use crate::exit::Usage;
 
 use super::Config;
@@ -13,6 +15,14 @@ use super::Config;
 /// Programs around the service connect to it, whenever it comes, and leave the listening to it:
 /// peers do not pass on what two others say.
 const HELPER: [(&str, &str); 2] = [("listen/endpoints", "[]"), ("connect/timeout_ms", "-1")];
+
+/// `{time}` in the name of a map as the time given: a service that is started again keeps what it had mapped.
+fn dated(map: &Path, time: Timestamp) -> PathBuf {
+    match map.to_str() {
+        Some(text) => text.replace("{time}", &clock::compact_utc(time)).into(),
+        None => map.to_owned(),
+    }
+}
 
 fn owned((key, value): (&str, &str)) -> (String, String) {
     (key.to_owned(), value.to_owned())
@@ -50,7 +60,11 @@ impl Config {
         let pipeline = &mut config.pipeline;
         pipeline.hold_back_every = arguments.hold_back.unwrap_or(pipeline.hold_back_every);
         let output = &mut config.output;
-        output.map = arguments.map.clone().or(output.map.take());
+        output.map = arguments
+            .map
+            .clone()
+            .or(output.map.take())
+            .map(|map| dated(&map, clock::now()));
         output.truth = arguments.truth.clone().or(output.truth.take());
         output.record = arguments.record.clone().or(output.record.take());
         output.record_format = arguments.record_format.unwrap_or(output.record_format);
@@ -187,5 +201,16 @@ mod tests {
                 .glints,
             echosplat_model::Switch::Off
         );
+    }
+
+    #[test]
+    fn a_map_bears_the_time_of_its_run_where_asked() {
+        let time = Timestamp::from_millis(1_767_323_045_000);
+        let dated = |name: &str| super::dated(Path::new(name), time);
+        assert_eq!(
+            dated("maps/{time}.ply"),
+            Path::new("maps/20260102T030405Z.ply")
+        );
+        assert_eq!(dated("map.ply"), Path::new("map.ply"));
     }
 }
