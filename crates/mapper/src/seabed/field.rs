@@ -4,6 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use echosplat_model::glam::{IVec2, Vec2, Vec3};
 
+use super::BURIED_M;
+
 /// Distance between nodes.
 pub(crate) const NODE_M: f32 = 0.5;
 /// Nodes along the edge of a tile.
@@ -179,6 +181,17 @@ impl Field {
         reach.clone().any(|dy| {
             let mut row = reach.clone().map(|dx| at + IVec2::new(dx, dy));
             row.any(|node| self.node(node).is_some_and(|node| node.count > 0))
+        })
+    }
+
+    /// Whether the way from a sensor to an onset leads through ground that was measured.
+    pub(crate) fn is_between(&self, sensor_m: Vec3, onset_m: Vec3) -> bool {
+        let way_m = onset_m - sensor_m;
+        let steps = (way_m.truncate().length() / NODE_M).ceil();
+        (1..=steps as u32).any(|step| {
+            let at_m = sensor_m + way_m * (step as f32 / steps);
+            let place_m = at_m.truncate();
+            self.is_known(place_m) && at_m.z < self.height_m(place_m) - BURIED_M
         })
     }
 

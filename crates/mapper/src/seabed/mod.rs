@@ -32,6 +32,8 @@ const IDLE_STRIDE: u32 = 128;
 const IDLE_AFTER: u32 = 64;
 /// After so many in vain, brightness may be anything again.
 const DOUBTED_AFTER: u32 = 8;
+/// Sound does not come through ground: so many onsets in a row from behind it, and what is known of it is wrong.
+const DENIED_AFTER: u32 = 64;
 /// The ground is there once so many pings showed it, and this share of those that could. They also tell by what
 /// power of range its brightness falls.
 const LEAST_SHOWN: u32 = 24;
@@ -76,6 +78,8 @@ pub(crate) struct Seabed {
     heard: u32,
     /// Pings asked since the last that showed ground.
     in_vain: u32,
+    /// Onsets in a row that lie behind ground that is known.
+    denied: u32,
     /// Pings that could show ground, and those that did.
     able: u32,
     shown: u32,
@@ -105,6 +109,7 @@ impl Seabed {
             runs: Runs::default(),
             heard: 0,
             in_vain: 0,
+            denied: 0,
             able: 0,
             shown: 0,
             falls: Default::default(),
@@ -169,6 +174,14 @@ impl Seabed {
             return;
         };
         self.in_vain = 0;
+        if self.field.is_between(plane.position_m, onset.point_m) {
+            self.denied += 1;
+            if self.denied > DENIED_AFTER {
+                (self.field, self.proof, self.denied) = Default::default();
+            }
+            return;
+        }
+        self.denied = 0;
         self.shown = self.shown.saturating_add(1);
         let range_m = (onset.point_m - plane.position_m).length();
         self.log_range_sum += range_m.ln();

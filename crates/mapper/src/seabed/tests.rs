@@ -127,6 +127,39 @@ fn a_wrong_first_guess_of_brightness_does_not_hide_the_ground() {
     assert!((0.5..2.0).contains(&ratio), "{ratio}");
 }
 
+/// Ground at this height on 20 by 20 m.
+fn measured(height_m: f32) -> Field {
+    let mut field = Field::default();
+    for place in 0..1600 {
+        let at = |index: i32| (index - 20) as f32 * NODE_M;
+        field.add(Vec3::new(at(place % 40), at(place / 40), height_m));
+    }
+    field.smooth();
+    field
+}
+
+#[test]
+fn what_lies_behind_measured_ground_is_no_onset() {
+    let field = measured(0.0);
+    let sensor_m = Vec3::new(0.0, 0.0, 1.0);
+    assert!(field.is_between(sensor_m, Vec3::new(8.0, 0.0, -4.0)));
+    assert!(!field.is_between(sensor_m, Vec3::new(2.0, 0.0, -0.1)));
+    // Nobody measured ground there.
+    assert!(!field.is_between(sensor_m + 40.0 * Vec3::Y, Vec3::new(8.0, 40.0, -4.0)));
+}
+
+#[test]
+fn ground_that_onsets_keep_denying_is_measured_anew() {
+    let mut wrong = Seabed::new(&Beam::default(), Switch::Auto);
+    wrong.field = measured(0.8);
+    let seabed = dive_with(dive_with(wrong, ground), ground);
+    let published = seabed.published(BRIGHTNESS * 1e4);
+    assert!(!published.is_empty());
+    let off_m = published.iter().map(|gaussian| gaussian.mean_m.z.abs());
+    let most_m = off_m.fold(0.0, f32::max);
+    assert!(most_m < 0.15, "{most_m} m off");
+}
+
 #[test]
 fn a_structure_without_ground_is_no_ground() {
     let seabed = dive(|_, bin| {
