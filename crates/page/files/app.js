@@ -21,9 +21,9 @@ const SLOW_MS = 70;
 const FAST_MS = 24;
 const COARSEST = 0.4;
 /// Then only every so many-th Gaussian is drawn while the picture moves.
-const MOST_THINNED = 3;
+const MOST_THINNED = 16;
 /// Fewer are not what makes a picture slow.
-const THINNED_FROM = 40000;
+const THINNED_FROM = 10000;
 /// A still picture may take so long to be drawn in full; longer while the map does not change.
 const STILL_MS = 200;
 const CALM_MS = 2500;
@@ -278,11 +278,11 @@ function measure(now, drawMs, isMoving, isStill, coarse) {
     renderer.scale = Math.max(COARSEST, renderer.scale * 0.85);
     state.frameMs *= 0.8;
   } else if (state.frameMs > SLOW_MS && renderer.thinning < MOST_THINNED && renderer.drawn > THINNED_FROM) {
-    renderer.thinning += 1;
-    state.frameMs *= 0.7;
+    renderer.thinning *= 2;
+    state.frameMs *= 0.6;
   } else if (state.frameMs < FAST_MS && renderer.thinning > 1) {
-    renderer.thinning -= 1;
-    state.frameMs *= 1.5;
+    renderer.thinning /= 2;
+    state.frameMs *= 1.8;
   } else if (state.frameMs < FAST_MS && renderer.scale < 1) {
     renderer.scale = Math.min(1, renderer.scale * 1.08);
   }

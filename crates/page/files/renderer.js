@@ -20,8 +20,10 @@ export class Renderer {
     if (!gl) throw new Error("this browser has no WebGL2");
     this.gl = gl;
     this.scale = 1;
-    /// Only every so many-th Gaussian is drawn, larger; a stride of 255 bytes is the most there can be.
+    /// Only every so many-th Gaussian is drawn, larger.
     this.thinning = 1;
+    /// By thinning, the numbers of those Gaussians of a tile that are drawn.
+    this.chosen = new Map();
     this.buffers = new Map();
     this.target = null;
     this.#prepare();
@@ -137,9 +139,13 @@ export class Renderer {
       const buffer = this.#buffer(tile);
       if (!tile.count || !isSeen(tile, view, scene.tileEdgeM)) continue;
       gl.bindVertexArray(buffer.array);
-      if (buffer.thinning !== this.thinning) this.#lay(buffer);
       const count = Math.ceil(tile.count / this.thinning);
-      gl.drawArrays(gl.POINTS, 0, count);
+      if (this.thinning === 1) {
+        gl.drawArrays(gl.POINTS, 0, count);
+      } else {
+        this.#choose(count);
+        gl.drawElements(gl.POINTS, count, gl.UNSIGNED_INT, 0);
+      }
       drawn += count;
     }
     this.drawn = drawn;
@@ -153,6 +159,7 @@ export class Renderer {
     if (!buffer) {
       buffer = { array: gl.createVertexArray(), data: gl.createBuffer(), bytes: 0 };
       this.buffers.set(tile, buffer);
+      this.#lay(buffer);
     }
     const bytes = tile.floats.byteLength;
     if (buffer.bytes !== bytes) {
@@ -172,15 +179,27 @@ export class Renderer {
     return buffer;
   }
 
+  /// Binds the numbers of at least so many Gaussians, every `thinning`-th of a tile.
+  #choose(count) {
+    const { gl } = this;
+    const known = this.chosen.get(this.thinning);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, known?.data ?? gl.createBuffer());
+    if (known && known.count >= count) return;
+    const data = gl.getParameter(gl.ELEMENT_ARRAY_BUFFER_BINDING);
+    const room = 2 * count;
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, Uint32Array.from({ length: room }, (_, i) => i * this.thinning), gl.STATIC_DRAW);
+    this.chosen.set(this.thinning, { data, count: room });
+  }
+
   /// Where in the buffer each number of a Gaussian is.
   #lay(buffer) {
     const { gl } = this;
+    gl.bindVertexArray(buffer.array);
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer.data);
     for (const [place, size, word] of ATTRIBUTES) {
       gl.enableVertexAttribArray(place);
-      gl.vertexAttribPointer(place, size, gl.FLOAT, false, POINT_BYTES * this.thinning, word * 4);
+      gl.vertexAttribPointer(place, size, gl.FLOAT, false, POINT_BYTES, word * 4);
     }
-    buffer.thinning = this.thinning;
   }
 
   #forget(tiles) {
