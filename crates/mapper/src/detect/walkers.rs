@@ -1,8 +1,9 @@
 //! Pulses of another sonar that pings at nearly the same rate: they walk through the ranges, ping after ping.
 //!
-//! Nothing that stays in its place changes its range by more than the vehicle moves along the beam, but what the beam sweeps
-//! along does. A pulse goes on evenly and at one power for as long as it crosses the range that is listened to, and all its
-//! walks are at one rate: that is learnt from long ways, and what then goes at that rate for a short one is no echo.
+//! Whenever the beam comes back to where it was, what stays in its place is at its range again, but for what the vehicle
+//! moved. A pulse goes on, evenly and at one power, for as long as it crosses the range that is listened to, and all its
+//! walks are at one rate: that is learnt from long ways in which a beam came back, and what then goes at that rate for a
+//! short one is no echo.
 //!
 //! Deliberately absent: walkers as slow as the vehicle moves along its beam, what comes before the first long way, and the
 //! first pings of each walk.
@@ -21,8 +22,11 @@ const SHORT: usize = 24;
 /// Pulses that have to go at a rate before it is known, and rates that are kept.
 const LEAST_TAUGHT: u32 = 24;
 const MOST_RATES: usize = 8;
-/// Share of those asked that heard the pulse, which is not told where it falls into a stronger echo.
-const LEAST_SHARE: f32 = 0.7;
+/// Of those asked that may miss the pulse, which is not told where it falls into a stronger echo: 30 %.
+const MOST_MISSED: usize = 7;
+/// Where echoes are dense some lie on any way: a pulse has twice as many as ways beside it, nearer and further by so many
+/// times the tolerance.
+const BESIDE: f32 = 4.0;
 /// A pulse comes straight and has no speckle: its power stays within 3 dB.
 const MOST_CHANGE: f32 = 2.0;
 /// A pulse is some bins long and has its peak anywhere in them.
@@ -87,7 +91,7 @@ impl Walkers {
     /// Whether a peak has gone a short way at a known rate.
     fn is_pulse(&self, look: &Look, peak: (f32, f32)) -> bool {
         let mut known = self.rates.iter().filter(|rate| rate.taught >= LEAST_TAUGHT);
-        known.any(|rate| self.share_heard(look, peak, rate.walk_m, SHORT) >= LEAST_SHARE)
+        known.any(|rate| self.went(look, peak, rate.walk_m, SHORT))
     }
 
     /// Learns the rates of all long ways that end at a peak.
@@ -95,15 +99,17 @@ impl Walkers {
         let Some(first) = self.before.get(LONG - 1) else {
             return;
         };
-        let least_m = most_change_m(&first.look, look) + TOLERANCE_BINS * look.bin_length_m;
+        let least_m = TOLERANCE_BINS * look.bin_length_m;
         let starts = first
             .peaks
             .iter()
             .filter(|(then_m, then)| is_alike(*then, power) && (range_m - then_m).abs() > least_m);
         let walks = starts.map(|(then_m, _)| (range_m - then_m) / LONG as f32);
-        let is_long =
-            |&walk_m: &f32| self.share_heard(look, (range_m, power), walk_m, LONG) >= LEAST_SHARE;
-        let long: Vec<f32> = walks.filter(is_long).collect();
+        let long: Vec<f32> = walks
+            .filter(|&walk_m| {
+                self.went(look, (range_m, power), walk_m, LONG) && self.is_no_place(look, walk_m)
+            })
+            .collect();
         let tolerance_m = TOLERANCE_BINS * look.bin_length_m / LONG as f32;
         for walk_m in long {
             let alike = |rate: &&mut Rate| (rate.walk_m - walk_m).abs() <= 2.0 * tolerance_m;
@@ -119,27 +125,52 @@ impl Walkers {
         }
     }
 
-    /// Share of the pings asked, evenly over the last so many, that heard a peak which walks so many metres a ping.
-    fn share_heard(
-        &self,
-        look: &Look,
-        (range_m, power): (f32, f32),
-        walk_m: f32,
-        pings: usize,
-    ) -> f32 {
+    /// Whether a peak came here by so many metres a ping over the last so many pings.
+    fn went(&self, look: &Look, (range_m, power): (f32, f32), walk_m: f32, pings: usize) -> bool {
         let tolerance_m = TOLERANCE_BINS * look.bin_length_m;
-        let heard = (1..=SHORT).filter(|&step| {
-            let back = step * (pings / SHORT);
-            let expected_m = range_m - back as f32 * walk_m;
+        let hears = |off_m: f32, back: usize| {
+            let expected_m = range_m + off_m - back as f32 * walk_m;
             self.before.get(back - 1).is_some_and(|past| {
                 let mut peaks = past.peaks.iter();
                 peaks.any(|&(at_m, then)| {
                     (at_m - expected_m).abs() <= tolerance_m && is_alike(then, power)
                 })
             })
-        });
-        heard.count() as f32 / SHORT as f32
+        };
+        let asked = || (1..=SHORT).map(|step| step * (pings / SHORT));
+        let mut missed = asked().filter(|&back| !hears(0.0, back));
+        if missed.nth(MOST_MISSED).is_some() {
+            return false;
+        }
+        let heard = |off_m| asked().filter(|&back| hears(off_m, back)).count();
+        let beside_m = BESIDE * tolerance_m;
+        heard(-beside_m) + heard(beside_m) <= heard(0.0)
     }
+
+    /// Whether two pings on a long way had one beam, and so would have heard what stays in its place at one range, but for
+    /// what the vehicle moved: an edge that the beam sweeps along comes back with it.
+    fn is_no_place(&self, look: &Look, walk_m: f32) -> bool {
+        let tolerance_m = TOLERANCE_BINS * look.bin_length_m;
+        let way = (1..=SHORT).map(|step| step * (LONG / SHORT));
+        let asked: Vec<(usize, &Look)> = std::iter::once((0, look))
+            .chain(way.filter_map(|back| Some((back, &self.before.get(back - 1)?.look))))
+            .collect();
+        asked.iter().enumerate().any(|(index, &(back, now))| {
+            let mut earlier = asked[index + 1..].iter();
+            earlier.any(|&(further, then)| {
+                let walked_m = walk_m.abs() * (further - back) as f32;
+                is_one_beam(then, now) && walked_m > most_change_m(then, now) + tolerance_m
+            })
+        })
+    }
+}
+
+/// Whether two beams are at most half their width apart across.
+fn is_one_beam(then: &Look, now: &Look) -> bool {
+    let (then_axes, axes) = (&then.pose.axes, &now.pose.axes);
+    let aside = axes.x_axis.dot(then_axes.y_axis).abs();
+    let half_rad = (0.5 * now.beam.azimuth_width_deg).to_radians();
+    aside <= half_rad && axes.x_axis.dot(then_axes.x_axis) > 0.0
 }
 
 fn is_alike(a: f32, b: f32) -> bool {
