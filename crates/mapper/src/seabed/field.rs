@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use echosplat_model::glam::{IVec2, Vec2, Vec3};
 
-use super::BURIED_M;
+use super::OUTLIER_M;
 
 /// Distance between nodes.
 pub(crate) const NODE_M: f32 = 0.5;
@@ -191,7 +191,7 @@ impl Field {
         (1..=steps as u32).any(|step| {
             let at_m = sensor_m + way_m * (step as f32 / steps);
             let place_m = at_m.truncate();
-            self.is_known(place_m) && at_m.z < self.height_m(place_m) - BURIED_M
+            self.is_known(place_m) && at_m.z < self.height_m(place_m) - OUTLIER_M
         })
     }
 
