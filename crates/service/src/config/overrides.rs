@@ -206,11 +206,11 @@ mod tests {
     #[test]
     fn a_map_bears_the_time_of_its_run_where_asked() {
         let time = Timestamp::from_millis(1_767_323_045_000);
-        let dated = |name: &str| super::dated(Path::new(name), time);
+        let at = |name: &str| dated(Path::new(name), time);
         assert_eq!(
-            dated("maps/{time}.ply"),
+            at("maps/{time}.ply"),
             Path::new("maps/20260102T030405Z.ply")
         );
-        assert_eq!(dated("map.ply"), Path::new("map.ply"));
+        assert_eq!(at("map.ply"), Path::new("map.ply"));
     }
 }
