@@ -14,11 +14,12 @@ const FOLDER: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../blueos");
 
 /// Value of a label of the image, its lines put together as Docker does.
 fn label(name: &str) -> String {
-    let file = std::fs::read_to_string(format!("{FOLDER}/Dockerfile")).unwrap();
+    let file = std::fs::read_to_string(format!("{FOLDER}/Dockerfile")).expect("it is there");
     let joined = file.replace("\\\n", "");
     let start = format!("LABEL {name}=");
     let line = joined.lines().find_map(|line| line.strip_prefix(&start));
-    line.unwrap().trim_matches(['\'', '"']).to_owned()
+    let line = line.unwrap_or_else(|| panic!("no label {name}"));
+    line.trim_matches(['\'', '"']).to_owned()
 }
 
 #[test]
@@ -62,9 +63,8 @@ fn it_starts_with_its_own_configuration_and_keeps_the_owners() {
         "EchoSplat"
     );
     service.wait_for("a recording", LONG, |_| {
-        std::fs::read_dir(data.path().join("recordings"))
-            .ok()?
-            .next()
+        let mut files = std::fs::read_dir(data.path().join("recordings")).ok()?;
+        files.next()?.ok()
     });
     service.interrupt();
     service.wait_exit(LONG);
