@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use echosplat_model::glam::{IVec2, Vec2, Vec3};
 
-use super::OUTLIER_M;
+use super::BURIED_M;
 
 /// Distance between nodes.
 pub(crate) const NODE_M: f32 = 0.5;
@@ -184,14 +184,15 @@ impl Field {
         })
     }
 
-    /// Whether the way from a sensor to an onset leads through ground that was measured.
+    /// Whether the way from a sensor to an onset leads through ground that was measured, at less than half of the way: what
+    /// is but somewhat deeper may be right, and what was measured before wrong.
     pub(crate) fn is_between(&self, sensor_m: Vec3, onset_m: Vec3) -> bool {
-        let way_m = onset_m - sensor_m;
+        let way_m = 0.5 * (onset_m - sensor_m);
         let steps = (way_m.truncate().length() / NODE_M).ceil();
         (1..=steps as u32).any(|step| {
             let at_m = sensor_m + way_m * (step as f32 / steps);
             let place_m = at_m.truncate();
-            self.is_known(place_m) && at_m.z < self.height_m(place_m) - OUTLIER_M
+            self.is_known(place_m) && at_m.z < self.height_m(place_m) - BURIED_M
         })
     }
 

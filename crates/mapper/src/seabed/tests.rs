@@ -144,6 +144,7 @@ fn what_lies_behind_measured_ground_is_no_onset() {
     let sensor_m = Vec3::new(0.0, 0.0, 1.0);
     assert!(field.is_between(sensor_m, Vec3::new(8.0, 0.0, -4.0)));
     assert!(!field.is_between(sensor_m, Vec3::new(2.0, 0.0, -0.1)));
+    assert!(!field.is_between(sensor_m, Vec3::new(3.0, 0.0, -1.0)));
     // Nobody measured ground there.
     assert!(!field.is_between(sensor_m + 40.0 * Vec3::Y, Vec3::new(8.0, 40.0, -4.0)));
 }
@@ -151,7 +152,7 @@ fn what_lies_behind_measured_ground_is_no_onset() {
 #[test]
 fn ground_that_onsets_keep_denying_is_measured_anew() {
     let mut wrong = Seabed::new(&Beam::default(), Switch::Auto);
-    wrong.field = measured(0.8);
+    wrong.field = measured(1.7);
     let seabed = dive_with(dive_with(wrong, ground), ground);
     let published = seabed.published(BRIGHTNESS * 1e4);
     assert!(!published.is_empty());
