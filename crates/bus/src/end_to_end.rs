@@ -5,6 +5,7 @@ mod frames;
 mod frozen;
 mod guarded;
 mod ros;
+mod routers;
 mod schedules;
 mod services;
 

@@ -63,7 +63,7 @@ impl Bus {
         let environment = environment.filter(|path| !path.is_empty());
         let plan = Plan::new(&config, environment.map(PathBuf::from))?;
         let keys = Keys::new(&config.prefix, &config.node)?;
-        let mut endpoints = plan.endpoints;
+        let (mut endpoints, is_lone_peer) = (plan.endpoints, plan.is_lone_peer);
         let tried = listening::try_all(&endpoints.listen);
         let limit = Duration::from_secs_f64(config.open_timeout_s);
         let session = within("opening the zenoh session", limit, move || {
@@ -71,6 +71,9 @@ impl Bus {
         })?
         .map_err(BusError::zenoh("open a session"))?;
         look_around(&session, tried, &mut endpoints);
+        if is_lone_peer && session.info().routers_zid().wait().count() > 0 {
+            endpoints.warn_of_peers_out_of_reach();
+        }
         for warning in &endpoints.warnings {
             tracing::warn!("zenoh: {warning}");
         }

@@ -16,7 +16,7 @@ pub(super) const NEAR: &str = "near";
 pub(super) const FAR: &str = "far";
 
 /// Held back for at most so long.
-const HELD: Duration = Duration::from_millis(60);
+pub(super) const HELD: Duration = Duration::from_millis(60);
 
 /// How likely what is, in percent.
 #[derive(Debug, Clone, Copy)]
