@@ -2,6 +2,7 @@
 //! others or a second time. Needs `python3` for the latter.
 
 mod harness;
+mod namespaces;
 mod python;
 mod web_client;
 
@@ -32,6 +33,8 @@ mod replay;
 mod roles;
 mod ros2;
 mod serial_line;
+mod slow_link;
+mod strangers;
 mod supervision;
 mod watch;
 mod web;

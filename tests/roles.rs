@@ -5,13 +5,13 @@ use std::fs;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::{Path, PathBuf};
-use std::process::Command;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use crate::harness::{Program, free_port, wait_until_listening};
 use crate::link::newest_count;
+use crate::namespaces::{End, Namespaces};
 
 const LONG: Duration = Duration::from_secs(240);
 /// Of the dive, seconds: in less, next to nothing is seen from enough places.
@@ -289,78 +289,25 @@ fn vehicles_under_one_router_have_each_their_own_map() {
     assert_ne!(files_of(of_one_process("1")), files_of(of_one_process("2")));
 }
 
-/// Two network namespaces with a link of 10 Mbit/s between them, gone when dropped.
-struct Namespaces([String; 2]);
-
-impl Namespaces {
-    const VEHICLE: &str = "10.99.0.1";
-
-    /// `None` where this user or machine cannot have them.
-    fn new() -> Option<Self> {
-        let names = ["v", "s"].map(|end| format!("es{end}{}", std::process::id()));
-        let made = Self(names);
-        let [vehicle, shore] = &made.0;
-        let link =
-            format!("link add tether netns {vehicle} type veth peer name tether netns {shore}");
-        let add = |name| format!("netns add {name}");
-        let is_made = [add(vehicle), add(shore), link]
-            .iter()
-            .all(|command| ip(command));
-        let up = |(name, address)| {
-            let slow = "tc qdisc add dev tether root tbf rate 10mbit burst 16kb latency 50ms";
-            ip(&format!("-n {name} addr add {address}/24 dev tether"))
-                && ip(&format!("-n {name} link set tether up"))
-                && ip(&format!("-n {name} link set lo up"))
-                && ip(&format!("netns exec {name} {slow}"))
-        };
-        let ends = [(vehicle, Self::VEHICLE), (shore, "10.99.0.2")];
-        (is_made && ends.into_iter().all(up)).then_some(made)
-    }
-
-    fn run(&self, end: usize, more: &[&str]) -> Program {
-        let mut command = Command::new("ip");
-        command.args([
-            "netns",
-            "exec",
-            &self.0[end],
-            env!("CARGO_BIN_EXE_echosplat"),
-        ]);
-        command.args(["run", "--verbose", "--node", "rov"]);
-        command.args(more);
-        Program::start(command)
-    }
-}
-
-impl Drop for Namespaces {
-    fn drop(&mut self) {
-        for name in &self.0 {
-            let _ = Command::new("ip").args(["netns", "del", name]).output();
-        }
-    }
-}
-
-fn ip(arguments: &str) -> bool {
-    let done = Command::new("ip").args(arguments.split(' ')).output();
-    done.is_ok_and(|done| done.status.success())
-}
-
 #[test]
 fn two_network_namespaces_and_ten_megabits_give_the_map_of_one_process() {
     let folder = tempfile::tempdir().unwrap();
     let map = folder.path().join("map.ply");
-    let Some(namespaces) = Namespaces::new() else {
-        println!("not tried: network namespaces need root, ip and tc");
+    let Some(namespaces) = Namespaces::with_link_of("10mbit") else {
         return;
     };
-    let endpoint = format!("endpoints=[\"tcp/{}:7447\"]", Namespaces::VEHICLE);
-    let (listen, connect) = (format!("listen/{endpoint}"), format!("connect/{endpoint}"));
-    let at_vehicle = ["--zenoh", &listen, "--zenoh", "connect/endpoints=[]"];
-    let ashore = ["--zenoh", "listen/endpoints=[]", "--zenoh", &connect];
+    let run = ["run", "--verbose", "--node", "rov"];
     let mapper = ["--role", "mapper", "--map", path(&map)];
-    let mut mapper = namespaces.run(1, &[&mapper[..], &ashore].concat());
-    let driver = ["--role", "driver"];
-    let more = [&driver[..], &dive("1"), &at_vehicle].concat();
-    let mut driver = namespaces.run(0, &more);
+    let mapper = [&run[..], &mapper, &Namespaces::guest()].concat();
+    let mut mapper = namespaces.echosplat(End::Shore, &mapper);
+    let driver = [
+        &run[..],
+        &["--role", "driver"],
+        &dive("1"),
+        &Namespaces::host(),
+    ]
+    .concat();
+    let mut driver = namespaces.echosplat(End::Vehicle, &driver);
     driver.wait_exit_code(0, LONG);
     mapper.wait_exit_code(0, LONG);
     assert_same(&map, of_one_process("1"), &mapper);

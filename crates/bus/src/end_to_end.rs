@@ -5,6 +5,8 @@ mod frames;
 mod frozen;
 mod guarded;
 mod ros;
+mod routers;
+mod schedules;
 mod services;
 
 use std::net::TcpListener;

@@ -81,6 +81,15 @@ impl Endpoints {
         }
     }
 
+    /// A warning for a peer at a router, which is not told of other peers there.
+    pub(crate) fn warn_of_peers_out_of_reach(&mut self) {
+        self.warnings.push(
+            "connected to a router as a peer: programs that are peers there too are not reached \
+             through it; give each of them --zenoh 'mode=\"client\"'"
+                .to_owned(),
+        );
+    }
+
     /// Warnings of what was asked for and did not open; a port in use by another zenoh is none,
     /// since programs of one machine meet there.
     pub(crate) fn warn_of_what_did_not_open(&mut self) {

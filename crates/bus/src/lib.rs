@@ -24,14 +24,16 @@
 //! On request the session is a node of ROS 2 too ([`Bus::publish_ros`]); `docs/ros2.md` says what
 //! it has there.
 //!
-//! Live deltas are sent with congestion control Drop and below a bandwidth, so one can be lost.
+//! Live deltas are sent with congestion control Drop and below a bandwidth, so one can be lost; they
+//! go slower once somebody missed one (`publisher/pace.rs`).
 //! A subscriber therefore buffers deltas, asks for the snapshot, applies deltas with a larger
 //! sequence, and asks again after a gap, a new epoch, or a while of silence; its answer says
 //! `final` once the publisher has flushed, and then both ends hold the same map bit for bit.
 //!
 //! Peers do not relay for one another: of several programs on one machine, those reach each other
 //! of which one listens at the common endpoint, that is, each reaches the one started first. With
-//! more than that, run a zenoh router there; everything then goes through it.
+//! more than that, run a zenoh router there and make them its clients (mode `client`): two peers do
+//! not meet through it, since gossip is off.
 //!
 //! Everything here is called from ordinary threads, none of it from inside a runtime; own threads
 //! are named. Deliberately absent: async functions, storage plugins, zenoh's unstable features,

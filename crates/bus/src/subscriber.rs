@@ -11,7 +11,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded, never, select};
-use echosplat_model::Snapshot;
+use echosplat_model::{Snapshot, Timestamp};
 use serde::Serialize;
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -175,6 +175,12 @@ impl MapSubscriber {
     #[must_use]
     pub fn position(&self) -> Option<(u64, u64)> {
         lock(&self.shared).assembler.position()
+    }
+
+    /// Transmit time of the newest ping whose evidence is in the map as it stands.
+    #[must_use]
+    pub fn time(&self) -> Option<Timestamp> {
+        lock(&self.shared).assembler.time()
     }
 
     /// How many Gaussians the map holds.
@@ -368,7 +374,8 @@ impl Follower {
             // All replies bear one key: consolidating them would keep one.
             .consolidation(ConsolidationMode::None)
             .congestion_control(CongestionControl::Block)
-            .priority(Priority::DataLow)
+            // Below deltas, so that none is lost for an answer.
+            .priority(Priority::Background)
             .timeout(Duration::from_secs_f64(self.link.config.query_timeout_s))
             .callback(move |reply| {
                 // Fails once this side has stopped listening.

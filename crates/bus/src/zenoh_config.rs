@@ -33,6 +33,15 @@ const SAFE_DEFAULT: [(&str, &str); 9] = [
     ("listen/exit_on_failure", "false"),
 ];
 
+/// Bytes that the system may keep for a link, unless set. Linux gives twice as many, and of its own
+/// accord ten times as many, which are 6 s of a link of 1 Mbit/s: deltas would be that old when they
+/// come. With 10 ms to the other end and back 50 Mbit/s still fit.
+const SEND_BUFFER: &str = "65536";
+const SEND_BUFFERS: [&str; 2] = [
+    "transport/link/tcp/so_sndbuf",
+    "transport/link/tls/so_sndbuf",
+];
+
 const MAX_MESSAGE_SIZE: &str = "transport/link/rx/max_message_size";
 
 /// A configuration to open a session with, and where it leads.
@@ -40,6 +49,8 @@ const MAX_MESSAGE_SIZE: &str = "transport/link/rx/max_message_size";
 pub(crate) struct Plan {
     pub(crate) config: Config,
     pub(crate) endpoints: Endpoints,
+    /// A peer that learns of others only by being connected to them.
+    pub(crate) is_lone_peer: bool,
 }
 
 impl Plan {
@@ -62,9 +73,17 @@ impl Plan {
         endpoints::check_kinds(&endpoints)?;
         Ok(Self {
             endpoints,
+            is_lone_peer: is_lone_peer(&plan),
             config: plan,
         })
     }
+}
+
+fn is_lone_peer(config: &Config) -> bool {
+    let is_off = |key| setting(config, key) == Value::Bool(false);
+    let mode = setting(config, "mode");
+    let is_peer = mode != "client" && mode != "router";
+    is_peer && is_off("scouting/gossip/enabled") && is_off("scouting/multicast/enabled")
 }
 
 fn from_file(path: &Path, source_name: &'static str) -> Result<Config, BusError> {
@@ -84,9 +103,14 @@ fn safe_default() -> Result<Config, BusError> {
 }
 
 /// Timestamps order what comes from several machines; a message no larger than needed is all
-/// that a stranger can make this process hold.
+/// that a stranger can make this process hold; and what is under way for seconds is old.
 fn apply_what_must_hold(config: &mut Config, ours: &BusConfig) -> Result<(), BusError> {
     insert(config, "timestamping/enabled", "true")?;
+    for key in SEND_BUFFERS {
+        if setting(config, key).is_null() {
+            insert(config, key, SEND_BUFFER)?;
+        }
+    }
     let theirs = setting(config, MAX_MESSAGE_SIZE)
         .as_u64()
         .unwrap_or(u64::MAX);
@@ -250,6 +274,17 @@ mod tests {
         assert_eq!(
             setting(&plan.config, MAX_MESSAGE_SIZE),
             Value::from(300_000)
+        );
+    }
+
+    #[test]
+    fn a_send_buffer_of_the_users_stays() {
+        let size =
+            |settings: &[(&str, &str)]| setting(&plan(&with(settings)).config, SEND_BUFFERS[0]);
+        assert_eq!(size(&[]), Value::from(65_536));
+        assert_eq!(
+            size(&[(SEND_BUFFERS[0], "1000000")]),
+            Value::from(1_000_000)
         );
     }
 

@@ -313,6 +313,12 @@ impl MapAssembler {
         self.head.map(|head| (head.epoch, head.sequence))
     }
 
+    /// Transmit time of the newest ping whose evidence is in the map as it stands.
+    #[must_use]
+    pub fn time(&self) -> Option<Timestamp> {
+        self.head.map(|head| head.time)
+    }
+
     /// Whether the map is whole and the publisher said that nothing more will come.
     #[must_use]
     pub fn is_final(&self) -> bool {

@@ -56,18 +56,19 @@ fn resident_kib() -> Option<u64> {
 }
 
 /// Offers pings, a hundred times as fast as a sonar does, and maps between them; the longest that
-/// either took.
-fn burst(sender: &Bus, publisher: &MapPublisher, count: u64) -> Duration {
+/// 99.9 % of these took both together, and the longest of all.
+fn burst(sender: &Bus, publisher: &MapPublisher, count: u64) -> [Duration; 2] {
     let rounds: Vec<_> = (0..20).map(round).collect();
-    let mut longest = Duration::ZERO;
+    let mut took = Vec::new();
     for (n, map) in (0..count).zip(rounds.iter().cycle()) {
         let begin = Instant::now();
         sender.publish_ping(vec![7; 1262].into(), Timestamp::from_millis(n as i64));
         publisher.offer(Arc::clone(map));
-        longest = longest.max(begin.elapsed());
+        took.push(begin.elapsed());
         std::thread::sleep(Duration::from_micros(200));
     }
-    longest
+    took.sort_unstable();
+    [took[took.len() * 999 / 1000], took[took.len() - 1]]
 }
 
 #[test]
@@ -91,14 +92,14 @@ fn a_frozen_subscriber_costs_pings_and_deltas_that_are_counted_and_no_waiting() 
     });
     until("the map arrives", || map.gaussian_count() > 0);
     let unhindered = burst(&sender, &publisher, BURST);
-    println!("longest call {unhindered:?} while it reads");
+    println!("calls while it reads: 99.9 % within, and all within {unhindered:?}");
     proxy.frozen.store(true, Ordering::Relaxed);
 
     let resident = resident_kib();
-    let longest = burst(&sender, &publisher, BURST);
+    let hindered = burst(&sender, &publisher, BURST);
     let grown = resident_kib().zip(resident);
     let grown = grown.map(|(now, then)| now.saturating_sub(then));
-    println!("longest call {longest:?}, memory grown by {grown:?} KiB");
+    println!("calls while it does not: {hindered:?}; memory grown by {grown:?} KiB");
     until("every ping is accounted for", || {
         let counters = sender.counters();
         let told = counters.pings_sent + counters.pings_dropped + counters.pings_failed;

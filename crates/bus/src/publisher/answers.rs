@@ -1,6 +1,7 @@
 //! Answers those who ask for the map, or for the place of its frame.
 
 use std::sync::Arc;
+use std::time::Instant;
 
 use crossbeam_channel::Receiver;
 use echosplat_liveness::Heartbeat;
@@ -61,15 +62,29 @@ impl AnswerThread {
         }
     }
 
-    /// Replies take the congestion control of the query, Block from our own subscriber.
     fn answer(&self, query: &Query, published: &PublishedMap, request: &SnapshotRequest) {
         lock(&self.shared.counters).queries_answered += 1;
+        {
+            let mut pace = lock(&self.shared.pace);
+            if let (Some(epoch), Some(since)) = (request.epoch, request.since) {
+                pace.asked((epoch, since), Instant::now());
+            }
+            pace.answer_begins(Instant::now());
+        }
+        self.reply(query, published, request);
+        lock(&self.shared.pace).answer_ends(Instant::now());
+    }
+
+    /// Replies take congestion control and priority of the query, from our own subscriber Block and
+    /// Background.
+    fn reply(&self, query: &Query, published: &PublishedMap, request: &SnapshotRequest) {
         let frame = self.frame_of(published);
         let cut = Cut {
             max_message_bytes: self.link.config.max_message_bytes,
             frame_id: &frame.frame_id(),
         };
         for message in cut.answer(&published.select(request)) {
+            let _turn = lock(&self.shared.turn);
             let reply = query
                 .reply(self.link.keys.snapshot(), message.payload)
                 .encoding(Encoding::from(point_cloud::ENCODING))

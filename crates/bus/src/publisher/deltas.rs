@@ -18,6 +18,10 @@ use crate::map_message::{Cut, WireMessage};
 use crate::point_cloud;
 use crate::taps::Taps;
 
+/// Least of a round, which takes longer where the pace is slow: what a delta costs besides its points
+/// is a kilobyte.
+const MIN_ROUND_BYTES: usize = 5000;
+
 /// Makes deltas and sends them.
 pub(super) struct DeltaThread {
     link: Arc<Link>,
@@ -91,11 +95,16 @@ impl DeltaThread {
     fn round(&mut self) {
         let begin = Instant::now();
         let interval = Duration::from_secs_f64(self.link.config.publish_interval_s);
-        let bits = self.link.config.bandwidth_bps as f64 * interval.as_secs_f64();
-        let deltas = self.differ.next_deltas(Some((bits / 8.0) as usize));
+        let bits = lock(&self.shared.pace).bps(begin) * interval.as_secs_f64();
+        let budget = ((bits / 8.0) as usize).max(MIN_ROUND_BYTES);
+        let deltas = self.differ.next_deltas(Some(budget));
         self.publish_state();
         self.send(&deltas, false);
         self.pause_until(begin + interval);
+        if !self.differ.is_drained() {
+            let now = Instant::now();
+            lock(&self.shared.pace).filled(now - begin, now);
+        }
     }
 
     fn flush(&mut self, ticket: u64) {
@@ -135,6 +144,7 @@ impl DeltaThread {
             for message in cut.delta(delta, is_final) {
                 self.put(&message, is_last);
             }
+            lock(&self.shared.pace).handed_over(delta.epoch, delta.sequence);
         }
         if deltas.is_empty() {
             self.note_sent();
@@ -180,6 +190,7 @@ impl DeltaThread {
             true => CongestionControl::Block,
             false => CongestionControl::Drop,
         };
+        let turn = is_last.then(|| lock(&self.shared.turn));
         let put = self
             .link
             .session
@@ -192,6 +203,7 @@ impl DeltaThread {
             .congestion_control(control)
             .priority(Priority::DataLow)
             .wait();
+        drop(turn);
         {
             let mut counters = lock(&self.shared.counters);
             counters.messages += 1;
@@ -203,8 +215,9 @@ impl DeltaThread {
         }
         if !is_last {
             // Bursts are what a slow link drops.
-            let seconds = 8.0 * byte_count as f64 / self.link.config.bandwidth_bps as f64;
-            self.pause_until(Instant::now() + Duration::from_secs_f64(seconds));
+            let now = Instant::now();
+            let seconds = 8.0 * byte_count as f64 / lock(&self.shared.pace).bps(now);
+            self.pause_until(now + Duration::from_secs_f64(seconds));
         }
     }
 

@@ -3,6 +3,7 @@
 
 mod answers;
 mod deltas;
+mod pace;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -21,6 +22,7 @@ use crate::bus::{Link, spawn};
 use crate::delta::PublishedMap;
 use answers::{AnswerThread, Asked};
 use deltas::DeltaThread;
+use pace::Pace;
 
 /// Queries that wait to be answered; beyond that the newest goes unanswered and is asked again.
 const QUERY_QUEUE_LEN: usize = 16;
@@ -41,6 +43,10 @@ pub struct MapPublisherCounters {
     /// Messages that zenoh refused. What it drops under congestion it does not tell; subscribers
     /// see it as a gap.
     pub messages_failed: u64,
+    /// Bits per second that deltas may take of the link now.
+    pub pace_bps: u64,
+    /// Times that deltas were slowed since somebody missed some.
+    pub slowed: u64,
     /// Gaussians left out because a number was not finite.
     pub gaussians_unsound: u64,
     /// Times that the place of the map's own frame was told.
@@ -73,8 +79,12 @@ pub struct MapPublisher {
     _queryables: [Queryable<()>; 2],
 }
 
-#[derive(Debug, Default)]
+#[derive(Debug)]
 struct Shared {
+    pace: Mutex<Pace>,
+    /// Held while zenoh is given what waits for a link: in turn, or the last deltas, of the higher
+    /// priority, would keep an answer waiting until zenoh ends the connection for it.
+    turn: Mutex<()>,
     orders: Mutex<Orders>,
     ordered: Condvar,
     flushed: Condvar,
@@ -110,13 +120,29 @@ impl Orders {
     }
 }
 
+impl Shared {
+    fn new(bandwidth_bps: u64) -> Self {
+        Self {
+            pace: Mutex::new(Pace::new(bandwidth_bps)),
+            turn: Mutex::default(),
+            orders: Mutex::default(),
+            ordered: Condvar::new(),
+            flushed: Condvar::new(),
+            published: Mutex::default(),
+            sent: Mutex::default(),
+            counters: Mutex::default(),
+            queries_dropped: AtomicU64::new(0),
+        }
+    }
+}
+
 fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl MapPublisher {
     pub(crate) fn start(link: &Arc<Link>) -> Result<Self, BusError> {
-        let shared = Arc::new(Shared::default());
+        let shared = Arc::new(Shared::new(link.config.bandwidth_bps));
         let (sender, queries) = bounded(QUERY_QUEUE_LEN);
         let queryables = [
             take_queries(link, link.keys.snapshot(), Asked::Map, &shared, &sender)?,
@@ -200,7 +226,22 @@ impl MapPublisher {
     pub fn counters(&self) -> MapPublisherCounters {
         let mut counters = *lock(&self.shared.counters);
         counters.queries_dropped += self.shared.queries_dropped.load(Ordering::Relaxed);
+        let pace = lock(&self.shared.pace);
+        counters.pace_bps = pace.bps(Instant::now()) as u64;
+        counters.slowed = pace.slowed_count();
         counters
+    }
+
+    /// Whether a follower's link carries less than deltas may take.
+    #[must_use]
+    pub fn is_slowed(&self) -> bool {
+        lock(&self.shared.pace).is_slowed()
+    }
+
+    /// When the newest answer was handed to zenoh; now while one is under way.
+    #[must_use]
+    pub fn answered(&self) -> Option<Instant> {
+        lock(&self.shared.pace).answered(Instant::now())
     }
 }
 

@@ -63,6 +63,9 @@ fn follow(
     loop {
         let position = subscriber.wait_beyond(known, TICK);
         tell_of_new_epoch(known, position);
+        if let (Some((_, sequence)), Some(time)) = (position, subscriber.time()) {
+            tracing::debug!(sequence, time_ns = time.nanos(), "the map followed");
+        }
         known = position;
         if let Some(status) = status.take_newest() {
             tracing::debug!(%status, "status");

@@ -10,19 +10,41 @@ use super::ending::Ending;
 use super::run::Run;
 use super::{Outcome, diagnosis};
 use crate::maps;
+use crate::signals::Stop;
 
 /// How long publishing the final map may take.
 const FLUSH_LIMIT: Duration = Duration::from_secs(30);
 /// How long telling nodes of ROS of it may take.
 const ROS_LIMIT: Duration = Duration::from_secs(2);
-/// Those who lost part of the final map ask for it again within so long.
-const LINGER: Duration = Duration::from_millis(500);
-const MAX_LINGER: Duration = Duration::from_secs(5);
+/// Those who lost part of the final map ask for it again within so long, and have it after so long:
+/// over a link that takes what it gets at once, and over a slow one, where that is underway for
+/// seconds before it shows that a part is missing.
+const LINGER: Linger = Linger {
+    quiet: Duration::from_millis(500),
+    limit: Duration::from_secs(5),
+};
+const LINGER_ON_SLOW_LINK: Linger = Linger {
+    quiet: Duration::from_secs(4),
+    limit: Duration::from_secs(40),
+};
+/// Publishing the final map takes longer on a slow link.
+const SLOW_FLUSH: Duration = Duration::from_secs(1);
+/// How often is looked again whether somebody asks.
+const LOOK_AGAIN: Duration = Duration::from_millis(50);
+
+/// How long it is stayed for those who ask.
+#[derive(Debug, Clone, Copy)]
+struct Linger {
+    /// After the newest answer.
+    quiet: Duration,
+    /// At most.
+    limit: Duration,
+}
 
 impl Run {
     /// Takes the finished map, or the map as it stands if there is no time for more, writes and
     /// publishes it whole, and tells the last of everything.
-    pub(super) fn conclude(mut self, ending: &Ending) -> anyhow::Result<Outcome> {
+    pub(super) fn conclude(mut self, ending: &Ending, stop: &Stop) -> anyhow::Result<Outcome> {
         let worker = self.worker.take().context("a run ends once")?;
         let worker_ended = worker.is_finished();
         // A panic in it is told by its heartbeat.
@@ -43,7 +65,7 @@ impl Run {
         if let Some(page) = &self.hooks.page {
             page.map_is_final();
         }
-        let is_published = self.publish_final(ending);
+        let linger = self.publish_final(ending);
         self.tell(true)?;
         let status = self.status(true);
         if let Some(recorder) = &self.recorder {
@@ -56,8 +78,8 @@ impl Run {
         if let Some(on_final) = self.hooks.on_final.take() {
             on_final(&snapshot);
         }
-        if is_published && !ending.is_asked() {
-            self.linger();
+        if let Some(linger) = linger.filter(|_| !ending.is_asked()) {
+            self.stay(linger, stop);
         }
         drop(self.published.alive);
         written?;
@@ -91,33 +113,35 @@ impl Run {
         Ok(())
     }
 
-    fn publish_final(&self, ending: &Ending) -> bool {
-        let Some(publisher) = &self.published.map else {
-            return false;
-        };
+    /// Says how long to stay afterwards; `None` without a bus.
+    fn publish_final(&self, ending: &Ending) -> Option<Linger> {
+        let publisher = self.published.map.as_ref()?;
+        let begin = Instant::now();
         match publisher.flush(ending.limited(FLUSH_LIMIT)) {
             Ok(report) => tracing::debug!(?report, "the final map is published"),
             Err(error) => tracing::warn!(%error, "subscribers may not have the final map"),
         }
+        let is_slow = publisher.is_slowed() || begin.elapsed() > SLOW_FLUSH;
         if let Some(ros) = &self.published.ros
             && !ros.flush(ending.limited(ROS_LIMIT))
         {
             tracing::warn!("nodes of ROS may not have the final map");
         }
-        true
+        Some(if is_slow { LINGER_ON_SLOW_LINK } else { LINGER })
     }
 
-    /// Stays until nobody asks any more, within a limit.
-    fn linger(&self) {
-        let answered = || {
-            let counters = self.published.map.as_ref().map(|map| map.counters());
-            counters.map_or(0, |counters| counters.queries_answered)
+    /// Stays until nobody asks any more, or the user wants an end.
+    fn stay(&self, linger: Linger, stop: &Stop) {
+        let Some(publisher) = &self.published.map else {
+            return;
         };
         let begin = Instant::now();
-        let mut before = u64::MAX;
-        while before != answered() && begin.elapsed() < MAX_LINGER {
-            before = answered();
-            std::thread::sleep(LINGER);
+        let is_quiet = || {
+            let newest = publisher.answered().map_or(begin, |at| at.max(begin));
+            newest.elapsed() >= linger.quiet
+        };
+        while !is_quiet() && begin.elapsed() < linger.limit && !stop.is_set() {
+            std::thread::sleep(LOOK_AGAIN);
         }
     }
 }

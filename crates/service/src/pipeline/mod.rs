@@ -177,7 +177,7 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
     let mut run = Run::start(config, setup)?;
     stop.run_begins(run.last_will(), run.heartbeat());
     let outcome = match run.heartbeat().survive(|| run.watch(stop)) {
-        Ok(Ok(ending)) => run.conclude(&ending),
+        Ok(Ok(ending)) => run.conclude(&ending, stop),
         Ok(Err(error)) => {
             run.give_up();
             Err(error)
@@ -185,9 +185,8 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
         Err(panicked) => {
             stop.ask();
             run.stop_input();
-            run.conclude(&Ending::of_failure(format!(
-                "the part `run` failed, {panicked}"
-            )))
+            let why = format!("the part `run` failed, {panicked}");
+            run.conclude(&Ending::of_failure(why), stop)
         }
     };
     stop.run_ends();
