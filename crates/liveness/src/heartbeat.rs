@@ -2,9 +2,12 @@
 
 use std::any::Any;
 use std::collections::VecDeque;
+use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::pin;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use crate::drill;
@@ -191,6 +194,22 @@ impl Heartbeat {
     /// If the work panicked.
     pub fn survive<T>(&self, work: impl FnOnce() -> T) -> Result<T, Panicked> {
         catch_unwind(AssertUnwindSafe(work)).map_err(|payload| self.panicked(&*payload))
+    }
+
+    /// The same for a task: what `work` does at each step.
+    ///
+    /// # Errors
+    /// If the work panicked.
+    pub async fn survive_task<T>(&self, work: impl Future<Output = T>) -> Result<T, Panicked> {
+        let mut work = pin!(work);
+        poll_fn(|context| {
+            let step = catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(context)));
+            match step {
+                Ok(step) => step.map(Ok),
+                Err(payload) => Poll::Ready(Err(self.panicked(&*payload))),
+            }
+        })
+        .await
     }
 
     /// Does all of the part's work, once; `None` if it panicked, and the part has failed.
