@@ -164,6 +164,7 @@ impl Link {
             if bytes.is_some() {
                 heard = Instant::now();
                 self.was_silent = false;
+                self.outlet.read_at = Some(heard.into_std());
             } else if heard.elapsed() >= silence {
                 return End::Lost(silence_words(&self.config.url, silence));
             }
@@ -176,6 +177,8 @@ impl Link {
 
     /// Takes what came, if anything did, and what is due by now.
     fn take(&mut self, bytes: Option<Bytes>) -> Flow {
+        let byte_count = bytes.as_ref().map_or(0, Bytes::len);
+        let _span = tracing::trace_span!("received", byte_count).entered();
         self.outlet.heartbeat.beat();
         if self.outlet.stop.is_abandoned() {
             return Flow::Ends;
@@ -237,6 +240,7 @@ impl Link {
 
     fn tell(&mut self, event: DriverEvent) -> Flow {
         match &event {
+            DriverEvent::Ping { ping, .. } => tracing::trace!(ping = ping.sequence(), "decoded"),
             DriverEvent::Warning(text) => tracing::warn!(url = %self.config.url, "sonar: {text}"),
             DriverEvent::Nack { id, text } => {
                 tracing::warn!(url = %self.config.url, id, "sonar refused a request: {text}");

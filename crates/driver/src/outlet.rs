@@ -1,7 +1,7 @@
 //! The way out of a driver: events to their channel, by one rule for a full one.
 
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Sender, TrySendError, select};
 use echosplat_liveness::Heartbeat;
@@ -32,6 +32,8 @@ pub(crate) struct Outlet {
     pub(crate) stop: Stop,
     pub(crate) status: SharedStatus,
     pub(crate) heartbeat: Heartbeat,
+    /// When what is sent now was read, of a link.
+    pub(crate) read_at: Option<Instant>,
     waits_for_room: bool,
     pause: Option<Pause>,
     /// Sequences of pings dropped since they were last asked for.
@@ -52,6 +54,7 @@ impl Outlet {
             stop,
             status,
             heartbeat,
+            read_at: None,
             waits_for_room: is_log || config.session.clock == ClockSource::Device,
             pause: config.pause.clone(),
             shed: Mutex::default(),
@@ -123,7 +126,7 @@ impl Outlet {
 
     fn was_sent(&self, is_ping: bool) -> Flow {
         if is_ping {
-            self.status.update(|status| status.pings_sent += 1);
+            self.status.ping_sent(self.read_at.map(|at| at.elapsed()));
         }
         Flow::GoesOn
     }

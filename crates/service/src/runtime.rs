@@ -11,8 +11,9 @@ use tokio::time::interval;
 
 /// What a task does between two waits is short, and what may take long lets go of its worker first.
 const WORKERS: usize = 2;
-/// Threads for what may take long: downloads and commands of the page, each bounded, and the links.
-const MOST_BLOCKING: usize = 64;
+/// Threads for what may take long, made as they are needed: more than the page has connections, so
+/// that a link never waits for one.
+const MOST_BLOCKING: usize = 256;
 /// How often the runtime shows that its tasks go on.
 const BEAT_EVERY: Duration = Duration::from_millis(200);
 

@@ -271,11 +271,14 @@ impl Poses {
             recorder.record(clock::now(), Record::Event(event));
         }
         match verdict.result {
-            Ok(posed) => self.ready.push_back(Joined {
-                posed,
-                arrived,
-                epoch: verdict.epoch,
-            }),
+            Ok(posed) => {
+                tracing::trace!(ping = sequence, "joined");
+                self.ready.push_back(Joined {
+                    posed,
+                    arrived,
+                    epoch: verdict.epoch,
+                });
+            }
             Err(rejected) => {
                 tracing::debug!(ping = sequence, reason = ?rejected.reason, "left out: no pose");
             }
