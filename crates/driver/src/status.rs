@@ -1,4 +1,4 @@
-//! A driver's state, written by its thread and read by anyone.
+//! A driver's state, written by its task or thread and read by anyone.
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
@@ -8,7 +8,7 @@ use echosplat_session::{Session, SessionCounters};
 use crate::event::{DriverStatus, LinkState};
 use crate::path::PathTimes;
 
-/// The driver's state, written by its thread, read by anyone.
+/// The driver's state, written by its task or thread, read by anyone.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SharedStatus(Arc<Mutex<State>>);
 
