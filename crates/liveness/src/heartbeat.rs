@@ -162,7 +162,7 @@ impl Heartbeat {
     }
 
     /// Whether whoever has started the part may put another in the place of one that hangs:
-    /// it does, and not for the sixth time, since what those that hung hold is never given back.
+    /// it does, and not for the sixth time, since what it holds is never given back.
     #[must_use]
     pub fn is_to_be_replaced(&self) -> bool {
         matches!(self.condition(), Condition::Hung(_)) && self.replacements() < MAX_REPLACEMENTS
