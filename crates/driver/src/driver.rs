@@ -126,14 +126,14 @@ fn spawn_with(
 /// # Errors
 /// If the configuration is out of range.
 pub fn spawn_tape(
-    config: DriverConfig,
+    config: &DriverConfig,
     tape: Tape,
     raw: Option<RawTap>,
     events: Sender<DriverEvent>,
 ) -> Result<DriverHandle, DriverError> {
     config.check()?;
-    let (handle, outlet, alive) = wired(Heartbeat::new(NAME), &config, events);
-    let reader = TapeReader::new(&config, raw, outlet.waiting_for_room());
+    let (handle, outlet, alive) = wired(Heartbeat::new(NAME), config, events);
+    let reader = TapeReader::new(config, raw, outlet.waiting_for_room());
     start_thread(handle, alive, move || reader.run(tape))
 }
 

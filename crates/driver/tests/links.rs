@@ -380,7 +380,7 @@ fn a_tape_of_a_dive_with_faults_gives_the_same_pings_again() {
         };
         let (sender, events) = bounded(3);
         let items = tape.clone().into_iter().map(Ok);
-        let driver = spawn_tape(config, Box::new(items), None, sender).unwrap();
+        let driver = spawn_tape(&config, Box::new(items), None, sender).unwrap();
         let mut again = Vec::new();
         next(&events, |event| match event {
             DriverEvent::Ping { ping, .. } => {
@@ -412,7 +412,7 @@ fn a_tape_that_breaks_off_says_so_and_ends() {
     ];
     let (sender, events) = bounded(10);
     let config = config("file://dive.mcap", ClockSource::Device);
-    let driver = spawn_tape(config, Box::new(tape.into_iter()), None, sender).unwrap();
+    let driver = spawn_tape(&config, Box::new(tape.into_iter()), None, sender).unwrap();
     assert_eq!(next_ping(&events).sequence(), 7);
     let words = next(&events, |event| match event {
         DriverEvent::Warning(text) => Some(text),

@@ -64,7 +64,7 @@ impl SourceTask {
             work,
             heartbeat,
             inlet,
-            stopper: stopper,
+            stopper,
         }
     }
 

@@ -130,7 +130,7 @@ impl Drivers {
         let tap = tap.map(|make| make());
         let url = input.config.url.to_string();
         let handle = match input.tape {
-            Some(open) => echosplat_driver::spawn_tape(input.config, open()?, tap, events),
+            Some(open) => echosplat_driver::spawn_tape(&input.config, open()?, tap, events),
             None => echosplat_driver::spawn(&self.runtime, input.config, tap, events),
         };
         let handle = handle.map_err(|error| match error {
