@@ -4,6 +4,7 @@
 use std::process::Command;
 use std::sync::atomic::{AtomicU32, Ordering};
 
+use crate::browser::say;
 use crate::harness::Program;
 
 /// One of the two machines.
@@ -31,7 +32,7 @@ impl Namespaces {
         if made.link(rate) {
             return Some(made);
         }
-        println!("not tried: network namespaces need root, ip and tc");
+        say("passed over: network namespaces need root, ip and tc");
         None
     }
 

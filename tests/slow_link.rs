@@ -4,10 +4,13 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
+use crate::browser::say;
 use crate::harness::Program;
 use crate::namespaces::{End, Namespaces};
 
 const LONG: Duration = Duration::from_secs(240);
+/// Makes the dive so many seconds long, to measure.
+const LENGTH: &str = "ECHOSPLAT_SLOW_LINK_S";
 
 /// A map as a follower had it.
 #[derive(Debug, Clone, Copy)]
@@ -52,7 +55,7 @@ fn follow_over(rate: &str, dive_s: u32) {
     let Some(namespaces) = Namespaces::with_link_of(rate) else {
         return;
     };
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("there is room");
     let map = |who: &str| {
         folder
             .path()
@@ -87,14 +90,15 @@ fn follow_over(rate: &str, dive_s: u32) {
     let first = followed(&at_vehicle);
     let ages = ages_s(&followed(&ashore), &first, dive_s.into());
     assert!(!ages.is_empty(), "{}", ashore.account());
-    println!(
-        "{rate}, {dive_s} s: the map ashore was {:.2} s old in the middle, {:.2} s at most; final map {} B",
+    let size = fs::metadata(&ours).expect("it is written").len();
+    say(&format!(
+        "{rate}, {dive_s} s: the map ashore was {:.2} s old in the middle, {:.2} s at most; final map {size} B",
         ages[ages.len() / 2],
         ages[ages.len() - 1],
-        fs::metadata(&ours).unwrap().len(),
-    );
+    ));
     for kind in ["ply", "ambiguous.ply"] {
-        let bytes = |map: &str| fs::read(Path::new(map).with_extension(kind)).unwrap();
+        let bytes =
+            |map: &str| fs::read(Path::new(map).with_extension(kind)).expect("it is written");
         assert!(bytes(&ours) == bytes(&far), "{kind}: {}", ashore.account());
         assert!(
             bytes(&ours) == bytes(&near),
@@ -115,11 +119,6 @@ fn follow_over_slow_links(dive_s: u32) {
 
 #[test]
 fn a_map_followed_over_a_slow_link_is_whole_at_the_end() {
-    follow_over_slow_links(30);
-}
-
-#[test]
-#[ignore = "a longer dive, to measure"]
-fn how_old_a_map_followed_over_a_slow_link_is() {
-    follow_over_slow_links(80);
+    let asked = std::env::var(LENGTH).ok();
+    follow_over_slow_links(asked.and_then(|text| text.parse().ok()).unwrap_or(30));
 }

@@ -194,7 +194,7 @@ fn a_source_that_panics_is_begun_again() {
 fn a_sonar_that_hangs_is_replaced() {
     let mut drilled = Drilled::start("sonar:hang", &[]);
     drilled.begin();
-    drilled.wait_told("the part `sonar` hung, and another thread has taken its place");
+    drilled.wait_told("the part `sonar` hung, and another has taken its place");
     drilled.wait_mapped(80);
     drilled.ends_when_asked(3, Ending::Complete);
 }

@@ -1,4 +1,4 @@
-//! The thread of one sonar, and its owner's handle.
+//! The task of one sonar, or the thread that reads a log, and its owner's handle.
 
 use std::fs::File;
 use std::io;
@@ -9,6 +9,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
+use tokio::runtime::Handle;
 
 use crate::config::{DriverConfig, DriverError};
 use crate::event::{DriverEvent, DriverStatus};
@@ -22,24 +23,25 @@ use crate::tape_reader::TapeReader;
 use crate::transport;
 use crate::url::SonarUrl;
 
-/// A stop takes at most this long; a thread that then still hangs in a system call is left alone.
+/// A stop takes at most this long; what then still hangs is left alone.
 const STOP_WAIT: Duration = Duration::from_secs(2);
 
-/// Name of the thread, and of its heartbeat.
-const THREAD_NAME: &str = "sonar";
+/// Name of the part: of its heartbeat, and of a reader's thread.
+const NAME: &str = "sonar";
 
-/// A running driver. Dropping it stops the thread without waiting.
+/// A running driver. Dropping it stops the driver without waiting.
 #[derive(Debug)]
 pub struct DriverHandle {
     stopper: Stopper,
     status: SharedStatus,
     heartbeat: Heartbeat,
-    /// Disconnects when the thread ends.
+    /// Disconnects when the task or the thread ends.
     ended: Receiver<()>,
 }
 
-/// Starts the thread `sonar`. It connects for ever (or reads its log once) and ends when stopped,
-/// when the receiver of `events` is dropped, or after [`DriverEvent::Ended`].
+/// Starts the driver of one sonar: a link as a task of `runtime`, which connects for ever; a log as
+/// a thread, which reads it once. It ends when stopped, when the receiver of `events` is dropped, or
+/// after [`DriverEvent::Ended`]. `runtime` is one of several workers.
 ///
 /// `events` is bounded by its maker. With `clock = device`, and for a log, the driver waits for
 /// room in it, which through TCP makes the device wait too; with `clock = host` what finds no room
@@ -49,21 +51,22 @@ pub struct DriverHandle {
 /// If the configuration is out of range, a log cannot be opened or is no file, a serial line's path
 /// leads to something else, or the URL is `sim://`.
 pub fn spawn(
+    runtime: &Handle,
     config: DriverConfig,
     raw: Option<RawTap>,
     events: Sender<DriverEvent>,
 ) -> Result<DriverHandle, DriverError> {
-    spawn_with(Heartbeat::new(THREAD_NAME), config, raw, events)
+    spawn_with(runtime, Heartbeat::new(NAME), config, raw, events)
 }
 
-/// As [`spawn`], in the place of a link's thread that hangs. That one is let go without waiting:
-/// should it ever go on, it neither sends, records nor decodes anything more. Gives its last state
-/// too.
+/// As [`spawn`], in the place of a link that hangs. That one is let go without waiting: should it
+/// ever go on, it neither sends, records nor decodes anything more. Gives its last state too.
 ///
 /// # Errors
 /// As [`spawn`].
 pub fn spawn_in_place_of(
     hung: DriverHandle,
+    runtime: &Handle,
     config: DriverConfig,
     raw: Option<RawTap>,
     events: Sender<DriverEvent>,
@@ -77,11 +80,12 @@ pub fn spawn_in_place_of(
     stopper.abandon();
     // Before the other begins, so that its beats are the newest.
     heartbeat.replaced();
-    let handle = spawn_with(heartbeat, config, raw, events)?;
+    let handle = spawn_with(runtime, heartbeat, config, raw, events)?;
     Ok((handle, status.read()))
 }
 
 fn spawn_with(
+    runtime: &Handle,
     heartbeat: Heartbeat,
     config: DriverConfig,
     raw: Option<RawTap>,
@@ -94,15 +98,20 @@ fn spawn_with(
         }),
         SonarUrl::File(path) => {
             let file = open_log(path)?;
-            start(heartbeat, &config.clone(), events, |outlet| {
-                Box::new(move || LogReader::new(&config, raw, outlet).run(file))
-            })
+            let (handle, outlet, alive) = wired(heartbeat, &config, events);
+            let reader = LogReader::new(&config, raw, outlet);
+            start_thread(handle, alive, move || reader.run(file))
         }
         SonarUrl::Tcp(_) | SonarUrl::Udp(_) | SonarUrl::Serial { .. } => {
             refuse_what_is_no_line(&config.url)?;
-            start(heartbeat, &config.clone(), events, |outlet| {
-                Box::new(move || Link::new(config, raw, outlet).run())
-            })
+            let (handle, outlet, alive) = wired(heartbeat, &config, events);
+            start_task(
+                runtime,
+                &handle,
+                alive,
+                Link::new(config, raw, outlet).run(),
+            );
+            Ok(handle)
         }
     }
 }
@@ -117,45 +126,67 @@ fn spawn_with(
 /// # Errors
 /// If the configuration is out of range.
 pub fn spawn_tape(
-    config: DriverConfig,
+    config: &DriverConfig,
     tape: Tape,
     raw: Option<RawTap>,
     events: Sender<DriverEvent>,
 ) -> Result<DriverHandle, DriverError> {
     config.check()?;
-    let heartbeat = Heartbeat::new(THREAD_NAME);
-    start(heartbeat, &config.clone(), events, |outlet| {
-        let outlet = outlet.waiting_for_room();
-        Box::new(move || TapeReader::new(&config, raw, outlet).run(tape))
-    })
+    let (handle, outlet, alive) = wired(Heartbeat::new(NAME), config, events);
+    let reader = TapeReader::new(config, raw, outlet.waiting_for_room());
+    start_thread(handle, alive, move || reader.run(tape))
 }
 
-type Work = Box<dyn FnOnce() + Send>;
-
-fn start(
+/// A driver's two ends, and what it drops when it ends.
+fn wired(
     heartbeat: Heartbeat,
     config: &DriverConfig,
     events: Sender<DriverEvent>,
-    work: impl FnOnce(Outlet) -> Work,
-) -> Result<DriverHandle, DriverError> {
+) -> (DriverHandle, Outlet, Sender<()>) {
     let (stopper, stop) = stop_pair();
     let status = SharedStatus::default();
-    let (beats, of_handle) = (heartbeat.clone(), status.clone());
-    let work = work(Outlet::new(config, events, stop, status, heartbeat.clone()));
+    let outlet = Outlet::new(config, events, stop, status.clone(), heartbeat.clone());
     let (alive, ended) = bounded(0);
-    thread::Builder::new()
-        .name(THREAD_NAME.to_owned())
-        .spawn(move || {
-            beats.run_once(work);
-            drop::<Sender<()>>(alive);
-        })
-        .map_err(DriverError::Thread)?;
-    Ok(DriverHandle {
+    let handle = DriverHandle {
         stopper,
-        status: of_handle,
+        status,
         heartbeat,
         ended,
-    })
+    };
+    (handle, outlet, alive)
+}
+
+/// The link outlives the panics of its talk; one anywhere else ends it, which its heartbeat tells.
+fn start_task(
+    runtime: &Handle,
+    handle: &DriverHandle,
+    alive: Sender<()>,
+    link: impl Future<Output = ()> + Send + 'static,
+) {
+    let heartbeat = handle.heartbeat.clone();
+    runtime.spawn(async move {
+        match heartbeat.survive_task(link).await {
+            Ok(()) => heartbeat.end(),
+            Err(_) => heartbeat.fail(),
+        }
+        drop(alive);
+    });
+}
+
+fn start_thread(
+    handle: DriverHandle,
+    alive: Sender<()>,
+    work: impl FnOnce() + Send + 'static,
+) -> Result<DriverHandle, DriverError> {
+    let heartbeat = handle.heartbeat.clone();
+    thread::Builder::new()
+        .name(NAME.to_owned())
+        .spawn(move || {
+            heartbeat.run_once(work);
+            drop(alive);
+        })
+        .map_err(DriverError::Thread)?;
+    Ok(handle)
 }
 
 /// A path that will never be a serial line is not waited for; one that is not there yet is.
@@ -193,26 +224,26 @@ impl DriverHandle {
         self.status.read()
     }
 
-    /// Whether its thread is alive. One that panics on a link takes the link for lost; one that
+    /// Whether it is alive. One that panics on a link takes the link for lost; one that
     /// reads a log or a recording has failed.
     #[must_use]
     pub fn heartbeat(&self) -> &Heartbeat {
         &self.heartbeat
     }
 
-    /// Whether the thread has ended by itself.
+    /// Whether it has ended by itself.
     #[must_use]
     pub fn is_finished(&self) -> bool {
         use crossbeam_channel::TryRecvError::Disconnected;
         self.ended.try_recv() == Err(Disconnected)
     }
 
-    /// Tells the device to stop (`enable = 0`) and ends the thread, in bounded time; returns the
-    /// last state. Events that still wait in the channel stay there.
+    /// Tells the device to stop (`enable = 0`) and ends the driver, in bounded time; returns the
+    /// last state. Not to be called from a task. Events that still wait in the channel stay there.
     #[must_use]
     pub fn stop(mut self) -> DriverStatus {
         self.stopper.stop();
-        // Nothing is ever sent: this waits for the thread to drop its end.
+        // Nothing is ever sent: this waits for the other end to be dropped.
         let _ = self.ended.recv_timeout(STOP_WAIT);
         self.status.read()
     }

@@ -7,6 +7,8 @@ use echosplat_model::Ping;
 use echosplat_session::SessionCounters;
 use serde::Serialize;
 
+use crate::path::PingPath;
+
 /// What happened, in order.
 #[derive(Debug, Clone, PartialEq)]
 pub enum DriverEvent {
@@ -107,4 +109,6 @@ pub struct DriverStatus {
     pub since_profile_s: Option<f64>,
     /// Seconds since the last ping.
     pub since_ping_s: Option<f64>,
+    /// How long pings of a link take to the events' channel; `None` before the first, and of a log.
+    pub ping_path_ms: Option<PingPath>,
 }

@@ -16,6 +16,7 @@ mod link;
 mod log_reader;
 mod outlet;
 mod pace;
+mod path;
 mod pause;
 mod probe;
 mod serve;
@@ -29,6 +30,7 @@ mod url;
 pub use config::{DriverConfig, DriverError};
 pub use driver::{DriverHandle, spawn, spawn_in_place_of, spawn_tape};
 pub use event::{DriverEvent, DriverStatus, LinkState};
+pub use path::PingPath;
 pub use pause::Pause;
 pub use probe::{
     Discovered, Discovery, ProbedIdentity, ProbedProfile, ProbedUnit, discover, probe, serial_ports,

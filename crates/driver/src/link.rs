@@ -1,32 +1,34 @@
 //! A live link: connected again and again, a session on it, an orderly stop.
 
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
+use bytes::Bytes;
 use echosplat_model::{RateLimit, Timestamp};
 use echosplat_session::Session;
+use tokio::select;
+use tokio::task::block_in_place;
+use tokio::time::{Instant, sleep, timeout};
 
 use crate::config::DriverConfig;
 use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
-use crate::intake::Intake;
 use crate::outlet::{Flow, Outlet};
 use crate::tap::{RawTap, Tapped};
-use crate::transport::{self, Received, Transport};
+use crate::transport::{self, Transport};
 use crate::url::SonarUrl;
 
 /// After the request to stop, so long at most is waited for the device to fall silent: what is
 /// unread when a TCP link closes may take the request with it.
 const STOP_DRAIN: Duration = Duration::from_millis(500);
-/// So many reads without a byte are silence.
-const QUIET_READS: u32 = 3;
+/// A device that says nothing for so long has fallen silent.
+const QUIET: Duration = Duration::from_millis(60);
+/// Timers are looked at after so long at the latest: the host's clock, which they are on, may be set.
+const LONGEST_WAIT: Duration = Duration::from_secs(1);
 /// Bytes of a profile's frame around its bins.
 const PROFILE_OVERHEAD_BYTES: f64 = 62.0;
 /// Start bit, eight data bits, stop bit.
 const LINE_BITS_PER_BYTE: f64 = 10.0;
-
-/// What names and addresses may take beyond other steps, for as many as a name has.
-const CONNECTING: Duration = Duration::from_secs(60);
 
 pub(crate) struct Link {
     config: DriverConfig,
@@ -36,7 +38,6 @@ pub(crate) struct Link {
     state: LinkState,
     /// Whether the last open link brought nothing.
     was_silent: bool,
-    intake: Intake,
     /// A link that flaps must not fill the log.
     ups_said: RateLimit,
     downs_said: RateLimit,
@@ -59,7 +60,6 @@ impl Link {
             session,
             state: LinkState::Connecting,
             was_silent: false,
-            intake: Intake::default(),
             ups_said: RateLimit::new(),
             downs_said: RateLimit::new(),
             restarts_said: RateLimit::new(),
@@ -67,117 +67,145 @@ impl Link {
     }
 
     /// Until stopped, or nobody listens.
-    pub(crate) fn run(mut self) {
+    pub(crate) async fn run(mut self) {
         if let Some(warning) = line_warning(&self.config) {
             self.tell(DriverEvent::Warning(warning));
         }
+        let stop = self.outlet.stop.clone();
+        let heartbeat = self.outlet.heartbeat.clone();
         let mut wait_s = self.config.reconnect_min_s;
-        while !self.outlet.stop.is_set() {
+        while !stop.is_set() {
             let frames_before = self.session.counters().frames_good;
-            let heartbeat = self.outlet.heartbeat.clone();
             // What a panic leaves half done the session gives up with the link.
-            let ended = heartbeat.survive(|| self.connect_and_talk());
-            self.outlet.stop.talks_over(None);
+            let ended = heartbeat.survive_task(self.connect_and_talk()).await;
             let reason = match ended {
                 Ok(End::Stopped) => break,
                 Ok(End::Lost(reason)) => reason,
                 Err(panicked) if panicked.is_hopeless => {
                     // No use either, perhaps; then it is told as one more panic.
-                    let _ = heartbeat.survive(|| self.stop_unlinked_device());
+                    let _ = heartbeat.survive_task(self.stop_unlinked_device()).await;
                     return heartbeat.fail();
                 }
-                Err(panicked) => format!("its thread failed, {panicked}"),
+                Err(panicked) => format!("its task failed, {panicked}"),
             };
-            if self.outlet.stop.is_abandoned() {
+            if stop.is_abandoned() {
                 return;
             }
             // Being let in is no success: one that accepts and closes is asked ever more slowly.
             if self.session.counters().frames_good > frames_before {
                 wait_s = self.config.reconnect_min_s;
             }
-            if self.lost(reason) == Flow::Ends {
-                self.stop_unlinked_device();
-                break;
-            }
+            let flow = block_in_place(|| self.lost(reason));
             heartbeat.rest();
-            if self.outlet.stop.wait(Duration::from_secs_f64(wait_s)) {
-                self.stop_unlinked_device();
+            let pause = timeout(Duration::from_secs_f64(wait_s), stop.asked());
+            if flow == Flow::Ends || pause.await.is_ok() {
+                self.stop_unlinked_device().await;
+                break;
             }
             wait_s = (2.0 * wait_s).min(self.config.reconnect_max_s);
         }
         self.session.finish(host_time());
-        self.deliver();
+        block_in_place(|| self.deliver());
         self.state = LinkState::Stopped;
         self.publish();
     }
 
-    fn connect_and_talk(&mut self) -> End {
-        self.outlet.heartbeat.beat_allowing(CONNECTING);
-        let mut link = match transport::open(&self.config, self.was_silent) {
-            Ok(link) => link,
-            Err(error) => return End::Lost(error.to_string()),
+    async fn connect_and_talk(&mut self) -> End {
+        let stop = self.outlet.stop.clone();
+        self.outlet.heartbeat.rest();
+        let opened = select! {
+            () = stop.asked() => None,
+            opened = transport::open(&self.config, self.was_silent, stop.abandoned()) => Some(opened),
         };
-        self.outlet.stop.talks_over(link.connection());
-        let end = self.talk(&mut *link);
-        if matches!(end, End::Stopped) && !self.outlet.stop.is_abandoned() {
-            self.stop_device(&mut *link);
+        let mut link = match opened {
+            Some(Ok(link)) => link,
+            Some(Err(error)) => return End::Lost(error.to_string()),
+            None => {
+                self.stop_unlinked_device().await;
+                return End::Stopped;
+            }
+        };
+        let end = self.talk(&mut link).await;
+        if matches!(end, End::Stopped) && !stop.is_abandoned() {
+            self.stop_device(&mut link).await;
         }
+        link.close().await;
         end
     }
 
-    fn talk(&mut self, link: &mut dyn Transport) -> End {
+    async fn talk(&mut self, link: &mut Transport) -> End {
+        let stop = self.outlet.stop.clone();
         self.session.link_restored(host_time());
-        if link.opens_connected() && self.came_up() == Flow::Ends {
+        if link.opens_connected() && block_in_place(|| self.came_up()) == Flow::Ends {
             return End::Stopped;
         }
         let silence = self.silence_timeout();
         let mut heard = Instant::now();
         self.was_silent = true;
         loop {
-            if let Err(error) = self.send_requests(link) {
+            if let Err(error) = self.send_requests(link).await {
                 return End::Lost(format!("writing failed: {error}"));
             }
-            if self.outlet.stop.is_set() {
-                return End::Stopped;
-            }
-            self.outlet.heartbeat.beat();
+            self.outlet.heartbeat.rest();
+            let wait = self
+                .next_timer()
+                .min(silence.saturating_sub(heard.elapsed()));
             // First what has come: a half frame must not expire while its rest waits to be read.
-            let read = link.read(self.intake.room());
-            if self.outlet.stop.is_abandoned() {
-                return End::Stopped;
-            }
-            match read {
-                Ok(Received::Bytes(byte_count)) => {
-                    heard = Instant::now();
-                    self.was_silent = false;
-                    if self.came_up() == Flow::Ends {
-                        return End::Stopped;
-                    }
-                    self.take(byte_count);
-                }
-                Ok(Received::Nothing) if heard.elapsed() > silence => {
-                    return End::Lost(silence_words(&self.config.url, silence));
-                }
-                Ok(Received::Nothing) => {}
+            let read = select! {
+                biased;
+                () = stop.asked() => return End::Stopped,
+                read = link.read() => Some(read),
+                () = sleep(wait) => None,
+            };
+            let bytes = match read.transpose() {
+                Ok(bytes) => bytes,
                 Err(error) => return End::Lost(error.to_string()),
+            };
+            if bytes.is_some() {
+                heard = Instant::now();
+                self.was_silent = false;
+                self.outlet.read_at = Some(heard.into_std());
+            } else if heard.elapsed() >= silence {
+                return End::Lost(silence_words(&self.config.url, silence));
             }
-            let now = host_time();
-            if self.session.handle_timeout(now) {
-                self.tap(now, Tapped::HalfFrameExpired);
-            }
-            let flow = self.deliver();
-            self.publish();
-            if flow == Flow::Ends {
+            // Who takes what comes out may hold this up; nobody else's task waits for that.
+            if block_in_place(|| self.take(bytes)) == Flow::Ends {
                 return End::Stopped;
             }
         }
     }
 
-    fn take(&mut self, byte_count: usize) {
+    /// Takes what came, if anything did, and what is due by now.
+    fn take(&mut self, bytes: Option<Bytes>) -> Flow {
+        let byte_count = bytes.as_ref().map_or(0, Bytes::len);
+        let _span = tracing::trace_span!("received", byte_count).entered();
+        self.outlet.heartbeat.beat();
+        if self.outlet.stop.is_abandoned() {
+            return Flow::Ends;
+        }
+        if let Some(bytes) = bytes {
+            if self.came_up() == Flow::Ends {
+                return Flow::Ends;
+            }
+            let now = host_time();
+            self.tap(now, Tapped::Bytes(&bytes));
+            self.session.receive(&bytes, now);
+        }
         let now = host_time();
-        let bytes = self.intake.take(byte_count);
-        self.tap(now, Tapped::Bytes(&bytes));
-        self.session.receive(&bytes, now);
+        if self.session.handle_timeout(now) {
+            self.tap(now, Tapped::HalfFrameExpired);
+        }
+        let flow = self.deliver();
+        self.publish();
+        flow
+    }
+
+    /// How long until the session has something to do.
+    fn next_timer(&self) -> Duration {
+        let due = self.session.poll_timeout();
+        let wait_s = due.map(|due| due.seconds_since(host_time()).max(0.0));
+        let wait = wait_s.and_then(|wait_s| Duration::try_from_secs_f64(wait_s).ok());
+        wait.map_or(LONGEST_WAIT, |wait| wait.min(LONGEST_WAIT))
     }
 
     fn tap(&mut self, now: Timestamp, tapped: Tapped<'_>) {
@@ -186,9 +214,9 @@ impl Link {
         }
     }
 
-    fn send_requests(&mut self, link: &mut dyn Transport) -> io::Result<()> {
+    async fn send_requests(&mut self, link: &mut Transport) -> io::Result<()> {
         while let Some(frame) = self.session.poll_transmit() {
-            link.write(&frame)?;
+            link.write(frame).await?;
         }
         Ok(())
     }
@@ -212,6 +240,7 @@ impl Link {
 
     fn tell(&mut self, event: DriverEvent) -> Flow {
         match &event {
+            DriverEvent::Ping { ping, .. } => tracing::trace!(ping = ping.sequence(), "decoded"),
             DriverEvent::Warning(text) => tracing::warn!(url = %self.config.url, "sonar: {text}"),
             DriverEvent::Nack { id, text } => {
                 tracing::warn!(url = %self.config.url, id, "sonar refused a request: {text}");
@@ -270,41 +299,34 @@ impl Link {
     }
 
     /// Stopped while the link is down: the unit may still be pinging, so one more try.
-    fn stop_unlinked_device(&mut self) {
+    async fn stop_unlinked_device(&mut self) {
         let was_connected = self.outlet.status.read().connects > 0;
-        if !was_connected {
+        let stop = self.outlet.stop.clone();
+        if !was_connected || stop.is_abandoned() {
             return;
         }
-        if let Ok(mut link) = transport::open(&self.config, false) {
-            self.stop_device(&mut *link);
+        if let Ok(mut link) = transport::open(&self.config, false, stop.abandoned()).await {
+            self.stop_device(&mut link).await;
+            link.close().await;
         }
     }
 
     /// Sends `enable = 0`, again if the device goes on, and reads until it is silent.
-    fn stop_device(&mut self, link: &mut dyn Transport) {
+    async fn stop_device(&mut self, link: &mut Transport) {
         self.session.stop(host_time());
         let mut frames = Vec::new();
         while let Some(frame) = self.session.poll_transmit() {
             frames.push(frame);
         }
-        let began = Instant::now();
-        let mut sent = frames.iter().try_for_each(|frame| link.write(frame));
-        let mut repeated = false;
-        let mut quiet_reads = 0;
-        while sent.is_ok() && quiet_reads < QUIET_READS && began.elapsed() < STOP_DRAIN {
-            match link.read(self.intake.room()) {
-                Ok(Received::Bytes(byte_count)) => {
-                    quiet_reads = 0;
-                    self.outlet
-                        .status
-                        .update(|status| status.bytes_after_stop += byte_count as u64);
-                }
-                Ok(Received::Nothing) => quiet_reads += 1,
-                Err(_) => break,
+        let mut sent = Ok(());
+        for _ in 0..2 {
+            for frame in &frames {
+                sent = sent.and(link.write(frame.clone()).await);
             }
-            if !repeated && began.elapsed() > STOP_DRAIN / 2 {
-                repeated = true;
-                sent = frames.iter().try_for_each(|frame| link.write(frame));
+            // Not in time: it goes on, and is told again.
+            let silent = timeout(STOP_DRAIN / 2, self.drain(link)).await;
+            if sent.is_err() || silent.is_ok() {
+                break;
             }
         }
         if let Err(error) = &sent {
@@ -313,6 +335,15 @@ impl Link {
         self.outlet
             .status
             .update(|status| status.stop_sent = sent.is_ok());
+    }
+
+    /// Reads until nothing comes any more, or the link is gone.
+    async fn drain(&mut self, link: &mut Transport) {
+        while let Ok(Ok(bytes)) = timeout(QUIET, link.read()).await {
+            let byte_count = bytes.len() as u64;
+            let status = &self.outlet.status;
+            status.update(|status| status.bytes_after_stop += byte_count);
+        }
     }
 
     fn silence_timeout(&self) -> Duration {

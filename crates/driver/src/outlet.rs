@@ -1,11 +1,13 @@
-//! The way out of a driver's thread: events to their channel, by one rule for a full one.
+//! The way out of a driver: events to their channel, by one rule for a full one.
 
 use std::sync::{Mutex, PoisonError};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Sender, TrySendError, select};
 use echosplat_liveness::Heartbeat;
 use echosplat_session::{ClockSource, SessionEvent};
+
+use tokio::task::block_in_place;
 
 use crate::config::DriverConfig;
 use crate::event::DriverEvent;
@@ -17,7 +19,7 @@ use crate::url::SonarUrl;
 /// How often it is asked whether what is held goes on.
 const HELD_TICK: Duration = Duration::from_millis(20);
 
-/// Whether the thread goes on.
+/// Whether the link, or the reader, goes on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Flow {
     GoesOn,
@@ -30,6 +32,8 @@ pub(crate) struct Outlet {
     pub(crate) stop: Stop,
     pub(crate) status: SharedStatus,
     pub(crate) heartbeat: Heartbeat,
+    /// When what is sent now was read, of a link.
+    pub(crate) read_at: Option<Instant>,
     waits_for_room: bool,
     pause: Option<Pause>,
     /// Sequences of pings dropped since they were last asked for.
@@ -50,6 +54,7 @@ impl Outlet {
             stop,
             status,
             heartbeat,
+            read_at: None,
             waits_for_room: is_log || config.session.clock == ClockSource::Device,
             pause: config.pause.clone(),
             shed: Mutex::default(),
@@ -104,21 +109,24 @@ impl Outlet {
     fn wait_for_room(&self, event: DriverEvent, ping: Option<u64>) -> Flow {
         // Until the link's next read; logs and tapes rest all along.
         self.heartbeat.rest();
-        select! {
-            send(self.events, event) -> sent => match sent {
-                Ok(()) => self.was_sent(ping.is_some()),
-                Err(_) => Flow::Ends,
-            },
-            recv(self.stop.channel()) -> _ => {
-                self.was_dropped(ping);
-                Flow::Ends
+        // Of a thread the same; of a task this lets go of its worker first.
+        block_in_place(|| {
+            select! {
+                send(self.events, event) -> sent => match sent {
+                    Ok(()) => self.was_sent(ping.is_some()),
+                    Err(_) => Flow::Ends,
+                },
+                recv(self.stop.channel()) -> _ => {
+                    self.was_dropped(ping);
+                    Flow::Ends
+                }
             }
-        }
+        })
     }
 
     fn was_sent(&self, is_ping: bool) -> Flow {
         if is_ping {
-            self.status.update(|status| status.pings_sent += 1);
+            self.status.ping_sent(self.read_at.map(|at| at.elapsed()));
         }
         Flow::GoesOn
     }

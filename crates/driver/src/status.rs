@@ -1,13 +1,14 @@
-//! A driver's state, written by its thread and read by anyone.
+//! A driver's state, written by its task or thread and read by anyone.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use echosplat_session::{Session, SessionCounters};
 
 use crate::event::{DriverStatus, LinkState};
+use crate::path::PathTimes;
 
-/// The driver's state, written by its thread, read by anyone.
+/// The driver's state, written by its task or thread, read by anyone.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct SharedStatus(Arc<Mutex<State>>);
 
@@ -15,6 +16,7 @@ pub(crate) struct SharedStatus(Arc<Mutex<State>>);
 struct State {
     status: DriverStatus,
     last: LastTimes,
+    path: PathTimes,
 }
 
 /// When something of each kind last came, on a clock that nobody sets.
@@ -39,6 +41,7 @@ impl SharedStatus {
             since_frame_s: since_s(state.last.frame),
             since_profile_s: since_s(state.last.profile),
             since_ping_s: since_s(state.last.ping),
+            ping_path_ms: state.path.report(),
             ..state.status.clone()
         }
     }
@@ -46,6 +49,15 @@ impl SharedStatus {
     pub(crate) fn update(&self, change: impl FnOnce(&mut DriverStatus)) {
         let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         change(&mut state.status);
+    }
+
+    /// A ping got its place in the channel, so long after it was read if that is known.
+    pub(crate) fn ping_sent(&self, took: Option<Duration>) {
+        let mut state = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        state.status.pings_sent += 1;
+        if let Some(took) = took {
+            state.path.took(took);
+        }
     }
 
     /// Where the link stands, and what its session has counted.

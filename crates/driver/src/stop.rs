@@ -1,49 +1,38 @@
-//! One stop for a thread: a wait that ends when it comes.
+//! One stop for a task or a thread: a wait that ends when it comes.
 
-use std::net::{Shutdown, TcpStream};
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
+use tokio_util::sync::CancellationToken;
 
-/// The connection at hand, so that it can be ended by somebody else than the thread that reads it.
-type Connection = Arc<Mutex<Option<TcpStream>>>;
-
-/// Held by the thread.
+/// Held by the task or the thread.
 #[derive(Debug, Clone)]
 pub(crate) struct Stop {
-    flag: Arc<AtomicBool>,
-    abandoned: Arc<AtomicBool>,
-    connection: Connection,
+    asked: CancellationToken,
+    abandoned: CancellationToken,
     /// Never carries anything: it disconnects when the [`Stopper`] is used or dropped.
     channel: Receiver<()>,
 }
 
-/// Held by the thread's owner. Dropped, it stops the thread too.
+/// Held by the owner. Dropped, it stops the task or the thread too.
 #[derive(Debug)]
 pub(crate) struct Stopper {
-    flag: Arc<AtomicBool>,
-    abandoned: Arc<AtomicBool>,
-    connection: Connection,
+    asked: CancellationToken,
+    abandoned: CancellationToken,
     channel: Option<Sender<()>>,
 }
 
 pub(crate) fn stop_pair() -> (Stopper, Stop) {
-    let flag = Arc::new(AtomicBool::new(false));
-    let abandoned = Arc::new(AtomicBool::new(false));
-    let connection = Connection::default();
+    let (asked, abandoned) = (CancellationToken::new(), CancellationToken::new());
     let (sender, receiver) = bounded(0);
     let stopper = Stopper {
-        flag: Arc::clone(&flag),
-        abandoned: Arc::clone(&abandoned),
-        connection: Arc::clone(&connection),
+        asked: asked.clone(),
+        abandoned: abandoned.clone(),
         channel: Some(sender),
     };
     let stop = Stop {
-        flag,
+        asked,
         abandoned,
-        connection,
         channel: receiver,
     };
     (stopper, stop)
@@ -51,20 +40,14 @@ pub(crate) fn stop_pair() -> (Stopper, Stop) {
 
 impl Stopper {
     pub(crate) fn stop(&mut self) {
-        self.flag.store(true, Ordering::Release);
+        self.asked.cancel();
         self.channel = None;
     }
 
-    /// Stops a thread that hangs: should it ever go on, it must touch nothing any more, since
-    /// another has its place. Its connection is ended: many devices serve one client at a time.
+    /// Stops a link that hangs: should it ever go on, it must touch nothing any more, since another
+    /// has its place. Its connection is ended: many devices serve one client at a time.
     pub(crate) fn abandon(&mut self) {
-        self.abandoned.store(true, Ordering::Release);
-        let connection = self.connection.lock();
-        let connection = connection.unwrap_or_else(PoisonError::into_inner).take();
-        if let Some(connection) = connection {
-            // It may have ended by itself.
-            let _ = connection.shutdown(Shutdown::Both);
-        }
+        self.abandoned.cancel();
         self.stop();
     }
 }
@@ -77,26 +60,30 @@ impl Drop for Stopper {
 
 impl Stop {
     pub(crate) fn is_set(&self) -> bool {
-        self.flag.load(Ordering::Acquire)
+        self.asked.is_cancelled()
     }
 
-    /// The thread talks over this connection now, or over none that others can end.
-    pub(crate) fn talks_over(&self, connection: Option<TcpStream>) {
-        let talks_over = self.connection.lock();
-        *talks_over.unwrap_or_else(PoisonError::into_inner) = connection;
+    /// Until the stop comes.
+    pub(crate) async fn asked(&self) {
+        self.asked.cancelled().await;
     }
 
-    /// Whether another thread has this one's place.
+    /// Whether another has this one's place.
     pub(crate) fn is_abandoned(&self) -> bool {
-        self.abandoned.load(Ordering::Acquire)
+        self.abandoned.is_cancelled()
     }
 
-    /// Disconnects when the stop comes; for `select!`.
+    /// Cancelled when another has this one's place, for what it holds open.
+    pub(crate) fn abandoned(&self) -> &CancellationToken {
+        &self.abandoned
+    }
+
+    /// Disconnects when the stop comes; for `select!` of a thread.
     pub(crate) fn channel(&self) -> &Receiver<()> {
         &self.channel
     }
 
-    /// Waits so long, or until the stop comes; says whether it has.
+    /// A thread waits so long, or until the stop comes; says whether it has.
     pub(crate) fn wait(&self, duration: Duration) -> bool {
         // Only a disconnect ends it early: nothing is ever sent.
         let _ = self.channel.recv_timeout(duration);

@@ -19,7 +19,7 @@ pub enum Tapped<'a> {
     PingShed(u64),
 }
 
-/// Called on the driver's thread with the time that the session is given: before bytes are decoded,
+/// Called by the driver with the time that the session is given: before bytes are decoded,
 /// and before the next thing is given to it. A tape of all of these replays to the same pings, bit
 /// for bit: see [`crate::spawn_tape`].
 pub type RawTap = Box<dyn FnMut(Timestamp, Tapped<'_>) + Send>;

@@ -9,8 +9,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use common::{
-    PATIENCE, Scripted, append, config, connect, next, next_is, next_ping, profile, serve_at,
-    wait_until,
+    PATIENCE, Scripted, append, config, connect, next, next_is, next_ping, profile, runtime,
+    serve_at, wait_until,
 };
 use crossbeam_channel::bounded;
 use echosplat_driver::{
@@ -133,7 +133,7 @@ fn on_the_device_clock_the_driver_waits_for_room_and_nothing_is_lost() {
         *sum = (sum.0 + 1, sum.1 + bytes.len() as u64);
     });
     let config = config(server.url(), ClockSource::Device);
-    let driver = spawn(config, Some(tap), sender).unwrap();
+    let driver = spawn(runtime(), config, Some(tap), sender).unwrap();
     for sequence in 0..2_000 {
         let ping = next_ping(&events);
         assert_eq!(ping.sequence(), sequence);
@@ -153,7 +153,13 @@ fn on_the_hosts_clock_what_finds_no_room_is_dropped_and_counted() {
     let (device, _) = Scripted::new(0);
     let server = serve_at("tcp://127.0.0.1:0", device, 0.0);
     let (sender, events) = bounded(10);
-    let driver = spawn(config(server.url(), ClockSource::Host), None, sender).unwrap();
+    let driver = spawn(
+        runtime(),
+        config(server.url(), ClockSource::Host),
+        None,
+        sender,
+    )
+    .unwrap();
     wait_until("some are dropped", || driver.status().pings_dropped >= 300);
     drop(events);
     wait_until("the driver ends as nobody listens", || driver.is_finished());
@@ -278,7 +284,7 @@ fn a_log_is_read_to_its_end_with_its_own_time() {
             ..config(&url, ClockSource::Host)
         };
         let (sender, events) = bounded(5);
-        let driver = spawn(config, None, sender).unwrap();
+        let driver = spawn(runtime(), config, None, sender).unwrap();
         let mut pings = 0;
         next(&events, |event| match event {
             DriverEvent::Ping { ping, .. } => {
@@ -305,7 +311,7 @@ fn what_cannot_be_driven_is_refused_at_once() {
     let (sender, _events) = bounded(1);
     let refused = |url: &str| {
         let config = config(url, ClockSource::Host);
-        spawn(config, None, sender.clone()).unwrap_err()
+        spawn(runtime(), config, None, sender.clone()).unwrap_err()
     };
     assert!(matches!(
         refused("sim://fence"),
@@ -315,7 +321,9 @@ fn what_cannot_be_driven_is_refused_at_once() {
     assert!(missing.contains("/nowhere/dive.svlog"));
     let mut odd = config("tcp://127.0.0.1:1", ClockSource::Host);
     odd.session.bin_count = 7;
-    let error = spawn(odd, None, sender.clone()).unwrap_err().to_string();
+    let error = spawn(runtime(), odd, None, sender.clone())
+        .unwrap_err()
+        .to_string();
     assert!(error.contains("bin_count") && error.contains("200 to 1200"));
 }
 
@@ -330,7 +338,13 @@ fn a_tape_of_a_dive_with_faults_gives_the_same_pings_again() {
     });
     let first = serve_at("tcp://127.0.0.1:0", Scripted::new(0).0, 5.0);
     let url = first.url().to_owned();
-    let driver = spawn(config(&url, ClockSource::Host), Some(tap), sender).unwrap();
+    let driver = spawn(
+        runtime(),
+        config(&url, ClockSource::Host),
+        Some(tap),
+        sender,
+    )
+    .unwrap();
     let mut live = Vec::new();
     let mut server = Some(first);
     for _ in 0..3 {
@@ -366,7 +380,7 @@ fn a_tape_of_a_dive_with_faults_gives_the_same_pings_again() {
         };
         let (sender, events) = bounded(3);
         let items = tape.clone().into_iter().map(Ok);
-        let driver = spawn_tape(config, Box::new(items), None, sender).unwrap();
+        let driver = spawn_tape(&config, Box::new(items), None, sender).unwrap();
         let mut again = Vec::new();
         next(&events, |event| match event {
             DriverEvent::Ping { ping, .. } => {
@@ -398,7 +412,7 @@ fn a_tape_that_breaks_off_says_so_and_ends() {
     ];
     let (sender, events) = bounded(10);
     let config = config("file://dive.mcap", ClockSource::Device);
-    let driver = spawn_tape(config, Box::new(tape.into_iter()), None, sender).unwrap();
+    let driver = spawn_tape(&config, Box::new(tape.into_iter()), None, sender).unwrap();
     assert_eq!(next_ping(&events).sequence(), 7);
     let words = next(&events, |event| match event {
         DriverEvent::Warning(text) => Some(text),
@@ -418,7 +432,7 @@ fn one_that_accepts_and_closes_is_asked_ever_more_slowly() {
     (config.reconnect_min_s, config.reconnect_max_s) = (0.01, 60.0);
     let (sender, _events) = bounded(1_000);
     let begin = Instant::now();
-    let driver = spawn(config, None, sender).unwrap();
+    let driver = spawn(runtime(), config, None, sender).unwrap();
     for _ in 0..8 {
         drop(listener.accept().unwrap());
     }
@@ -486,7 +500,9 @@ fn paths_that_are_no_line_and_no_log_are_refused_at_once() {
     let (sender, _events) = bounded(1);
     let refused = |url: String| {
         let config = config(&url, ClockSource::Host);
-        spawn(config, None, sender.clone()).unwrap_err().to_string()
+        spawn(runtime(), config, None, sender.clone())
+            .unwrap_err()
+            .to_string()
     };
     for (path, what) in [
         (file.as_path(), "a file"),

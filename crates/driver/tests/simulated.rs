@@ -5,7 +5,7 @@ mod common;
 
 use std::sync::Arc;
 
-use common::{config, next_ping};
+use common::{config, next_ping, runtime};
 use crossbeam_channel::bounded;
 use echosplat_driver::{DriverConfig, ServeOptions, serve, spawn};
 use echosplat_session::{ClockSource, SessionConfig};
@@ -33,7 +33,7 @@ fn a_dive_arrives_as_it_was_simulated_ping_for_ping() {
         ..config(server.url(), ClockSource::Device)
     };
     let (sender, events) = bounded(64);
-    let driver = spawn(config, None, sender).unwrap();
+    let driver = spawn(runtime(), config, None, sender).unwrap();
     for index in 0..100 {
         let ping = next_ping(&events);
         let simulated = sonar.ping(index);

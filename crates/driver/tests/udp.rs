@@ -10,7 +10,7 @@ use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::thread::JoinHandle;
 use std::time::Duration;
 
-use common::{Scripted, config, next_ping, profile, serve_at, wait_until};
+use common::{Scripted, config, next_ping, profile, runtime, serve_at, wait_until};
 use crossbeam_channel::bounded;
 use echosplat_driver::{DriverEvent, DriverStatus, spawn};
 use echosplat_session::ClockSource;
@@ -147,7 +147,13 @@ fn the_ledger_balances_in_any_weather() {
             let server = serve_at("udp://127.0.0.1:0", Scripted::new(0).0, 10.0);
             let proxy = Proxy::before(server.url(), weather);
             let (sender, events) = bounded(20_000);
-            let driver = spawn(config(&proxy.url, ClockSource::Device), None, sender).unwrap();
+            let driver = spawn(
+                runtime(),
+                config(&proxy.url, ClockSource::Device),
+                None,
+                sender,
+            )
+            .unwrap();
             let mut seen = std::collections::BTreeSet::new();
             let mut newest = 0;
             for _ in 0..300 {
@@ -200,7 +206,7 @@ fn nobody_but_the_device_is_heard_or_answered() {
         .connect(server.url().trim_start_matches("udp://"))
         .unwrap();
     let url = format!("udp://{}", spy.local_addr().unwrap());
-    let driver = spawn(config(&url, ClockSource::Host), None, sender).unwrap();
+    let driver = spawn(runtime(), config(&url, ClockSource::Host), None, sender).unwrap();
     let mut buffer = vec![0; 65_536];
     let (byte_count, victim) = spy.recv_from(&mut buffer).unwrap();
     there.send(&buffer[..byte_count]).unwrap();

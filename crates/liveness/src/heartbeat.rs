@@ -2,9 +2,12 @@
 
 use std::any::Any;
 use std::collections::VecDeque;
+use std::future::poll_fn;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::pin::pin;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::task::Poll;
 use std::time::{Duration, Instant};
 
 use crate::drill;
@@ -14,7 +17,7 @@ const DEFAULT_LIMIT: Duration = Duration::from_secs(15);
 /// A part that panics more often than this within [`PANIC_WINDOW`] is not started again.
 const MAX_PANICS: usize = 5;
 const PANIC_WINDOW: Duration = Duration::from_secs(60);
-/// Threads that hang and are replaced.
+/// Of those that hang and are replaced.
 const MAX_REPLACEMENTS: u64 = 5;
 
 /// It waits for something outside.
@@ -158,20 +161,20 @@ impl Heartbeat {
         }
     }
 
-    /// Whether whoever has started the part may put another thread in the place of one that hangs:
-    /// it does, and not for the sixth time, since what hung threads hold is never given back.
+    /// Whether whoever has started the part may put another in the place of one that hangs:
+    /// it does, and not for the sixth time, since what it holds is never given back.
     #[must_use]
     pub fn is_to_be_replaced(&self) -> bool {
         matches!(self.condition(), Condition::Hung(_)) && self.replacements() < MAX_REPLACEMENTS
     }
 
-    /// Another thread has the place of one that hung; the heartbeat is its now.
+    /// Another has the place of one that hung; the heartbeat is its now.
     pub fn replaced(&self) {
         self.rest();
         self.0.replacements.fetch_add(1, Ordering::Relaxed);
     }
 
-    /// How often a thread of the part that hung was replaced.
+    /// How often one that hung was replaced.
     #[must_use]
     pub fn replacements(&self) -> u64 {
         self.0.replacements.load(Ordering::Relaxed)
@@ -191,6 +194,22 @@ impl Heartbeat {
     /// If the work panicked.
     pub fn survive<T>(&self, work: impl FnOnce() -> T) -> Result<T, Panicked> {
         catch_unwind(AssertUnwindSafe(work)).map_err(|payload| self.panicked(&*payload))
+    }
+
+    /// The same for a task: what `work` does at each step.
+    ///
+    /// # Errors
+    /// If the work panicked.
+    pub async fn survive_task<T>(&self, work: impl Future<Output = T>) -> Result<T, Panicked> {
+        let mut work = pin!(work);
+        poll_fn(|context| {
+            let step = catch_unwind(AssertUnwindSafe(|| work.as_mut().poll(context)));
+            match step {
+                Ok(step) => step.map(Ok),
+                Err(payload) => Poll::Ready(Err(self.panicked(&*payload))),
+            }
+        })
+        .await
     }
 
     /// Does all of the part's work, once; `None` if it panicked, and the part has failed.
@@ -251,6 +270,7 @@ fn millis(duration: Duration) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::task::{Context, Waker};
 
     fn silent(heartbeat: &Heartbeat) {
         heartbeat.set_limit(Duration::ZERO);
@@ -300,6 +320,27 @@ mod tests {
         assert_eq!(tries, 3);
         assert_eq!(heartbeat.condition(), Condition::Ended);
         assert_eq!(heartbeat.panics(), (2, Some("try 2".to_owned())));
+    }
+
+    #[test]
+    fn a_task_outlives_the_panic_of_one_of_its_steps() {
+        let heartbeat = Heartbeat::new("a");
+        let mut steps = 0;
+        let mut work = pin!(heartbeat.survive_task(poll_fn(|_| {
+            steps += 1;
+            assert!(steps == 1, "step {steps}");
+            Poll::<()>::Pending
+        })));
+        let mut context = Context::from_waker(Waker::noop());
+        assert!(work.as_mut().poll(&mut context).is_pending());
+        let Poll::Ready(Err(panicked)) = work.as_mut().poll(&mut context) else {
+            panic!("the second step panics");
+        };
+        assert_eq!(
+            (panicked.message.as_str(), panicked.is_hopeless),
+            ("step 2", false)
+        );
+        assert_eq!(heartbeat.panics().0, 1);
     }
 
     #[test]

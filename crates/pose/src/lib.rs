@@ -20,9 +20,8 @@ mod mavlink;
 mod now;
 mod outlet;
 mod source;
-mod source_thread;
+mod source_task;
 mod status;
-mod stop;
 mod url;
 
 pub use log::{LogPosesError, poses_of_mcap, poses_of_svlog};

@@ -1,16 +1,23 @@
-//! Byte links that never block for long: TCP, UDP and serial lines, opened again after a loss.
+//! Byte links whose waits are short: TCP, UDP and serial lines, opened again after a loss.
 
-use std::io::{self, ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpStream, ToSocketAddrs, UdpSocket};
+use std::io::{self, ErrorKind};
+use std::net::SocketAddr;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use serialport::SerialPort;
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpStream, UdpSocket};
+use tokio::task::spawn_blocking;
+use tokio::time::{sleep, timeout};
 
-use crate::stop::Stop;
-
-/// How long a read waits, so that a thread sees its stop and its timers.
-const READ_WAIT: Duration = Duration::from_millis(20);
+/// How long a read waits, so that requests go out in time, which are a second apart.
+const READ_WAIT: Duration = Duration::from_millis(100);
+/// Longest read of a serial line at once.
+const LINE_PIECE_BYTES: usize = 4096;
+/// A name server that does not answer is waited for so long.
+const RESOLVE_LIMIT: Duration = Duration::from_secs(30);
 const CONNECT_LIMIT: Duration = Duration::from_secs(2);
 const WRITE_LIMIT: Duration = Duration::from_secs(1);
 /// Pauses between attempts: doubled from the first to the last, back to the first once something
@@ -33,23 +40,28 @@ pub(crate) enum Address {
 }
 
 impl Address {
-    pub(crate) fn open(&self) -> io::Result<Link> {
+    pub(crate) async fn open(&self) -> io::Result<Link> {
         match self {
-            Self::Tcp(address) => tcp(address).map(Link::Tcp),
-            Self::UdpIn(address) => Link::udp(UdpSocket::bind(resolve(address)?.as_slice())?, None),
+            Self::Tcp(address) => tcp(address).await.map(Link::Tcp),
+            Self::UdpIn(address) => {
+                let socket = UdpSocket::bind(resolve(address).await?.as_slice()).await?;
+                Ok(Link::udp(socket, None))
+            }
             Self::UdpOut(address) => {
-                let peer = first(address)?;
+                let found = resolve(address).await?.into_iter().next();
+                let peer = found.ok_or_else(no_address)?;
                 let any = if peer.is_ipv4() {
                     "0.0.0.0:0"
                 } else {
                     "[::]:0"
                 };
-                Link::udp(UdpSocket::bind(any)?, Some(peer))
+                Ok(Link::udp(UdpSocket::bind(any).await?, Some(peer)))
             }
             Self::Serial { path, baudrate } => {
                 let name = path.to_string_lossy();
                 let port = serialport::new(name.as_ref(), *baudrate).timeout(READ_WAIT);
-                Ok(Link::Serial(port.open().map_err(io::Error::from)?))
+                let opened = off_the_workers(move || Ok(port.open()?)).await;
+                opened.map(|port| Link::Serial(Arc::new(Mutex::new(port))))
             }
         }
     }
@@ -65,29 +77,51 @@ impl Address {
     }
 }
 
-fn resolve(address: &str) -> io::Result<Vec<SocketAddr>> {
-    Ok(address.to_socket_addrs()?.collect())
+async fn resolve(address: &str) -> io::Result<Vec<SocketAddr>> {
+    let found = within(RESOLVE_LIMIT, tokio::net::lookup_host(address)).await;
+    found.map(Iterator::collect)
 }
 
-fn first(address: &str) -> io::Result<SocketAddr> {
-    let found = resolve(address)?.into_iter().next();
-    found.ok_or_else(|| io::Error::new(ErrorKind::NotFound, "the name has no address"))
+fn no_address() -> io::Error {
+    io::Error::new(ErrorKind::NotFound, "the name has no address")
 }
 
-fn tcp(address: &str) -> io::Result<TcpStream> {
-    let mut failure = io::Error::new(ErrorKind::NotFound, "the name has no address");
-    for address in resolve(address)? {
-        match TcpStream::connect_timeout(&address, CONNECT_LIMIT) {
+async fn tcp(address: &str) -> io::Result<TcpStream> {
+    let mut failure = no_address();
+    for address in resolve(address).await? {
+        match within(CONNECT_LIMIT, TcpStream::connect(address)).await {
             Ok(stream) => {
                 stream.set_nodelay(true)?;
-                stream.set_read_timeout(Some(READ_WAIT))?;
-                stream.set_write_timeout(Some(WRITE_LIMIT))?;
                 return Ok(stream);
             }
             Err(error) => failure = error,
         }
     }
     Err(failure)
+}
+
+/// What takes longer has failed.
+async fn within<T>(limit: Duration, work: impl Future<Output = io::Result<T>>) -> io::Result<T> {
+    let late = |_| Err(io::Error::new(ErrorKind::TimedOut, "it took too long"));
+    timeout(limit, work).await.unwrap_or_else(late)
+}
+
+/// What blocks is done on a thread of the runtime's that is there for that.
+async fn off_the_workers<T: Send + 'static>(
+    work: impl FnOnce() -> io::Result<T> + Send + 'static,
+) -> io::Result<T> {
+    let done = spawn_blocking(work).await;
+    done.unwrap_or_else(|failed| Err(io::Error::other(failed)))
+}
+
+type Line = Arc<Mutex<Box<dyn SerialPort>>>;
+
+async fn on_line<T: Send + 'static>(
+    line: &Line,
+    work: impl FnOnce(&mut dyn SerialPort) -> io::Result<T> + Send + 'static,
+) -> io::Result<T> {
+    let line = Arc::clone(line);
+    off_the_workers(move || work(&mut **line.lock().unwrap_or_else(PoisonError::into_inner))).await
 }
 
 /// An open link.
@@ -100,42 +134,53 @@ pub(crate) enum Link {
         /// Whether the peer is the one who sent last.
         learns: bool,
     },
-    Serial(Box<dyn SerialPort>),
+    Serial(Line),
 }
 
 impl Link {
-    fn udp(socket: UdpSocket, peer: Option<SocketAddr>) -> io::Result<Self> {
-        socket.set_read_timeout(Some(READ_WAIT))?;
+    fn udp(socket: UdpSocket, peer: Option<SocketAddr>) -> Self {
         let learns = peer.is_none();
-        Ok(Self::Udp {
+        Self::Udp {
             socket,
             peer,
             learns,
-        })
+        }
     }
 
     /// What came within a short while; 0 if nothing did.
     ///
     /// # Errors
     /// If the link is lost.
-    pub(crate) fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+    pub(crate) async fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
         match self {
-            Self::Tcp(stream) => ended(received(stream.read(buffer))),
-            Self::Serial(port) => ended(received(port.read(buffer))),
+            Self::Tcp(stream) => ended(timeout(READ_WAIT, stream.read(buffer)).await.ok()),
+            Self::Serial(line) => {
+                let most = buffer.len().min(LINE_PIECE_BYTES);
+                let piece = on_line(line, move |port| {
+                    let mut piece = vec![0; most];
+                    let count = ended(came(port.read(&mut piece)))?;
+                    piece.truncate(count);
+                    Ok(piece)
+                });
+                let piece = piece.await?;
+                buffer[..piece.len()].copy_from_slice(&piece);
+                Ok(piece.len())
+            }
             Self::Udp {
                 socket,
                 peer,
                 learns,
-            } => match socket.recv_from(buffer) {
-                Ok((count, from)) => {
+            } => match timeout(READ_WAIT, socket.recv_from(buffer)).await {
+                Ok(Ok((count, from))) => {
                     if *learns {
                         *peer = Some(from);
                     }
                     Ok(count)
                 }
                 // Nobody listens at the peer's port yet.
-                Err(error) if error.kind() == ErrorKind::ConnectionRefused => Ok(0),
-                Err(error) => Ok(received(Err(error))?.unwrap_or(0)),
+                Ok(Err(error)) if error.kind() == ErrorKind::ConnectionRefused => Ok(0),
+                Ok(Err(error)) => Err(error),
+                Err(_) => Ok(0),
             },
         }
     }
@@ -144,18 +189,21 @@ impl Link {
     ///
     /// # Errors
     /// If the link is lost.
-    pub(crate) fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
+    pub(crate) async fn write(&mut self, bytes: &[u8]) -> io::Result<()> {
         match self {
-            Self::Tcp(stream) => stream.write_all(bytes),
-            Self::Serial(port) => match port.write_all(bytes) {
-                // A line that takes nothing for a while loses a request, which is sent again.
-                Err(error) if error.kind() == ErrorKind::TimedOut => Ok(()),
-                result => result,
-            },
+            Self::Tcp(stream) => within(WRITE_LIMIT, stream.write_all(bytes)).await,
+            Self::Serial(line) => {
+                let bytes = bytes.to_vec();
+                match on_line(line, move |port| port.write_all(&bytes)).await {
+                    // A line that takes nothing for a while loses a request, which is sent again.
+                    Err(error) if error.kind() == ErrorKind::TimedOut => Ok(()),
+                    result => result,
+                }
+            }
             Self::Udp { socket, peer, .. } => {
                 if let Some(peer) = peer {
                     // Nobody there, or no way there: asked again in a second.
-                    let _ = socket.send_to(bytes, *peer);
+                    let _ = socket.send_to(bytes, *peer).await;
                 }
                 Ok(())
             }
@@ -164,19 +212,19 @@ impl Link {
 }
 
 /// `None` if nothing came in time.
-fn received(result: io::Result<usize>) -> io::Result<Option<usize>> {
+fn came(result: io::Result<usize>) -> Option<io::Result<usize>> {
+    use ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    let is_nothing =
+        |error: &io::Error| matches!(error.kind(), WouldBlock | TimedOut | Interrupted);
     match result {
-        Ok(count) => Ok(Some(count)),
-        Err(error) => match error.kind() {
-            ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted => Ok(None),
-            _ => Err(error),
-        },
+        Err(error) if is_nothing(&error) => None,
+        result => Some(result),
     }
 }
 
 /// A stream that gives nothing at once has ended.
-fn ended(received: io::Result<Option<usize>>) -> io::Result<usize> {
-    match received? {
+fn ended(received: Option<io::Result<usize>>) -> io::Result<usize> {
+    match received.transpose()? {
         Some(0) => Err(io::Error::new(
             ErrorKind::ConnectionAborted,
             "closed by the other end",
@@ -202,10 +250,9 @@ impl BackOff {
         *self = Self::default();
     }
 
-    /// Waits; says whether the stop came.
-    pub(crate) fn wait(&mut self, stop: &Stop) -> bool {
+    pub(crate) async fn wait(&mut self) {
         let pause = self.0;
         self.0 = (pause * 2).min(LAST_PAUSE);
-        stop.wait(pause)
+        sleep(pause).await;
     }
 }

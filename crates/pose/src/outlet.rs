@@ -1,26 +1,22 @@
-//! From a source's thread to whoever takes the poses: a bounded queue, and the status beside it.
+//! From a source's task to whoever takes the poses: a bounded queue, and the status beside it.
 
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_liveness::Heartbeat;
+use tokio_util::sync::CancellationToken;
 
 use crate::status::PoseSourceStatus;
-use crate::stop::Stop;
 use echosplat_join::ArrivedPose;
 
 /// Poses that wait to be taken: 20 minutes at 50 Hz.
 const QUEUE_LEN: usize = 65_536;
 
-/// What opening a link may take beyond other steps, for as many addresses as a name has.
-const CONNECTING: Duration = Duration::from_secs(60);
-
-/// The thread's end.
-#[derive(Debug, Clone)]
+/// The task's end.
+#[derive(Debug)]
 pub(crate) struct Outlet {
     pub(crate) heartbeat: Heartbeat,
-    stop: Stop,
+    stop: CancellationToken,
     poses: Sender<ArrivedPose>,
     shared: Arc<Mutex<PoseSourceStatus>>,
     dropped: u64,
@@ -34,7 +30,7 @@ pub(crate) struct Inlet {
     shared: Arc<Mutex<PoseSourceStatus>>,
 }
 
-pub(crate) fn queue(heartbeat: Heartbeat, stop: Stop) -> (Outlet, Inlet) {
+pub(crate) fn queue(heartbeat: Heartbeat, stop: CancellationToken) -> (Outlet, Inlet) {
     let (sender, poses) = bounded(QUEUE_LEN);
     let shared = Arc::new(Mutex::new(PoseSourceStatus::default()));
     let outlet = Outlet {
@@ -51,8 +47,8 @@ pub(crate) fn queue(heartbeat: Heartbeat, stop: Stop) -> (Outlet, Inlet) {
 impl Outlet {
     /// Never waits: with the queue full the pose, being the newest, is dropped and counted.
     pub(crate) fn hand_on(&mut self, pose: ArrivedPose) {
-        if self.stop.is_set() {
-            // Its taker is gone, or has put another thread in the place of one that hung.
+        if self.stop.is_cancelled() {
+            // Its taker is gone, or has put another task in the place of one that hung.
             return;
         }
         if self.poses.try_send(pose).is_err() {
@@ -71,12 +67,7 @@ impl Outlet {
         shared.link = Some(link);
     }
 
-    /// A link is about to be opened.
-    pub(crate) fn connecting(&self) {
-        self.heartbeat.beat_allowing(CONNECTING);
-    }
-
-    /// Tells counters, clock and what is missing, and that the thread is alive.
+    /// Tells counters, clock and what is missing, and that the task is alive.
     pub(crate) fn tell(&self, mut status: PoseSourceStatus) {
         self.heartbeat.beat();
         status.link.clone_from(&self.link);

@@ -12,16 +12,14 @@ use echosplat_bus::{Bus, BusError, PoseSubscription};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::StampedPose;
 use echosplat_recording::tum::{self, TumError};
+use tokio::runtime::Handle;
 
-use crate::dvl;
 use crate::link::Address;
 use crate::log::LogPosesError;
-use crate::mavlink::run::{JSON_MESSAGES, OverLink, over_bus};
+use crate::mavlink::run::{JSON_MESSAGES, OverLink};
 use crate::now::now;
-use crate::outlet::Outlet;
-use crate::source_thread::SourceThread;
+use crate::source_task::{SourceTask, Work};
 use crate::status::{PoseSourceStatus, Rate};
-use crate::stop::Stop;
 use crate::url::PoseUrl;
 use echosplat_join::{ArrivedPose, StampClock};
 
@@ -93,7 +91,7 @@ pub struct LivePoses {
 #[derive(Debug)]
 enum Feed {
     Bus(PoseSubscription),
-    Thread(SourceThread),
+    Task(SourceTask),
 }
 
 /// Why there is no such source.
@@ -130,22 +128,21 @@ pub enum PoseSourceError {
     /// The poses of a log.
     #[error(transparent)]
     Log(#[from] LogPosesError),
-    /// No thread to read them.
-    #[error("poses: cannot start a thread: {0}")]
-    Thread(std::io::Error),
     /// The bus refuses.
     #[error(transparent)]
     Bus(#[from] BusError),
 }
 
 impl PoseSource {
-    /// Opens what `url` names; a file is read whole. `bus` is needed for sources on zenoh only.
+    /// Opens what `url` names; a file is read whole, a link is a task of `runtime`, which has several
+    /// workers. `bus` is needed for sources on zenoh only.
     /// A vehicle or DVL that is not there yet is no error: it is waited for, which
     /// [`PoseSourceStatus::link`] tells.
     ///
     /// # Errors
     /// Says which file or what of the bus cannot be used.
     pub fn open(
+        runtime: &Handle,
         url: &PoseUrl,
         bus: Option<&Bus>,
         stamps: StampClock,
@@ -153,7 +150,7 @@ impl PoseSource {
         let need_bus = || bus.ok_or(PoseSourceError::NoBus);
         let over_link = |address| {
             let vehicle = OverLink { address, stamps };
-            thread(url, move |outlet, stop| vehicle.run(outlet, stop))
+            Ok(task(runtime, url, Work::Mavlink(vehicle)))
         };
         match url {
             PoseUrl::None => Ok(Self::None),
@@ -170,9 +167,8 @@ impl PoseSource {
             PoseUrl::MavlinkZenoh(prefix) => {
                 let keys = JSON_MESSAGES.map(|name| format!("{prefix}/*/*/{name}"));
                 let messages = need_bus()?.subscribe_messages(&keys)?;
-                thread(url, move |outlet, stop| {
-                    over_bus(&messages, stamps, outlet, stop);
-                })
+                let work = Work::MavlinkOnBus(Arc::new(messages), stamps);
+                Ok(task(runtime, url, work))
             }
             PoseUrl::MavlinkUdp { address, out: true } => {
                 over_link(Address::UdpOut(address.clone()))
@@ -185,9 +181,7 @@ impl PoseSource {
             }),
             PoseUrl::Dvl(address) => {
                 let address = Address::Tcp(address.clone());
-                thread(url, move |outlet, stop| {
-                    dvl::run(&address, stamps, outlet, stop);
-                })
+                Ok(task(runtime, url, Work::Dvl(address, stamps)))
             }
         }
     }
@@ -278,7 +272,7 @@ impl PoseSource {
         let Self::Live(live) = self else { return None };
         Some(match &live.feed {
             Feed::Bus(poses) => poses.heartbeat(),
-            Feed::Thread(thread) => thread.heartbeat(),
+            Feed::Task(task) => task.heartbeat(),
         })
     }
 
@@ -316,9 +310,9 @@ impl LivePoses {
                 pose: received.pose,
                 arrived: received.arrived,
             }),
-            Feed::Thread(thread) => {
-                thread.replace_if_it_hangs();
-                receive(thread.poses(), limit)
+            Feed::Task(task) => {
+                task.replace_if_it_hangs();
+                receive(task.poses(), limit)
             }
         }?;
         self.rate.count(pose.arrived);
@@ -328,7 +322,7 @@ impl LivePoses {
     fn waiting_len(&self) -> usize {
         match &self.feed {
             Feed::Bus(poses) => poses.receiver().len(),
-            Feed::Thread(thread) => thread.poses().len(),
+            Feed::Task(task) => task.poses().len(),
         }
     }
 
@@ -336,7 +330,7 @@ impl LivePoses {
         let (rate_hz, age_s) = self.rate.read(now());
         let status = match &self.feed {
             Feed::Bus(poses) => status_of_bus(poses),
-            Feed::Thread(thread) => thread.status(),
+            Feed::Task(task) => task.status(),
         };
         PoseSourceStatus {
             source: self.url.clone(),
@@ -377,12 +371,8 @@ fn live(url: &PoseUrl, feed: Feed) -> PoseSource {
     }))
 }
 
-fn thread(
-    url: &PoseUrl,
-    run: impl Fn(&mut Outlet, &Stop) + Send + Sync + 'static,
-) -> Result<PoseSource, PoseSourceError> {
-    let thread = SourceThread::start(Arc::new(run)).map_err(PoseSourceError::Thread)?;
-    Ok(live(url, Feed::Thread(thread)))
+fn task(runtime: &Handle, url: &PoseUrl, work: Work) -> PoseSource {
+    live(url, Feed::Task(SourceTask::start(runtime, work)))
 }
 
 fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {
@@ -417,6 +407,8 @@ fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {
 mod tests {
     use super::*;
     use std::io::Write;
+    use std::sync::LazyLock;
+    use tokio::runtime::Runtime;
 
     fn file(text: &str) -> tempfile::NamedTempFile {
         let mut file = tempfile::NamedTempFile::new().unwrap();
@@ -425,7 +417,8 @@ mod tests {
     }
 
     fn open(url: &PoseUrl) -> Result<PoseSource, PoseSourceError> {
-        PoseSource::open(url, None, StampClock::Host)
+        static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::new().unwrap());
+        PoseSource::open(RUNTIME.handle(), url, None, StampClock::Host)
     }
 
     #[test]

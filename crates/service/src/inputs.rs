@@ -20,7 +20,7 @@ use crate::config::Config;
 use crate::exit::Usage;
 use crate::recorder::{Recorder, RecorderConfig};
 use crate::split::Begin;
-use crate::{files, replayed};
+use crate::{files, replayed, runtime};
 
 /// A sonar's URL.
 ///
@@ -72,7 +72,8 @@ pub(crate) fn poses(
     bus: Option<&Bus>,
     clock: StampClock,
 ) -> anyhow::Result<PoseSource> {
-    PoseSource::open(url, bus, clock).map_err(|error| match error {
+    let runtime = runtime::handle()?;
+    PoseSource::open(&runtime, url, bus, clock).map_err(|error| match error {
         PoseSourceError::Bus(error) => anyhow::Error::new(error),
         PoseSourceError::NoBus => Usage::error(format!(
             "poses from {url} need the bus: give --poses F.tum instead"

@@ -20,6 +20,7 @@ pub mod processor;
 mod recorder;
 mod replayed;
 mod rig;
+mod runtime;
 mod scene_files;
 pub mod signals;
 mod split;

@@ -7,6 +7,7 @@ use std::sync::LazyLock;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
+use tracing_subscriber::fmt::format::FmtSpan;
 
 use crate::arguments::{LogFormat, LoggingArguments};
 
@@ -22,7 +23,13 @@ pub fn start(arguments: &LoggingArguments) {
             _ => "trace,zenoh=info",
         })
     });
+    // With -vv, how long each step of a ping's way took is told as the step ends.
+    let told = match arguments.verbose {
+        0 | 1 => FmtSpan::NONE,
+        _ => FmtSpan::CLOSE,
+    };
     let subscriber = tracing_subscriber::fmt()
+        .with_span_events(told)
         .with_env_filter(filter)
         .with_writer(AroundBars)
         .with_target(false);

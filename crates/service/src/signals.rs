@@ -2,19 +2,26 @@
 //! cannot go on. A later one ends the program at once, and so does the time that an orderly end may
 //! take, and a run whose own thread hangs: after what can be saved was saved.
 
-use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::io;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use anyhow::Context;
 use echosplat_liveness::{Condition, Heartbeat};
 use signal_hook::consts::{SIGHUP, SIGINT, SIGTERM};
-use signal_hook::{flag, low_level};
+use signal_hook::low_level;
+use tokio::select;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::task::block_in_place;
+use tokio::time::{Instant, interval};
+use tokio_util::sync::CancellationToken;
+
+use crate::runtime;
 
 /// Shells and supervisors send one request several times over; only a later one is impatience.
 const ONE_REQUEST: Duration = Duration::from_secs(1);
-/// How often signals are looked for.
-const LOOK: Duration = Duration::from_millis(20);
+/// How often it is asked whether the run's own thread hangs, and whether its time is up.
+const LOOK: Duration = Duration::from_millis(50);
 /// How long an orderly end of a run may take.
 const ORDERLY_END: Duration = Duration::from_secs(10);
 /// How long saving may take before an end at once.
@@ -31,9 +38,7 @@ pub struct Stop(Arc<Shared>);
 
 #[derive(Default)]
 struct Shared {
-    asked: AtomicBool,
-    /// The newest signal that nobody has looked at; 0 for none.
-    raised: Arc<AtomicUsize>,
+    asked: CancellationToken,
     run: Mutex<Option<RunUnderWay>>,
 }
 
@@ -53,30 +58,26 @@ impl Stop {
     /// Set by the first Ctrl-C, SIGTERM or SIGHUP.
     ///
     /// # Errors
-    /// If the handlers cannot be installed, or there is no thread to attend to them.
+    /// If the handlers cannot be installed, or there are no threads for the task that attends to
+    /// them.
     pub fn on_signals() -> anyhow::Result<Self> {
         let stop = Self::default();
-        for signal in [SIGINT, SIGTERM, SIGHUP] {
-            let number = usize::try_from(signal).unwrap_or(1);
-            flag::register_usize(signal, Arc::clone(&stop.0.raised), number)
-                .context("cannot install the handlers of Ctrl-C, SIGTERM and SIGHUP")?;
-        }
-        let shared = Arc::clone(&stop.0);
-        std::thread::Builder::new()
-            .name("signals".to_owned())
-            .spawn(move || shared.attend())
-            .context("cannot start the thread that attends to signals")?;
+        let runtime = runtime::handle()?;
+        let _here = runtime.enter();
+        let signals = Signals::handled();
+        let signals = signals.context("cannot handle Ctrl-C, SIGTERM and SIGHUP")?;
+        runtime.spawn(Arc::clone(&stop.0).attend(signals));
         Ok(stop)
     }
 
     /// Whether to end; to be asked now and then.
     pub fn is_set(&self) -> bool {
-        self.0.asked.load(Ordering::Relaxed)
+        self.0.asked.is_cancelled()
     }
 
     /// The run cannot go on: as if a signal had come.
     pub(crate) fn ask(&self) {
-        self.0.asked.store(true, Ordering::Relaxed);
+        self.0.asked.cancel();
     }
 
     /// From now on a run is under way: once asked to end it has ten seconds, and `last_will` is done
@@ -113,30 +114,38 @@ impl Shared {
     }
 
     /// Waits for signals as long as the program lives.
-    fn attend(&self) {
-        while !self.asked.load(Ordering::Relaxed) {
-            std::thread::sleep(LOOK);
+    async fn attend(self: Arc<Self>, mut signals: Signals) {
+        let mut look = interval(LOOK);
+        let mut asked_at = None;
+        loop {
+            let raised = select! {
+                number = signals.next() => Some(number),
+                _ = look.tick() => None,
+            };
             self.look_after_run();
-            if self.raised.swap(0, Ordering::Relaxed) != 0 {
-                self.asked.store(true, Ordering::Relaxed);
+            match asked_at {
+                Some(first) => self.end_if_it_is_time(first, raised),
+                None if raised.is_some() => self.asked.cancel(),
+                None => {}
+            }
+            if self.asked.is_cancelled() {
+                asked_at.get_or_insert_with(Instant::now);
             }
         }
-        let first = Instant::now();
-        loop {
-            std::thread::sleep(LOOK);
-            self.look_after_run();
-            let signal = self.raised.swap(0, Ordering::Relaxed);
-            if signal != 0 && first.elapsed() > ONE_REQUEST {
-                tracing::warn!("asked to end again: ending at once");
-                self.end_at_once(i32::try_from(signal).map_or(NOT_IN_ORDER, |s| 128 + s));
-            }
-            if first.elapsed() > ORDERLY_END && self.run().is_some() {
-                tracing::error!(
-                    "the run did not end within {} s of being asked to: ending at once",
-                    ORDERLY_END.as_secs()
-                );
-                self.end_at_once(NOT_IN_ORDER);
-            }
+    }
+
+    /// Asked to end at `first`, and perhaps just now again.
+    fn end_if_it_is_time(&self, first: Instant, raised: Option<i32>) {
+        if let Some(number) = raised.filter(|_| first.elapsed() > ONE_REQUEST) {
+            tracing::warn!("asked to end again: ending at once");
+            self.end_at_once(128 + number);
+        }
+        if first.elapsed() > ORDERLY_END && self.run().is_some() {
+            tracing::error!(
+                "the run did not end within {} s of being asked to: ending at once",
+                ORDERLY_END.as_secs()
+            );
+            self.end_at_once(NOT_IN_ORDER);
         }
     }
 
@@ -151,9 +160,36 @@ impl Shared {
             });
             if saving.is_ok() {
                 // Ends with the thread's end of the channel; nothing is ever sent.
-                let _ = waits.recv_timeout(SAVING);
+                let _ = block_in_place(|| waits.recv_timeout(SAVING));
             }
         }
         low_level::exit(code)
+    }
+}
+
+/// The signals that ask the program to end.
+struct Signals {
+    interrupt: Signal,
+    terminate: Signal,
+    hangup: Signal,
+}
+
+impl Signals {
+    /// To be called where tasks can be begun.
+    fn handled() -> io::Result<Self> {
+        Ok(Self {
+            interrupt: signal(SignalKind::interrupt())?,
+            terminate: signal(SignalKind::terminate())?,
+            hangup: signal(SignalKind::hangup())?,
+        })
+    }
+
+    /// The number of the next one.
+    async fn next(&mut self) -> i32 {
+        select! {
+            _ = self.interrupt.recv() => SIGINT,
+            _ = self.terminate.recv() => SIGTERM,
+            _ = self.hangup.recv() => SIGHUP,
+        }
     }
 }

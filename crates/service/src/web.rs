@@ -17,6 +17,7 @@ use crate::config::Config;
 use crate::exit::Usage;
 use crate::maps::MapNotes;
 use crate::recorder::Recorder;
+use crate::runtime;
 use crate::signals::Stop;
 
 /// Logs that are listed.
@@ -52,8 +53,16 @@ impl Page {
             held_out_every: config.pipeline.hold_back_every,
         });
         let control = Arc::clone(&service);
-        let server = WebServer::start(&address, &config.web, config.bus.clone(), about, control)
-            .map_err(Usage::error)?;
+        let runtime = runtime::handle()?;
+        let server = WebServer::start(
+            &runtime,
+            &address,
+            &config.web,
+            config.bus.clone(),
+            about,
+            control,
+        )
+        .map_err(Usage::error)?;
         tracing::info!("the page is at {}", server.url());
         if server.is_open() {
             tracing::warn!(

@@ -10,6 +10,7 @@ use echosplat_model::{PosedPing, Snapshot, Timestamp};
 use serde::Serialize;
 use serde_json::Value;
 use tokio::sync::{broadcast, oneshot};
+use tokio_util::sync::CancellationToken;
 
 use crate::pings::PingRing;
 use crate::track::Track;
@@ -33,6 +34,8 @@ pub(crate) enum Live {
 /// All of it.
 #[derive(Debug)]
 pub(crate) struct Hub {
+    /// Cancelled when the page is no longer served: connections end.
+    pub(crate) closing: CancellationToken,
     /// Browsers that are connected.
     watchers: AtomicUsize,
     pub(crate) orders: Mutex<Orders>,
@@ -124,6 +127,7 @@ pub(crate) fn lock<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 impl Hub {
     pub(crate) fn new() -> Self {
         Self {
+            closing: CancellationToken::new(),
             watchers: AtomicUsize::new(0),
             orders: Mutex::default(),
             ordered: Condvar::new(),
@@ -182,6 +186,7 @@ impl Hub {
     }
 
     pub(crate) fn stop(&self) {
+        self.closing.cancel();
         lock(&self.orders).stop = true;
         self.ordered.notify_all();
     }

@@ -12,8 +12,9 @@ use hyper::server::conn::http1;
 use hyper_util::rt::{TokioIo, TokioTimer};
 use hyper_util::service::TowerToHyperService;
 use tokio::net::TcpStream;
-use tokio::runtime::Runtime;
+use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
+use tokio::task;
 
 use crate::access::Access;
 use crate::address::is_loopback;
@@ -74,17 +75,18 @@ pub struct WebServer {
     local: SocketAddr,
     token: String,
     hub: Arc<Hub>,
-    runtime: Option<Runtime>,
+    accepts: task::JoinHandle<()>,
     threads: Vec<JoinHandle<()>>,
     heartbeats: [Heartbeat; 2],
 }
 
 impl WebServer {
-    /// Listens at `address`. Messages of the map are cut as `bus` says.
+    /// Listens at `address`, with tasks of `runtime`. Messages of the map are cut as `bus` says.
     ///
     /// # Errors
     /// If it cannot be listened at.
     pub fn start(
+        runtime: &Handle,
         address: &WebAddress,
         config: &WebConfig,
         bus: BusConfig,
@@ -129,19 +131,12 @@ impl WebServer {
             needs_token: !access.is_loopback,
         });
         let router = router(App::new(access, source, control));
-        let runtime = tokio::runtime::Builder::new_multi_thread()
-            .worker_threads(1)
-            .max_blocking_threads(8)
-            .thread_name("web")
-            .enable_all()
-            .build()
-            .map_err(|error| WebError::System(error.to_string()))?;
-        runtime.spawn(accept(listener, router, Arc::clone(&hub)));
+        let accepts = runtime.spawn(serve(listener, router, Arc::clone(&hub)));
         Ok(Self {
             local,
             token,
             hub,
-            runtime: Some(runtime),
+            accepts,
             threads,
             heartbeats,
         })
@@ -186,13 +181,11 @@ impl WebServer {
 impl Drop for WebServer {
     fn drop(&mut self) {
         self.hub.stop();
-        if let Some(runtime) = self.runtime.take() {
-            runtime.shutdown_timeout(END_LIMIT);
-        }
         let deadline = Instant::now() + END_LIMIT;
         let hangs = |thread: &JoinHandle<()>| !thread.is_finished();
         // One that hangs is left alone.
-        while self.threads.iter().any(hangs) && Instant::now() < deadline {
+        let goes_on = || !self.accepts.is_finished() || self.threads.iter().any(hangs);
+        while goes_on() && Instant::now() < deadline {
             std::thread::sleep(END_TICK);
         }
     }
@@ -225,6 +218,14 @@ fn random_token() -> Result<String, WebError> {
 /// How long to wait when the system has no room for another connection.
 const ACCEPT_PAUSE: Duration = Duration::from_millis(100);
 
+/// Until the page is closed.
+async fn serve(listener: TcpListener, router: Router, hub: Arc<Hub>) {
+    let closing = hub.closing.clone();
+    closing
+        .run_until_cancelled(accept(listener, router, hub))
+        .await;
+}
+
 async fn accept(listener: TcpListener, router: Router, hub: Arc<Hub>) {
     let listener = match tokio::net::TcpListener::from_std(listener) {
         Ok(listener) => listener,
@@ -244,10 +245,12 @@ async fn accept(listener: TcpListener, router: Router, hub: Arc<Hub>) {
             count(&hub.counters.connections_refused, 1);
             continue;
         };
-        let router = router.clone();
+        let (router, closing) = (router.clone(), hub.closing.clone());
         tokio::spawn(async move {
             let _permit = permit;
-            connection(stream, router).await;
+            closing
+                .run_until_cancelled(connection(stream, router))
+                .await;
         });
     }
 }

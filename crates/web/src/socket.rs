@@ -47,9 +47,10 @@ struct Gone;
 pub(crate) async fn serve(socket: WebSocket, source: Arc<Source>) {
     let _watcher = source.hub.watch();
     let (to, from) = socket.split();
+    let closing = source.hub.closing.clone();
     let browser = Browser { source, to };
     // However it ends, the connection is closed.
-    let _ = browser.run(from).await;
+    let _ = closing.run_until_cancelled(browser.run(from)).await;
 }
 
 struct Browser {

@@ -1,12 +1,13 @@
 //! The few words with one sonar.
 
 use std::io;
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use echosplat_firmware_protocol::{Decoder, Event, Frame, Message, OsPingParams, id};
+use tokio::time::{Instant, timeout, timeout_at};
 
 use super::{ProbedIdentity, ProbedProfile, ProbedUnit, in_words};
-use crate::transport::{READ_BYTES, Received, Transport};
+use crate::transport::Transport;
 use crate::url::SonarUrl;
 
 /// Datagrams get lost, and lines wake up late.
@@ -29,23 +30,23 @@ struct Heard {
 }
 
 /// Asks until identity and profile are there, or `deadline`.
-pub(super) fn hold(
-    link: &mut dyn Transport,
+pub(super) async fn hold(
+    link: &mut Transport,
     url: &SonarUrl,
     deadline: Instant,
 ) -> Result<ProbedUnit, String> {
     let began = Instant::now();
     let mut heard = Heard::default();
-    let listened = heard.listen(link, deadline.min(began + LISTEN), &mut |link| {
-        link.write(&request(id::DEVICE_INFORMATION))
-    });
+    let question = request(id::DEVICE_INFORMATION);
+    let until = deadline.min(began + LISTEN);
+    let listened = heard.listen(link, until, &question).await;
     let was_pinging = heard.profile.is_some();
     let answers = heard.frames > 0;
     let mut outcome = listened;
     if outcome.is_ok() && answers && !was_pinging {
-        outcome = heard.listen(link, deadline, &mut |link| link.write(&settings(true)));
+        outcome = heard.listen(link, deadline, &settings(true)).await;
         // Whatever came of it: what was started here is stopped here.
-        stop(link);
+        stop(link).await;
     }
     if heard.identity.is_none() && heard.profile.is_none() {
         return Err(heard.in_the_way(url, outcome));
@@ -61,22 +62,22 @@ pub(super) fn hold(
 impl Heard {
     /// Asks again and again until identity and profile have come, or `until`. Of one that answers
     /// nothing by then, no profile is asked for.
-    fn listen(
+    async fn listen(
         &mut self,
-        link: &mut dyn Transport,
+        link: &mut Transport,
         until: Instant,
-        ask: &mut dyn FnMut(&mut dyn Transport) -> io::Result<()>,
+        question: &[u8],
     ) -> io::Result<()> {
         let mut decoder = Box::<Decoder>::default();
-        let mut buffer = vec![0; READ_BYTES];
         let mut ask_at = Instant::now();
         while !(self.identity.is_some() && self.profile.is_some()) && Instant::now() < until {
             if Instant::now() >= ask_at {
-                ask(link)?;
+                link.write(question.to_vec()).await?;
                 ask_at += ASK_EVERY;
             }
-            if let Received::Bytes(byte_count) = link.read(&mut buffer)? {
-                self.take(&buffer[..byte_count], &mut decoder);
+            // Not by then: it is asked again.
+            if let Ok(bytes) = timeout_at(ask_at.min(until), link.read()).await {
+                self.take(&bytes?, &mut decoder);
             }
         }
         Ok(())
@@ -128,17 +129,15 @@ impl Heard {
 }
 
 /// Both lengths of the message: which one the unit understands may not have shown.
-fn stop(link: &mut dyn Transport) {
-    let sent = link
-        .write(&settings(false))
-        .and_then(|()| link.write(&short_stop()));
-    let began = Instant::now();
-    let mut buffer = vec![0; READ_BYTES];
-    while sent.is_ok() && began.elapsed() < DRAIN {
-        if link.read(&mut buffer).is_err() {
+async fn stop(link: &mut Transport) {
+    for frame in [settings(false), short_stop()] {
+        if link.write(frame).await.is_err() {
             return;
         }
     }
+    let drained = async { while link.read().await.is_ok() {} };
+    // One that goes on pinging is not waited for.
+    let _ = timeout(DRAIN, drained).await;
 }
 
 fn request(requested_id: u16) -> Vec<u8> {

@@ -5,10 +5,12 @@ mod conversation;
 mod discovery;
 mod serial;
 
-use std::time::{Duration, Instant};
+use std::time::Duration;
 
 use echosplat_firmware_protocol::{DeviceInformation, OsMonoProfile};
 use serde::Serialize;
+use tokio::time::Instant;
+use tokio_util::sync::CancellationToken;
 
 pub use discovery::{Discovered, Discovery, discover};
 pub use serial::serial_ports;
@@ -72,11 +74,11 @@ pub struct ProbedProfile {
 ///
 /// # Errors
 /// One sentence that says what is in the way.
-pub fn probe(url: &SonarUrl, limit: Duration) -> Result<ProbedUnit, String> {
+pub async fn probe(url: &SonarUrl, limit: Duration) -> Result<ProbedUnit, String> {
     let deadline = Instant::now() + limit;
     match url {
-        SonarUrl::Tcp(_) | SonarUrl::Udp(_) => at(url, deadline),
-        SonarUrl::Serial { path, baudrate } => serial::probe(path, *baudrate, deadline),
+        SonarUrl::Tcp(_) | SonarUrl::Udp(_) => at(url, deadline).await,
+        SonarUrl::Serial { path, baudrate } => serial::probe(path, *baudrate, deadline).await,
         SonarUrl::Sim(_) | SonarUrl::File(_) => Err(format!(
             "{url} is not a place where a sonar can be: give tcp://, udp:// or serial://"
         )),
@@ -84,7 +86,7 @@ pub fn probe(url: &SonarUrl, limit: Duration) -> Result<ProbedUnit, String> {
 }
 
 /// Asks at one place, at one baud rate.
-fn at(url: &SonarUrl, deadline: Instant) -> Result<ProbedUnit, String> {
+async fn at(url: &SonarUrl, deadline: Instant) -> Result<ProbedUnit, String> {
     let left_s = deadline
         .saturating_duration_since(Instant::now())
         .as_secs_f64();
@@ -92,8 +94,11 @@ fn at(url: &SonarUrl, deadline: Instant) -> Result<ProbedUnit, String> {
         io_timeout_s: (0.6 * left_s).max(0.05),
         ..DriverConfig::new(url.clone())
     };
-    let mut link = transport::open(&config, false).map_err(|error| in_words(url, &error))?;
-    conversation::hold(&mut *link, url, deadline)
+    let opened = transport::open(&config, false, &CancellationToken::new()).await;
+    let mut link = opened.map_err(|error| in_words(url, &error))?;
+    let held = conversation::hold(&mut link, url, deadline).await;
+    link.close().await;
+    held
 }
 
 /// What the system says of a place that cannot be reached, and what to do about it.
@@ -196,10 +201,10 @@ mod tests {
         assert!((50.0..60.0).contains(&shown.strongest_db.unwrap()));
     }
 
-    #[test]
-    fn what_is_no_link_is_said_to_be_none() {
+    #[tokio::test]
+    async fn what_is_no_link_is_said_to_be_none() {
         let url = "file://dive.svlog".parse().unwrap();
-        let words = probe(&url, Duration::from_millis(10)).unwrap_err();
+        let words = probe(&url, Duration::from_millis(10)).await.unwrap_err();
         assert!(words.contains("tcp://"), "{words}");
     }
 }

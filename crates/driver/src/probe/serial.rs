@@ -1,7 +1,9 @@
 //! A sonar on a serial line, at whatever baud rate.
 
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::time::Duration;
+
+use tokio::time::Instant;
 
 use super::{ProbedUnit, at};
 use crate::url::SonarUrl;
@@ -26,7 +28,11 @@ pub fn serial_ports() -> Vec<PathBuf> {
 }
 
 /// The first rate gets as long as a ping takes to come, the others share what is left.
-pub(super) fn probe(path: &Path, baudrate: u32, deadline: Instant) -> Result<ProbedUnit, String> {
+pub(super) async fn probe(
+    path: &Path,
+    baudrate: u32,
+    deadline: Instant,
+) -> Result<ProbedUnit, String> {
     let others = COMMON_BAUDRATES
         .into_iter()
         .filter(|&rate| rate != baudrate);
@@ -46,7 +52,7 @@ pub(super) fn probe(path: &Path, baudrate: u32, deadline: Instant) -> Result<Pro
             path: path.to_path_buf(),
             baudrate: rate,
         };
-        match at(&url, Instant::now() + share) {
+        match at(&url, Instant::now() + share).await {
             Ok(unit) => return Ok(unit),
             // What does not open at one rate opens at none.
             Err(words) if !words.contains("baud") && !words.contains("Ping device") => {

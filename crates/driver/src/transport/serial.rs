@@ -1,23 +1,163 @@
-//! Serial lines and pseudo-terminals, 8 data bits, no parity, one stop bit, no flow control.
+//! Serial lines and pseudo-terminals, 8 data bits, no parity, one stop bit, no flow control. What
+//! blocks is on a thread of its own: a line is not a socket, and adapters can hang in their driver.
 
 use std::io::{self, Read, Write};
 use std::path::Path;
+use std::thread;
 use std::time::Duration;
 
+use bytes::Bytes;
 use serialport::SerialPort;
+use tokio::sync::{mpsc, oneshot};
+use tokio_util::sync::CancellationToken;
 
-use super::{READ_WAIT, Received, Transport, received};
+use super::{closed, within};
+use crate::intake::Intake;
 
-pub(super) struct Serial(Box<dyn SerialPort>);
+/// A read returns after so long even if nothing came, so that what is to be written is.
+const READ_WAIT: Duration = Duration::from_millis(20);
+/// Pieces read ahead of who takes them; the rest waits in the system's buffer.
+const PIECES: usize = 8;
+/// Opening takes a few milliseconds, in a driver that hangs for ever.
+const OPENING: Duration = Duration::from_secs(10);
+/// A line that is closed is free again by then.
+const CLOSING: Duration = Duration::from_millis(500);
+
+/// Frames to be written, and where to say what came of it.
+type ToWrite = mpsc::Sender<(Vec<u8>, oneshot::Sender<io::Result<()>>)>;
+
+/// The task's end of a line. Dropped, it ends the line's thread.
+#[derive(Debug)]
+pub(crate) struct Serial {
+    pieces: mpsc::Receiver<io::Result<Bytes>>,
+    to_write: ToWrite,
+    write_limit: Duration,
+}
 
 /// `find_baudrate` wakes a unit that detects the rate: break, 1 ms, the letter U, as the vendor's
 /// client does it. Only when nothing was heard: it is noise to a unit that listens already.
-pub(super) fn open(
+pub(super) async fn open(
     path: &Path,
     baudrate: u32,
-    timeout: Duration,
+    limit: Duration,
     find_baudrate: bool,
+    abandoned: CancellationToken,
 ) -> io::Result<Serial> {
+    let path = path.to_owned();
+    let (opened, is_open) = oneshot::channel();
+    let (give, pieces) = mpsc::channel(PIECES);
+    let (to_write, frames) = mpsc::channel(PIECES);
+    let work = move || {
+        let (outcome, port) = match open_port(&path, baudrate, limit, find_baudrate) {
+            Ok(port) => (Ok(()), Some(port)),
+            Err(error) => (Err(error), None),
+        };
+        // Nobody waits any more: then nobody writes either, and the line is closed again.
+        let _ = opened.send(outcome);
+        if let Some(port) = port {
+            Line { port, abandoned }.serve(&give, frames);
+        }
+    };
+    thread::Builder::new()
+        .name("sonar-line".to_owned())
+        .spawn(work)?;
+    within(OPENING, async {
+        is_open.await.unwrap_or_else(|_| Err(closed()))
+    })
+    .await?;
+    Ok(Serial {
+        pieces,
+        to_write,
+        write_limit: limit.max(2 * READ_WAIT),
+    })
+}
+
+impl Serial {
+    pub(super) async fn read(&mut self) -> io::Result<Bytes> {
+        self.pieces.recv().await.unwrap_or_else(|| Err(closed()))
+    }
+
+    pub(super) async fn write(&mut self, frame: Vec<u8>) -> io::Result<()> {
+        let (done, is_done) = oneshot::channel();
+        let written = async {
+            self.to_write
+                .send((frame, done))
+                .await
+                .map_err(|_| closed())?;
+            is_done.await.unwrap_or_else(|_| Err(closed()))
+        };
+        within(self.write_limit, written).await
+    }
+
+    /// Waits until the thread has let go of the line: two cannot hold it.
+    pub(super) async fn close(self) {
+        let Self {
+            mut pieces,
+            to_write,
+            ..
+        } = self;
+        drop(to_write);
+        let ended = async {
+            while pieces.recv().await.is_some() {}
+            Ok(())
+        };
+        // One that hangs keeps it.
+        let _ = within(CLOSING, ended).await;
+    }
+}
+
+/// The thread's end of a line.
+struct Line {
+    port: Box<dyn SerialPort>,
+    abandoned: CancellationToken,
+}
+
+impl Line {
+    /// Until the line is lost, or nobody writes any more.
+    fn serve(
+        mut self,
+        pieces: &mpsc::Sender<io::Result<Bytes>>,
+        mut to_write: mpsc::Receiver<(Vec<u8>, oneshot::Sender<io::Result<()>>)>,
+    ) {
+        use mpsc::error::TryRecvError::Disconnected;
+        let mut intake = Intake::default();
+        while !self.abandoned.is_cancelled() {
+            match to_write.try_recv() {
+                Ok((frame, done)) => {
+                    // Who asked may have given up waiting.
+                    let _ = done.send(self.port.write_all(&frame));
+                    continue;
+                }
+                Err(Disconnected) => return,
+                Err(_) => {}
+            }
+            // Where nobody takes them, bytes wait in the system's buffer.
+            let Ok(room) = pieces.try_reserve() else {
+                thread::sleep(READ_WAIT);
+                continue;
+            };
+            match self.port.read(intake.room()) {
+                Ok(0) => return room.send(Err(closed())),
+                Ok(byte_count) => room.send(Ok(intake.take(byte_count))),
+                Err(error) if is_nothing_yet(&error) => {}
+                Err(error) => return room.send(Err(error)),
+            }
+        }
+    }
+}
+
+/// What the two kinds of time-out and an interrupted call mean to a reader.
+fn is_nothing_yet(error: &io::Error) -> bool {
+    use io::ErrorKind::{Interrupted, TimedOut, WouldBlock};
+    matches!(error.kind(), WouldBlock | TimedOut | Interrupted)
+}
+
+fn open_port(
+    path: &Path,
+    baudrate: u32,
+    limit: Duration,
+    find_baudrate: bool,
+) -> io::Result<Box<dyn SerialPort>> {
     let name = path.to_string_lossy();
     if let Some(what) = what_else_than_a_line(path) {
         return Err(io::Error::other(format!(
@@ -25,18 +165,18 @@ pub(super) fn open(
         )));
     }
     let mut port = serialport::new(name.as_ref(), baudrate)
-        .timeout(timeout)
+        .timeout(limit)
         .open()
         .map_err(|error| in_words(path, error))?;
     if find_baudrate {
         // Pseudo-terminals and some adapters know no break: then there is no rate to find.
         let _ = port.set_break();
-        std::thread::sleep(Duration::from_millis(1));
+        thread::sleep(Duration::from_millis(1));
         let _ = port.clear_break();
         let _ = port.write(b"U");
     }
     port.set_timeout(READ_WAIT)?;
-    Ok(Serial(port))
+    Ok(port)
 }
 
 /// What is at `path`, if it will never be a serial line; `None` for a device, and for nothing,
@@ -89,14 +229,4 @@ pub(crate) fn in_words(path: &Path, error: serialport::Error) -> io::Error {
         _ => io::Error::from(error).kind(),
     };
     io::Error::new(kind, words)
-}
-
-impl Transport for Serial {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<Received> {
-        received(self.0.read(buffer))
-    }
-
-    fn write(&mut self, frame: &[u8]) -> io::Result<()> {
-        self.0.write_all(frame)
-    }
 }

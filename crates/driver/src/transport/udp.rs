@@ -1,48 +1,59 @@
 //! UDP: a socket connected to its device, so that the system lets nobody else in.
 
 use std::io;
-use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr, ToSocketAddrs, UdpSocket};
-use std::time::Duration;
+use std::net::{Ipv4Addr, Ipv6Addr, SocketAddr};
 
-use super::{READ_WAIT, Received, Transport, received};
+use bytes::Bytes;
+use tokio::net::UdpSocket;
 
-pub(super) struct Udp(UdpSocket);
+use super::{no_address, resolve};
+use crate::intake::Intake;
 
-pub(super) fn open(address: &str, timeout: Duration) -> io::Result<Udp> {
-    let mut last = io::Error::new(io::ErrorKind::NotFound, "the host has no address");
-    for address in address.to_socket_addrs()? {
-        let any = match address {
-            SocketAddr::V4(_) => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
-            SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
-        };
-        let connected = UdpSocket::bind(any).and_then(|socket| {
-            socket.connect(address)?;
-            socket.set_read_timeout(Some(READ_WAIT))?;
-            socket.set_write_timeout(Some(timeout))?;
-            Ok(Udp(socket))
-        });
-        match connected {
-            Ok(udp) => return Ok(udp),
+#[derive(Debug)]
+pub(crate) struct Udp {
+    socket: UdpSocket,
+    intake: Intake,
+}
+
+pub(super) async fn open(address: &str) -> io::Result<Udp> {
+    let mut last = no_address();
+    for address in resolve(address).await? {
+        match connected(address).await {
+            Ok(socket) => {
+                return Ok(Udp {
+                    socket,
+                    intake: Intake::default(),
+                });
+            }
             Err(error) => last = error,
         }
     }
     Err(last)
 }
 
-impl Transport for Udp {
-    fn read(&mut self, buffer: &mut [u8]) -> io::Result<Received> {
-        match self.0.recv(buffer) {
+async fn connected(address: SocketAddr) -> io::Result<UdpSocket> {
+    let any = match address {
+        SocketAddr::V4(_) => SocketAddr::from((Ipv4Addr::UNSPECIFIED, 0)),
+        SocketAddr::V6(_) => SocketAddr::from((Ipv6Addr::UNSPECIFIED, 0)),
+    };
+    let socket = UdpSocket::bind(any).await?;
+    socket.connect(address).await?;
+    Ok(socket)
+}
+
+impl Udp {
+    pub(super) async fn read(&mut self) -> io::Result<Bytes> {
+        loop {
+            let byte_count = self.socket.recv(self.intake.room()).await?;
             // An empty datagram is no end.
-            Ok(0) => Ok(Received::Nothing),
-            result => received(result),
+            if byte_count > 0 {
+                return Ok(self.intake.take(byte_count));
+            }
         }
     }
 
-    fn write(&mut self, frame: &[u8]) -> io::Result<()> {
-        self.0.send(frame).map(|_| ())
-    }
-
-    fn opens_connected(&self) -> bool {
-        false
+    pub(super) async fn write(&mut self, frame: &[u8]) -> io::Result<()> {
+        // A datagram is taken at once, or dropped.
+        self.socket.send(frame).await.map(|_| ())
     }
 }

@@ -2,7 +2,7 @@
 #![allow(dead_code, reason = "each test binary uses its part")]
 #![allow(clippy::unwrap_used, reason = "a helper of tests fails where they do")]
 
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, LazyLock, Mutex};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, bounded};
@@ -15,6 +15,7 @@ use echosplat_firmware_protocol::{
 };
 use echosplat_model::{Ping, Timestamp};
 use echosplat_session::{ClockSource, SessionConfig};
+use tokio::runtime::{Handle, Runtime};
 
 pub(crate) const PATIENCE: Duration = Duration::from_secs(20);
 pub(crate) const INTERVAL_MS: i64 = 10;
@@ -144,9 +145,16 @@ pub(crate) fn config(url: &str, clock: ClockSource) -> DriverConfig {
     }
 }
 
+/// Of all tests of a binary; never ended, as that of the program.
+pub(crate) fn runtime() -> &'static Handle {
+    static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::new().unwrap());
+    RUNTIME.handle()
+}
+
 pub(crate) fn connect(url: &str, clock: ClockSource) -> (DriverHandle, Receiver<DriverEvent>) {
     let (sender, receiver) = bounded(1_000);
-    (spawn(config(url, clock), None, sender).unwrap(), receiver)
+    let driver = spawn(runtime(), config(url, clock), None, sender).unwrap();
+    (driver, receiver)
 }
 
 /// The next event that `wanted` takes something from; others are passed over.

@@ -10,14 +10,16 @@
 mod report;
 mod track;
 
+use std::convert::Infallible;
 use std::io;
+
+use tokio::task::block_in_place;
 
 use self::report::Report;
 use self::track::Track;
 use crate::link::{Address, BackOff};
 use crate::now::now;
 use crate::outlet::Outlet;
-use crate::stop::Stop;
 use echosplat_join::StampClock;
 
 /// Longest line read; a velocity with four transducers has some 1,000 bytes.
@@ -25,55 +27,53 @@ const MAX_LINE_BYTES: usize = 16 * 1024;
 /// A connection without a report for so long is made anew.
 const SILENT_AFTER_S: f64 = 10.0;
 
-/// Until the stop: connects, reads, connects again.
-pub(crate) fn run(address: &Address, stamps: StampClock, outlet: &mut Outlet, stop: &Stop) {
+/// Connects, reads, connects again.
+pub(crate) async fn run(address: &Address, stamps: StampClock, outlet: &mut Outlet) {
     let mut track = Track::new(stamps);
     let mut back_off = BackOff::default();
     let name = address.name();
     outlet.link(format!("waiting for the DVL on {name}"));
-    while !stop.is_set() {
-        outlet.connecting();
-        if let Err(error) = read(address, &mut track, &mut back_off, outlet, stop) {
-            outlet.link(format!("lost: {name}: {error}; trying again"));
-        }
+    loop {
         outlet.heartbeat.rest();
-        if back_off.wait(stop) {
-            return;
-        }
+        let Err(error) = read(address, &mut track, &mut back_off, outlet).await;
+        outlet.link(format!("lost: {name}: {error}; trying again"));
+        outlet.heartbeat.rest();
+        back_off.wait().await;
     }
 }
 
-fn read(
+/// Until the connection is lost.
+async fn read(
     address: &Address,
     track: &mut Track,
     back_off: &mut BackOff,
     outlet: &mut Outlet,
-    stop: &Stop,
-) -> io::Result<()> {
-    let mut link = address.open()?;
+) -> io::Result<Infallible> {
+    let mut link = address.open().await?;
     let mut lines = Lines::default();
     let mut buffer = [0; 4096];
     let mut heard_at = now();
-    while !stop.is_set() {
-        let count = link.read(&mut buffer)?;
+    loop {
+        let count = link.read(&mut buffer).await?;
         let arrived = now();
-        lines.feed(&buffer[..count], |line| {
-            let report = Report::parse(line);
-            if let Ok(Some(_)) = report {
-                heard_at = arrived;
-                back_off.reset();
-                outlet.link("up");
-            }
-            let poses = track.take(report, arrived);
-            poses.into_iter().for_each(|pose| outlet.hand_on(pose));
+        block_in_place(|| {
+            lines.feed(&buffer[..count], |line| {
+                let report = Report::parse(line);
+                if let Ok(Some(_)) = report {
+                    heard_at = arrived;
+                    back_off.reset();
+                    outlet.link("up");
+                }
+                let poses = track.take(report, arrived);
+                poses.into_iter().for_each(|pose| outlet.hand_on(pose));
+            });
+            outlet.tell(track.status(arrived));
         });
-        outlet.tell(track.status(arrived));
         if arrived.seconds_since(heard_at).abs() > SILENT_AFTER_S {
             let what = "it sends no reports";
             return Err(io::Error::new(io::ErrorKind::TimedOut, what));
         }
     }
-    Ok(())
 }
 
 /// Bytes in, lines out; a line that is too long is given cut, which is no report.

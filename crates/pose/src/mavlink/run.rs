@@ -1,27 +1,31 @@
-//! The threads that feed a [`Vehicle`]: from a link of bytes, or from a server on the bus.
+//! The tasks that feed a [`Vehicle`]: from a link of bytes, or from a server on the bus.
 
+use std::convert::Infallible;
 use std::io;
+use std::sync::Arc;
 use std::time::Duration;
 
 use echosplat_bus::{MessageSubscription, ReceivedMessage};
+use echosplat_model::Timestamp;
+use mavlink::dialects::ardupilotmega::MavMessage;
+use tokio::task::{block_in_place, spawn_blocking};
 
 use super::frames::{Frames, frame};
 use super::json;
 use super::message::{Message, Sender};
 use super::requests::{Requests, timesync_answer};
 use super::vehicle::Vehicle;
-use crate::link::{Address, BackOff, Link};
+use crate::link::{Address, BackOff};
 use crate::now::now;
 use crate::outlet::Outlet;
-use crate::stop::Stop;
 use echosplat_join::StampClock;
 
 /// Longest read at once; a datagram is never longer.
 const PIECE_BYTES: usize = 64 * 1024;
 /// Without a frame for so long the link counts as silent.
 const SILENT_AFTER_S: f64 = 2.0;
-/// How long the bus is waited for before the stop and the status are looked at.
-const BUS_WAIT: Duration = Duration::from_millis(50);
+/// How long the bus is waited for before the status is looked at.
+const BUS_WAIT: Duration = Duration::from_millis(200);
 
 /// Names of the messages that are taken from a server on the bus.
 pub(crate) const JSON_MESSAGES: [&str; 5] = [
@@ -33,77 +37,99 @@ pub(crate) const JSON_MESSAGES: [&str; 5] = [
 ];
 
 /// A vehicle at the other end of a link.
+#[derive(Debug)]
 pub(crate) struct OverLink {
     pub(crate) address: Address,
     pub(crate) stamps: StampClock,
 }
 
 impl OverLink {
-    /// Until the stop: opens the link, feeds the vehicle, opens it again.
-    pub(crate) fn run(&self, outlet: &mut Outlet, stop: &Stop) {
+    /// Opens the link, feeds the vehicle, opens it again.
+    pub(crate) async fn run(&self, outlet: &mut Outlet) {
         let mut vehicle = Vehicle::new(self.stamps);
         let mut back_off = BackOff::default();
         let name = self.address.name();
-        while !stop.is_set() {
-            outlet.connecting();
-            let failure = match self.address.open() {
-                Ok(link) => self.feed(link, &mut vehicle, &mut back_off, outlet, stop),
-                Err(error) => Err(error),
-            };
-            if let Err(error) = failure {
-                outlet.link(format!("lost: {name}: {error}; trying again"));
-            }
+        loop {
             outlet.heartbeat.rest();
-            if back_off.wait(stop) {
-                return;
-            }
+            let Err(error) = self.feed(&mut vehicle, &mut back_off, outlet).await;
+            outlet.link(format!("lost: {name}: {error}; trying again"));
+            outlet.heartbeat.rest();
+            back_off.wait().await;
         }
     }
 
-    fn feed(
+    /// Until the link is lost.
+    async fn feed(
         &self,
-        mut link: Link,
         vehicle: &mut Vehicle,
         back_off: &mut BackOff,
         outlet: &mut Outlet,
-        stop: &Stop,
-    ) -> io::Result<()> {
-        let name = self.address.name();
-        let mut frames = Frames::new();
-        let mut requests = Requests::default();
-        let mut heard_at = None;
+    ) -> io::Result<Infallible> {
+        let mut link = self.address.open().await?;
+        let mut talk = Talk::new(self.address.name());
         let mut buffer = vec![0; PIECE_BYTES];
-        while !stop.is_set() {
-            let count = link.read(&mut buffer)?;
-            let arrived = now();
-            let mut questions = Vec::new();
-            let frames_before = frames.frame_count();
-            frames.feed(&buffer[..count], |sender, message| {
-                questions.extend(question(&message));
-                take(vehicle, sender, message, arrived, outlet);
-            });
-            if frames.frame_count() > frames_before {
-                heard_at = Some(arrived);
-                back_off.reset();
+        loop {
+            let count = link.read(&mut buffer).await?;
+            let bytes = &buffer[..count];
+            let to_say = block_in_place(|| talk.take(bytes, vehicle, back_off, outlet));
+            for message in to_say {
+                let header = talk.requests.header(vehicle.to_ask());
+                link.write(&frame(header, &message)).await?;
             }
-            let silent_s = heard_at.map(|at| arrived.seconds_since(at).abs());
-            match silent_s {
-                Some(silent_s) if silent_s <= SILENT_AFTER_S => outlet.link("up"),
-                Some(_) => {
-                    outlet.link(format!("waiting for the vehicle on {name}: it fell silent"));
-                }
-                None => outlet.link(format!("waiting for a vehicle on {name}")),
-            }
-            let to = vehicle.to_ask();
-            let answers = questions.into_iter().map(|ts1| timesync_answer(ts1, now()));
-            let due = requests.due(vehicle, arrived);
-            for message in answers.chain(due).collect::<Vec<_>>() {
-                let header = requests.header(to);
-                link.write(&frame(header, &message))?;
-            }
-            outlet.tell(vehicle.status(arrived));
         }
-        Ok(())
+    }
+}
+
+/// What is said and heard on one link.
+struct Talk {
+    /// The other end, in words.
+    name: String,
+    frames: Frames,
+    requests: Requests,
+    heard_at: Option<Timestamp>,
+}
+
+impl Talk {
+    fn new(name: String) -> Self {
+        Self {
+            name,
+            frames: Frames::new(),
+            requests: Requests::default(),
+            heard_at: None,
+        }
+    }
+
+    /// Takes what came, if anything did; gives what is to be said now.
+    fn take(
+        &mut self,
+        bytes: &[u8],
+        vehicle: &mut Vehicle,
+        back_off: &mut BackOff,
+        outlet: &mut Outlet,
+    ) -> Vec<MavMessage> {
+        let arrived = now();
+        let mut questions = Vec::new();
+        let frames_before = self.frames.frame_count();
+        self.frames.feed(bytes, |sender, message| {
+            questions.extend(question(&message));
+            take(vehicle, sender, message, arrived, outlet);
+        });
+        if self.frames.frame_count() > frames_before {
+            self.heard_at = Some(arrived);
+            back_off.reset();
+        }
+        let name = &self.name;
+        let silent_s = self.heard_at.map(|at| arrived.seconds_since(at).abs());
+        match silent_s {
+            Some(silent_s) if silent_s <= SILENT_AFTER_S => outlet.link("up"),
+            Some(_) => outlet.link(format!("waiting for the vehicle on {name}: it fell silent")),
+            None => outlet.link(format!("waiting for a vehicle on {name}")),
+        }
+        let answers = questions.into_iter().map(|ts1| timesync_answer(ts1, now()));
+        let due = self.requests.due(vehicle, arrived);
+        let to_say = answers.chain(due).collect();
+        outlet.tell(vehicle.status(arrived));
+        to_say
     }
 }
 
@@ -119,7 +145,7 @@ fn take(
     vehicle: &mut Vehicle,
     sender: Sender,
     message: Message,
-    arrived: echosplat_model::Timestamp,
+    arrived: Timestamp,
     outlet: &mut Outlet,
 ) {
     if let Some(pose) = vehicle.take(sender, message, arrived) {
@@ -128,16 +154,18 @@ fn take(
 }
 
 /// A vehicle whose messages a server puts on the bus as JSON.
-pub(crate) fn over_bus(
-    messages: &MessageSubscription,
+pub(crate) async fn over_bus(
+    messages: &Arc<MessageSubscription>,
     stamps: StampClock,
     outlet: &mut Outlet,
-    stop: &Stop,
 ) {
     let mut vehicle = Vehicle::new(stamps);
     let mut heard_at = None;
-    while !stop.is_set() {
-        let received = messages.next_within(BUS_WAIT);
+    loop {
+        let source = Arc::clone(messages);
+        let received = spawn_blocking(move || source.next_within(BUS_WAIT)).await;
+        // It does not panic.
+        let received = received.ok().flatten();
         let at = now();
         if let Some(received) = received {
             heard_at = Some(at);
@@ -150,7 +178,7 @@ pub(crate) fn over_bus(
         }
         let mut status = vehicle.status(at);
         status.dropped_full += messages.dropped();
-        outlet.tell(status);
+        block_in_place(|| outlet.tell(status));
     }
 }
 

@@ -11,6 +11,7 @@ mod python;
 use std::io::Write;
 use std::net::TcpListener;
 use std::path::Path;
+use std::sync::LazyLock;
 use std::time::{Duration, Instant};
 
 use echosplat_bus::{Bus, BusConfig};
@@ -19,6 +20,7 @@ use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{Pose, StampedPose, Timestamp};
 use echosplat_pose::{PoseSource, poses_of_mcap};
 use echosplat_recording::tum;
+use tokio::runtime::{Handle, Runtime};
 
 const LONG: Duration = Duration::from_secs(60);
 const START_S: i64 = 1_700_000_000;
@@ -139,8 +141,14 @@ fn assert_on_time(sent: &Sent, within_s: f64) {
     }
 }
 
+/// Of all tests; never ended, as that of the program.
+fn runtime() -> &'static Handle {
+    static RUNTIME: LazyLock<Runtime> = LazyLock::new(|| Runtime::new().unwrap());
+    RUNTIME.handle()
+}
+
 fn open(url: &str, stamps: StampClock) -> PoseSource {
-    PoseSource::open(&url.parse().unwrap(), None, stamps).unwrap()
+    PoseSource::open(runtime(), &url.parse().unwrap(), None, stamps).unwrap()
 }
 
 #[test]
@@ -239,7 +247,8 @@ fn over_zenoh(url: &str, arguments: &[&str]) -> Sent {
         ..BusConfig::default()
     });
     let bus = bus.unwrap();
-    let mut source = PoseSource::open(&url.parse().unwrap(), Some(&bus), StampClock::Data).unwrap();
+    let url = url.parse().unwrap();
+    let mut source = PoseSource::open(runtime(), &url, Some(&bus), StampClock::Data).unwrap();
     let to = ["--to", &endpoint, "--rate", "4"];
     let sent = send(&mut source, &[arguments, &to].concat());
     drop(source);

@@ -9,11 +9,12 @@ use anyhow::bail;
 use crossbeam_channel::{Receiver, unbounded};
 use echosplat_driver::{Discovery, ProbedUnit, SonarUrl, discover, probe, serial_ports};
 use serde_json::{Value, json};
+use tokio::runtime::Handle;
 
 use crate::arguments::ProbeArguments;
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
-use crate::{inputs, logging};
+use crate::{inputs, logging, runtime};
 
 /// What answers a call to everybody has this share of the time; the rest is for asking it.
 const DISCOVERY_SHARE: f64 = 0.3;
@@ -39,14 +40,15 @@ pub(crate) fn run(arguments: &ProbeArguments) -> anyhow::Result<Finish> {
         false => (given_places(arguments)?, arguments.discovery.is_some()),
     };
     places.dedup();
-    let mut answers = ask_all(&places, limit);
+    let runtime = runtime::handle()?;
+    let mut answers = ask_all(&runtime, &places, limit);
     let heard = calls.then(|| discovery.recv().ok()).flatten();
     let heard = heard.unwrap_or_default();
     let left = limit.saturating_sub(began.elapsed().min(limit.mul_f64(DISCOVERY_SHARE)));
     let new: Vec<SonarUrl> = discovered_places(&heard)
         .filter(|url| !places.contains(url))
         .collect();
-    answers.extend(ask_all(&new, left));
+    answers.extend(ask_all(&runtime, &new, left));
     tell(&answers, &heard, arguments.json)
 }
 
@@ -100,18 +102,15 @@ fn discovered_places(heard: &Discovery) -> impl Iterator<Item = SonarUrl> + '_ {
 }
 
 /// Asks everywhere at once; what has not answered in time is not waited for.
-fn ask_all(places: &[SonarUrl], limit: Duration) -> Vec<Answer> {
+fn ask_all(runtime: &Handle, places: &[SonarUrl], limit: Duration) -> Vec<Answer> {
     let deadline = Instant::now() + limit + GRACE;
     let (sender, receiver) = unbounded();
     for (index, url) in places.iter().cloned().enumerate() {
         let sender = sender.clone();
-        // Where there is no thread, the place counts as one that did not answer.
-        let _ = thread::Builder::new()
-            .name("probe".to_owned())
-            .spawn(move || {
-                // Whoever asked may have stopped waiting.
-                let _ = sender.send((index, probe(&url, limit)));
-            });
+        runtime.spawn(async move {
+            // Whoever asked may have stopped waiting.
+            let _ = sender.send((index, probe(&url, limit).await));
+        });
     }
     drop(sender);
     let mut outcomes: Vec<_> = places.iter().map(|_| None).collect();

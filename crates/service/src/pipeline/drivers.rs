@@ -1,4 +1,4 @@
-//! The sonar's thread, or one such thread per log, one after another.
+//! The sonar's task, or one thread per log, one after another.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -10,8 +10,10 @@ use echosplat_driver::{
 };
 use echosplat_liveness::Heartbeat;
 use echosplat_session::{ProfilesRejected, SessionCounters};
+use tokio::runtime::Handle;
 
 use crate::exit::Usage;
+use crate::runtime;
 
 /// Where pings come from: a link, a log, a recording, or a driver elsewhere.
 pub(crate) struct Input {
@@ -24,7 +26,7 @@ pub(crate) struct Input {
     pub(crate) records_itself: bool,
 }
 
-/// Makes what is shown a link's bytes before they are decoded, for each thread that reads them.
+/// Makes what is shown a link's bytes before they are decoded, for each link that reads them.
 pub(crate) type MakeTap = Arc<dyn Fn() -> RawTap + Send + Sync>;
 
 pub(crate) type OpenTape = Box<dyn FnOnce() -> anyhow::Result<Tape>>;
@@ -43,6 +45,7 @@ impl Input {
 
 /// Inputs in order; only the last may be one that does not end by itself.
 pub(crate) struct Drivers {
+    runtime: Handle,
     running: Option<DriverHandle>,
     /// How the link at hand is begun again; `None` for a log.
     link: Option<DriverConfig>,
@@ -68,6 +71,7 @@ impl Drivers {
         events: Sender<DriverEvent>,
     ) -> anyhow::Result<Self> {
         let mut drivers = Self {
+            runtime: runtime::handle()?,
             running: None,
             link: None,
             byte_count: inputs.iter().map(|input| input.byte_count).sum(),
@@ -126,8 +130,8 @@ impl Drivers {
         let tap = tap.map(|make| make());
         let url = input.config.url.to_string();
         let handle = match input.tape {
-            Some(open) => echosplat_driver::spawn_tape(input.config, open()?, tap, events),
-            None => echosplat_driver::spawn(input.config, tap, events),
+            Some(open) => echosplat_driver::spawn_tape(&input.config, open()?, tap, events),
+            None => echosplat_driver::spawn(&self.runtime, input.config, tap, events),
         };
         let handle = handle.map_err(|error| match error {
             DriverError::Thread(_) => anyhow::Error::new(error),
@@ -142,7 +146,7 @@ impl Drivers {
         self.running.as_ref().map(DriverHandle::heartbeat)
     }
 
-    /// If the link's thread hangs, another takes its place.
+    /// If the link hangs, another takes its place.
     ///
     /// # Errors
     /// If it cannot be started.
@@ -156,7 +160,9 @@ impl Drivers {
         };
         let tap = self.tap.as_ref().map(|make| make());
         let (config, events) = (link.clone(), events.clone());
-        let (running, last) = echosplat_driver::spawn_in_place_of(hung, config, tap, events)?;
+        let runtime = &self.runtime;
+        let (running, last) =
+            echosplat_driver::spawn_in_place_of(hung, runtime, config, tap, events)?;
         self.done.push(last);
         self.running = Some(running);
         Ok(())

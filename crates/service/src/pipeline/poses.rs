@@ -271,11 +271,14 @@ impl Poses {
             recorder.record(clock::now(), Record::Event(event));
         }
         match verdict.result {
-            Ok(posed) => self.ready.push_back(Joined {
-                posed,
-                arrived,
-                epoch: verdict.epoch,
-            }),
+            Ok(posed) => {
+                tracing::trace!(ping = sequence, "joined");
+                self.ready.push_back(Joined {
+                    posed,
+                    arrived,
+                    epoch: verdict.epoch,
+                });
+            }
             Err(rejected) => {
                 tracing::debug!(ping = sequence, reason = ?rejected.reason, "left out: no pose");
             }
@@ -348,6 +351,8 @@ mod tests {
     use echosplat_model::PingSettings;
     use echosplat_pose::PoseUrl;
 
+    use crate::inputs;
+
     fn ping(seconds: f64) -> Arc<Ping> {
         let settings = PingSettings {
             range_start_m: 0.0,
@@ -367,7 +372,7 @@ mod tests {
         let directory = tempfile::tempdir().unwrap();
         let path = directory.path().join("a.tum");
         std::fs::write(&path, "1 0 0 0 0 0 0 1\n1.4 1 0 0 0 0 0 1\n").unwrap();
-        let source = PoseSource::open(&PoseUrl::Tum(path), None, StampClock::Data).unwrap();
+        let source = inputs::poses(&PoseUrl::Tum(path), None, StampClock::Data).unwrap();
         let config = PoseConfig::default();
         let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         for seconds in [0.5, 1.1, 1.2, 2.0] {
@@ -385,7 +390,7 @@ mod tests {
             waiting_pings: 1,
             ..PoseConfig::default()
         };
-        let source = PoseSource::open(&PoseUrl::None, None, StampClock::Data).unwrap();
+        let source = inputs::poses(&PoseUrl::None, None, StampClock::Data).unwrap();
         let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         poses.push(ping(0.0), Instant::now());
         assert!(!poses.holds_back());

@@ -31,6 +31,7 @@ use crate::config::Config;
 use crate::exit::Usage;
 use crate::maps::MapNotes;
 use crate::recorder::Recorder;
+use crate::runtime;
 use crate::signals::{LastWill, Stop};
 use crate::supervisor::{Policy, Supervisor, Systemd};
 
@@ -80,6 +81,7 @@ impl Run {
         let (album, keeps) = album.unzip();
         let helpers = Helpers::start(config)?;
         let mut supervisor = supervisor(config, &setup, &helpers);
+        supervisor.watch(runtime::heartbeat()?, Policy::Needed);
         supervisor.spare(published.heartbeats());
         supervisor.spare(album.iter().map(AlbumWriter::heartbeat));
         let outlet = outlet(&mut setup, &published, keeps, helpers.prediction);

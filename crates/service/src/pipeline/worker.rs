@@ -205,7 +205,10 @@ impl Worker {
         if is_held_back(posed.ping.sequence(), self.hold_back_every) {
             return self.state.report.pings_held_back += 1;
         }
-        let inserted = self.mapper.insert(posed);
+        let inserted = {
+            let _span = tracing::trace_span!("mapped", ping = posed.ping.sequence()).entered();
+            self.mapper.insert(posed)
+        };
         if inserted.rejected {
             return self.state.report.pings_rejected += 1;
         }
@@ -295,7 +298,10 @@ impl Worker {
             voxel_looks: work.voxel_looks,
             pings: self.mapper.status().pings,
         };
-        let snapshot = self.outlet.map(snapshot, moment);
+        let snapshot = {
+            let _span = tracing::trace_span!("published", map = snapshot.sequence).entered();
+            self.outlet.map(snapshot, moment)
+        };
         self.state.latency.offered(snapshot.sequence);
         self.shared.keep_map(&snapshot);
         self.state.report.snapshots += 1;

@@ -4,7 +4,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::time::Instant;
 
+use echosplat_driver::{DriverConfig, DriverEvent, ServeOptions, serve, spawn};
 use echosplat_recording::mcap::{Recorded, RecordingError, RecordingReader};
+use echosplat_simulator::{Dive, DiveKind, NoiseLevel, Scene, SimulatedDevice, SimulatedSonar};
 
 use super::storage::{Sink, Storage};
 use super::*;
@@ -305,14 +307,57 @@ fn what_the_driver_shows_is_written_without_a_copy() {
     recorder.raw_tap()(time(0), Tapped::Bytes(&shown));
     recorder.finish();
     let written = disk.0.lock().unwrap().written.clone();
-    let place_of = |record: &Record| match record {
-        Record::Raw(bytes) => Some((bytes.as_ptr(), bytes.len())),
-        _ => None,
-    };
     let places: Vec<_> = written.iter().filter_map(place_of).collect();
     let (first, rest) = shown.split_at(MAX_RAW_BYTES);
     let expected = [first, rest].map(|piece| (piece.as_ptr(), piece.len()));
     assert_eq!(places, expected);
+}
+
+#[test]
+fn what_a_link_reads_is_recorded_where_it_was_read() {
+    let scene = Arc::new(Scene::named("fence").unwrap());
+    let noise = NoiseLevel::None;
+    let dive = Arc::new(Dive::plan(DiveKind::Survey, &scene, noise, 1).unwrap());
+    let sonar = Arc::new(SimulatedSonar::new(scene, dive, noise, 1));
+    let device = Box::new(SimulatedDevice::new(sonar));
+    let listen = "tcp://127.0.0.1:0".parse().unwrap();
+    let server = serve(&listen, device, ServeOptions::default()).unwrap();
+    let disk = Disk::default();
+    let recorder = disk.recorder();
+    // What the tap is shown is what the decoder is given next.
+    let shown = Arc::new(Mutex::new(Vec::new()));
+    let (mut records, given) = (recorder.raw_tap(), Arc::clone(&shown));
+    let tap = Box::new(move |at: Timestamp, tapped: Tapped<'_>| {
+        if let Tapped::Bytes(bytes) = tapped {
+            // Kept, so that no other bytes can come to lie there.
+            given.lock().unwrap().push(bytes.clone());
+        }
+        records(at, tapped);
+    });
+    let (sender, events) = crossbeam_channel::bounded(64);
+    let config = DriverConfig::new(server.url().parse().unwrap());
+    let runtime = crate::runtime::handle().unwrap();
+    let driver = spawn(&runtime, config, Some(tap), sender).unwrap();
+    let pings = std::iter::from_fn(|| events.recv_timeout(SOON).ok())
+        .filter(|event| matches!(event, DriverEvent::Ping { .. }));
+    assert_eq!(pings.take(20).count(), 20);
+    let _ = driver.stop();
+    recorder.finish();
+    let written = disk.0.lock().unwrap().written.clone();
+    let places: Vec<_> = written.iter().filter_map(place_of).collect();
+    let shown = shown.lock().unwrap();
+    let expected: Vec<_> = shown.iter().map(|b| (b.as_ptr(), b.len())).collect();
+    assert!(expected.len() >= 10, "{}", expected.len());
+    assert_eq!(places, expected);
+    let _ = server.stop();
+}
+
+/// Where the raw bytes of a record lie.
+fn place_of(record: &Record) -> Option<(*const u8, usize)> {
+    match record {
+        Record::Raw(bytes) => Some((bytes.as_ptr(), bytes.len())),
+        _ => None,
+    }
 }
 
 #[test]

@@ -37,7 +37,7 @@ impl DiveLog {
         }
     }
 
-    /// For the sonar's thread.
+    /// For the sonar's task.
     pub(super) fn raw_tap(&self) -> RawTap {
         let log = self.clone();
         Box::new(move |host_time, tapped| log.tapped(host_time, tapped))

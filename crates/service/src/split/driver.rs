@@ -22,6 +22,7 @@ use crate::pipeline::{
     Notices, Passage, RateMeter, Shared, Status,
 };
 use crate::recorder::Recorder;
+use crate::runtime;
 use crate::signals::Stop;
 use crate::supervisor::{Policy, Supervisor, Systemd};
 use crate::{clock, inputs, processor};
@@ -126,6 +127,7 @@ impl<'a> Run<'a> {
         heartbeat.set_limit(limit);
         let mut supervisor = Supervisor::new(limit);
         supervisor.spare([bus.heartbeat(), keeper.heartbeat()]);
+        supervisor.watch(runtime::heartbeat()?, Policy::Needed);
         if let Some(of_poses) = poses.heartbeat() {
             supervisor.watch(of_poses, Policy::Source);
         }

@@ -24,7 +24,7 @@ pub(super) struct VehicleStatus {
     pub(super) rates: Rates,
     /// The link to the sonar.
     pub(super) link: Link,
-    /// Of the sonar's thread.
+    /// Of the sonar's driver.
     pub(super) sonar: DriverStatus,
     /// Poses that came, and what became of them.
     pub(super) poses: PoseSourceStatus,

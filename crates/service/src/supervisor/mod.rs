@@ -45,7 +45,7 @@ pub(crate) struct PartReport {
     pub(crate) hung_s: Option<f64>,
     /// Panics so far.
     pub(crate) panics: u64,
-    /// Threads that hung and were replaced so far.
+    /// Tasks that hung and were replaced so far.
     pub(crate) replaced: u64,
 }
 
@@ -165,7 +165,7 @@ impl Part {
             health.findings.push(self.finding("panicked", &text));
         }
         if self.replacements.grows(self.heartbeat.replacements(), now) {
-            let text = "hung, and another thread has taken its place; what came meanwhile is lost";
+            let text = "hung, and another has taken its place; what came meanwhile is lost";
             health.findings.push(self.finding("replaced", text));
         }
         match condition {

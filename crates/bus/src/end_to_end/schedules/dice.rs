@@ -1,6 +1,6 @@
 //! Numbers from a seed.
 
-/// SplitMix64 (Steele, Lea and Flood 2014).
+/// `SplitMix64` (Steele, Lea and Flood 2014).
 #[derive(Debug)]
 pub(super) struct Dice(u64);
 

@@ -4,7 +4,6 @@
 use std::sync::{Mutex, MutexGuard, PoisonError};
 
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, unbounded};
-use zenoh::bytes::Encoding;
 use zenoh::liveliness::LivelinessToken;
 use zenoh::query::Query;
 use zenoh::sample::{Sample, SampleKind};
@@ -132,7 +131,7 @@ impl Shared {
         let mut held: Vec<(Instant, Sample)> = Vec::new();
         loop {
             match samples.recv_timeout(Duration::from_millis(5)) {
-                Ok(sample) => self.delta(sample, &mut held),
+                Ok(sample) => self.delta(&sample, &mut held),
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => return,
             }
@@ -142,7 +141,7 @@ impl Shared {
         }
     }
 
-    fn delta(&self, sample: Sample, held: &mut Vec<(Instant, Sample)>) {
+    fn delta(&self, sample: &Sample, held: &mut Vec<(Instant, Sample)>) {
         let (copies, hold) = {
             let mut state = self.state();
             state.newest_delta = Instant::now();
@@ -158,7 +157,7 @@ impl Shared {
         for _ in 0..copies {
             match hold {
                 Some(hold) => held.push((Instant::now() + hold, sample.clone())),
-                None => self.put(&sample),
+                None => self.put(sample),
             }
         }
     }
@@ -212,7 +211,7 @@ impl Shared {
             let reply = query.reply(query.key_expr(), sample.payload().clone());
             let attachment = sample.attachment().cloned();
             let reply = reply
-                .encoding(Encoding::from(sample.encoding().clone()))
+                .encoding(sample.encoding().clone())
                 .attachment(attachment);
             // The follower may have gone.
             let _ = reply.wait();
