@@ -8,7 +8,7 @@ import { History } from "./history.js";
 import { LOST_THREAD, MapModel, OLD, summary } from "./map.js";
 import { clamp, mix, rotated, shown, sub } from "./math.js";
 import { Panels } from "./panels.js";
-import { colorRange, drawGizmo, ended, fitted, sceneColors, showScale, SIDES } from "./picture.js";
+import { colorRange, drawGizmo, fitted, sceneColors, showRamp, showScale, SIDES } from "./picture.js";
 import { Renderer } from "./renderer.js";
 import { Scene } from "./scene.js";
 import { parse } from "./wire.js";
@@ -305,13 +305,7 @@ function say(now, drawMs) {
 const shownRange = () => colorRange(state.mode, state.summary, state.at ?? state.diveS);
 
 function showLegend() {
-  const { unit, says } = MODES[state.mode];
-  const range = shownRange();
-  $("ramp").style.background = gradient(state.mode);
-  const [first, second] = $("ramp-ends").children;
-  first.textContent = ended(range[0], range, unit);
-  second.textContent = ended(range[1], range, unit);
-  $("ramp-says").textContent = says;
+  showRamp({ ramp: $("ramp"), ends: $("ramp-ends").children, says: $("ramp-says") }, state.mode, shownRange());
   const { ambiguous } = state.summary ?? { ambiguous: 0 };
   $("ambiguous-count").textContent = `${shown(ambiguous)} ambiguous${state.shows.ambiguous ? "" : ", hidden"}`;
 }
@@ -516,13 +510,7 @@ window.echosplat = {
   lit() {
     renderer.thinning = 1;
     draw(performance.now(), true);
-    const { bytes } = renderer.pixels();
-    const ground = palette.ground.map((c) => Math.round(c * 255));
-    let lit = 0;
-    for (let i = 0; i < bytes.length; i += 4) {
-      lit += Math.abs(bytes[i] - ground[0]) + Math.abs(bytes[i + 1] - ground[1]) + Math.abs(bytes[i + 2] - ground[2]) > 24;
-    }
-    return { lit, total: bytes.length / 4 };
+    return renderer.lit(palette.ground);
   },
   wake,
 };

@@ -1,6 +1,7 @@
 // What every picture of a map has: range of its colours, where it is looked at from, the axes in its
 // corner and its scale. No element of the page is known here but those given.
 
+import { gradient, MODES } from "./colors.js";
 import { length, roundStep, scaled, sub } from "./math.js";
 
 /// What a map's numbers span as colours, [low, high] in the unit of the mode. `summary` as map.js makes it.
@@ -14,8 +15,18 @@ export function colorRange(mode, summary, nowS) {
   return [low, Math.max(Math.ceil(spread[1] * 10) / 10, low + 0.1)];
 }
 
+/// Colours of a mode over a range of its numbers, both ends of it and what they say.
+export function showRamp({ ramp, ends, says }, mode, range) {
+  const { unit, says: words } = MODES[mode];
+  ramp.style.background = gradient(mode);
+  [...ends].forEach((end, index) => {
+    end.textContent = ended(range[index], range, unit);
+  });
+  says.textContent = words;
+}
+
 /// A length or another number of an axis, with its unit.
-export function ended(value, range, unit) {
+function ended(value, range, unit) {
   const digits = range[1] - range[0] < 0.5 ? 2 : 1;
   return `${value.toFixed(digits)} ${unit}`.replace("-", "−");
 }

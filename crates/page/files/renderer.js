@@ -240,6 +240,17 @@ export class Renderer {
     gl.depthMask(true);
   }
 
+  /// How many pixels differ from the ground's colour, right after drawing; for tests.
+  lit(ground) {
+    const { bytes } = this.pixels();
+    const bytesOf = ground.map((c) => Math.round(c * 255));
+    let lit = 0;
+    for (let i = 0; i < bytes.length; i += 4) {
+      lit += bytesOf.reduce((sum, byte, c) => sum + Math.abs(bytes[i + c] - byte), 0) > 24;
+    }
+    return { lit, total: bytes.length / 4 };
+  }
+
   /// Red, green and blue of a pixel of the canvas, right after drawing; for tests.
   pixels() {
     const { gl, canvas } = this;

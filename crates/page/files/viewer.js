@@ -4,9 +4,9 @@
 // document keeps `#flat` instead.
 
 import { Camera } from "./camera.js";
-import { gradient, MODES, unitRgb } from "./colors.js";
+import { MODES, unitRgb } from "./colors.js";
 import { summary, Tile } from "./map.js";
-import { colorRange, drawGizmo, ended, fitted, sceneColors, showScale, SIDES } from "./picture.js";
+import { colorRange, drawGizmo, fitted, sceneColors, showRamp, showScale, SIDES } from "./picture.js";
 import { Renderer } from "./renderer.js";
 import { Scene } from "./scene.js";
 import { FIELD, POINT_FLOATS } from "./wire.js";
@@ -117,13 +117,8 @@ function draw() {
 }
 
 function showLegend() {
-  const range = colorRange(state.mode, found, 0);
-  const { unit, says } = MODES[state.mode];
-  find(".ramp").style.background = gradient(state.mode);
-  const [first, last] = find(".ends").children;
-  first.textContent = ended(range[0], range, unit);
-  last.textContent = ended(range[1], range, unit);
-  find(".says").textContent = says;
+  const elements = { ramp: find(".ramp"), ends: find(".ends").children, says: find(".says") };
+  showRamp(elements, state.mode, colorRange(state.mode, found, 0));
 }
 
 function look(side, isAtOnce = false) {
@@ -178,12 +173,6 @@ window.viewer = {
   /// Draws now and counts the pixels that differ from the ground.
   lit() {
     draw();
-    const { bytes } = renderer.pixels();
-    const ground = colors.ground.map((c) => Math.round(c * 255));
-    let lit = 0;
-    for (let i = 0; i < bytes.length; i += 4) {
-      lit += Math.abs(bytes[i] - ground[0]) + Math.abs(bytes[i + 1] - ground[1]) + Math.abs(bytes[i + 2] - ground[2]) > 24;
-    }
-    return { lit, total: bytes.length / 4 };
+    return renderer.lit(colors.ground);
   },
 };

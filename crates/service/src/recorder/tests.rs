@@ -347,7 +347,9 @@ fn what_a_link_reads_is_recorded_where_it_was_read() {
     let places: Vec<_> = written.iter().filter_map(place_of).collect();
     let shown = shown.lock().unwrap();
     let expected: Vec<_> = shown.iter().map(|b| (b.as_ptr(), b.len())).collect();
-    assert!(expected.len() >= 10, "{}", expected.len());
+    // How many reads 20 pings take is the system's choice.
+    let bytes: usize = shown.iter().map(Bytes::len).sum();
+    assert!(bytes >= 20 * 1_200, "{bytes}");
     assert_eq!(places, expected);
     let _ = server.stop();
 }
