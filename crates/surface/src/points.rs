@@ -22,6 +22,14 @@ const RADII: [f32; 7] = [1.0, 1.5, 2.5, 4.0, 6.5, 10.0, 17.0];
 const WIDTH: f32 = 0.6;
 const WIDTH_LIMITS: (f32, f32) = (1.0, 9.0);
 
+/// Most of a width, in scales of the Gaussian: √12, the edge of the even square that scatters so far. On an even
+/// sheet of such squares the width is 1.0 edges. Where neighbours are further off than that, they are none:
+/// single Gaussians far from all others would else span what lies between.
+const MOST_SCALES: f32 = 3.464;
+
+/// Least probability that there is surface within 0.10 m of a Gaussian: a face says that it is there.
+const LEAST_PROBABILITY: f32 = 0.5;
+
 /// Stands for an infinite sigma in sums.
 pub(crate) const UNKNOWN_SIGMA_M: f32 = 1e6;
 
@@ -44,26 +52,36 @@ pub(crate) fn points_of<'a>(
 ) -> Result<Vec<Point>, SurfaceError> {
     let mut places = Vec::new();
     for gaussian in gaussians {
-        places.push(checked(gaussian)?);
+        let place = checked(gaussian)?;
+        if gaussian.probability >= LEAST_PROBABILITY {
+            places.push(place);
+        }
     }
     let merged = merged(places, MERGED_WITHIN * cell_m);
     let grid = Grid::of(&merged, 3.0 * cell_m);
     let mut points = Vec::with_capacity(merged.len());
-    for &(position_m, sigma_m) in &grid.places {
-        if let Some(radius_m) = grid.radius_of_neighbours(position_m, cell_m) {
+    for place in &grid.places {
+        if let Some(radius_m) = grid.radius_of_neighbours(place.position_m, cell_m) {
             let (least, most) = WIDTH_LIMITS;
+            let width_m = (WIDTH * radius_m).min(MOST_SCALES * place.scale_m);
             points.push(Point {
-                position_m,
-                sigma_m,
-                width_m: (WIDTH * radius_m).clamp(least * cell_m, most * cell_m),
+                position_m: place.position_m,
+                sigma_m: place.sigma_m,
+                width_m: width_m.clamp(least * cell_m, most * cell_m),
             });
         }
     }
     Ok(points)
 }
 
-/// Place and sigma.
-type Place = (Vec3, f32);
+/// What counts of a Gaussian.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    position_m: Vec3,
+    sigma_m: f32,
+    /// The largest of its three.
+    scale_m: f32,
+}
 
 fn checked(gaussian: &Gaussian) -> Result<Place, SurfaceError> {
     let id = gaussian.id;
@@ -74,7 +92,11 @@ fn checked(gaussian: &Gaussian) -> Result<Place, SurfaceError> {
     if place_m.abs().max_element() > FURTHEST_M {
         return Err(SurfaceError::Far { id, place_m });
     }
-    Ok((place_m, gaussian.sigma_m.min(UNKNOWN_SIGMA_M)))
+    Ok(Place {
+        position_m: place_m,
+        sigma_m: gaussian.sigma_m.min(UNKNOWN_SIGMA_M),
+        scale_m: gaussian.scale_m.max_element(),
+    })
 }
 
 /// The cell of a grid that holds a place.
@@ -84,9 +106,11 @@ pub(crate) fn cell_of(place_m: Vec3, edge_m: f32) -> IVec3 {
 
 /// Those in one cell of `edge_m` as their mean.
 fn merged(mut places: Vec<Place>, edge_m: f32) -> Vec<Place> {
-    let key = |place: &Place| cell_of(place.0, edge_m).to_array();
-    let bits =
-        |(place_m, sigma_m): &Place| (place_m.to_array().map(f32::to_bits), sigma_m.to_bits());
+    let key = |place: &Place| cell_of(place.position_m, edge_m).to_array();
+    let bits = |place: &Place| {
+        let numbers = [place.sigma_m, place.scale_m].map(f32::to_bits);
+        (place.position_m.to_array().map(f32::to_bits), numbers)
+    };
     places.sort_by_cached_key(|place| (key(place), bits(place)));
     let groups = places.chunk_by(|a, b| key(a) == key(b));
     groups.map(mean_of).collect()
@@ -94,11 +118,16 @@ fn merged(mut places: Vec<Place>, edge_m: f32) -> Vec<Place> {
 
 /// Offsets from the first are summed: places far from the origin keep their digits.
 fn mean_of(group: &[Place]) -> Place {
-    let first = group[0].0;
+    let first = group[0].position_m;
     let share = 1.0 / group.len() as f32;
-    let offset: Vec3 = group.iter().map(|(place, _)| *place - first).sum();
-    let sigma_m: f32 = group.iter().map(|(_, sigma_m)| sigma_m).sum();
-    (first + offset * share, sigma_m * share)
+    let offset_m: Vec3 = group.iter().map(|place| place.position_m - first).sum();
+    let sigma_m: f32 = group.iter().map(|place| place.sigma_m).sum();
+    let scale_m: f32 = group.iter().map(|place| place.scale_m).sum();
+    Place {
+        position_m: first + offset_m * share,
+        sigma_m: sigma_m * share,
+        scale_m: scale_m * share,
+    }
 }
 
 /// Places sorted by the cells of a grid.
@@ -111,11 +140,12 @@ struct Grid {
 impl Grid {
     fn of(places: &[Place], edge_m: f32) -> Self {
         let mut places = places.to_vec();
-        places.sort_by_cached_key(|place| cell_of(place.0, edge_m).to_array());
+        let key = |place: &Place| cell_of(place.position_m, edge_m);
+        places.sort_by_cached_key(|place| key(place).to_array());
         let mut cells = HashMap::new();
         let mut start = 0;
-        for group in places.chunk_by(|a, b| cell_of(a.0, edge_m) == cell_of(b.0, edge_m)) {
-            cells.insert(cell_of(group[0].0, edge_m), start..start + group.len());
+        for group in places.chunk_by(|a, b| key(a) == key(b)) {
+            cells.insert(key(&group[0]), start..start + group.len());
             start += group.len();
         }
         Self {
@@ -153,8 +183,8 @@ impl Grid {
             let Some(range) = self.cells.get(&cell) else {
                 continue;
             };
-            for (other_m, _) in &self.places[range.clone()] {
-                visit(*other_m);
+            for other in &self.places[range.clone()] {
+                visit(other.position_m);
             }
         }
     }

@@ -102,6 +102,30 @@ fn nothing_and_a_few_make_no_surface() {
         gaussian.standing = Standing::Ambiguous;
     }
     assert_eq!(surface(&ambiguous), Surface::default());
+    let mut unlikely = sheet(Vec3::ZERO, 1.0);
+    for gaussian in &mut unlikely {
+        gaussian.probability = 0.4;
+    }
+    assert_eq!(surface(&unlikely), Surface::default());
+}
+
+#[test]
+fn a_few_far_from_all_others_span_nothing() {
+    let mut gaussians = sheet(Vec3::ZERO, 1.0);
+    let whole_m2 = area_m2(&surface(&gaussians));
+    let lone = [[0.0, 0.12, 0.76], [0.05, 0.18, 0.8], [0.0, 0.24, 0.84]];
+    gaussians.extend(lone.map(|place| gaussian(place.into_vec())));
+    let with_lone_m2 = area_m2(&surface(&gaussians));
+    assert!(
+        (with_lone_m2 - whole_m2).abs() < 0.002,
+        "{with_lone_m2} {whole_m2}"
+    );
+    // Wide ones are neighbours at that distance.
+    for gaussian in gaussians.iter_mut().rev().take(3) {
+        gaussian.scale_m = Vec3::splat(0.3);
+    }
+    let spanned_m2 = area_m2(&surface(&gaussians));
+    assert!(spanned_m2 > whole_m2 + 0.05, "{spanned_m2} {whole_m2}");
 }
 
 #[test]
@@ -167,6 +191,7 @@ fn a_sparse_floor_is_closed_too() {
     for gaussian in &mut floor {
         gaussian.mean_m *= 10.0;
         gaussian.mean_m.y *= 0.1;
+        gaussian.scale_m = Vec3::new(0.1, 0.02, 0.1);
     }
     let surface = surface(&floor);
     assert_eq!(sheet_count(&surface), 1);
