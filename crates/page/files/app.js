@@ -1,7 +1,7 @@
 // Joins the connection, the map, the picture and the panels.
 
 import { Camera } from "./camera.js";
-import { drawErrors, Pings } from "./charts.js";
+import { drawErrors, Pings, signed } from "./charts.js";
 import { gradient, LIVE_MODES, MODES, unitRgb } from "./colors.js";
 import { Connection } from "./connection.js";
 import { History } from "./history.js";
@@ -17,15 +17,16 @@ const $ = (id) => document.getElementById(id);
 const SUMMARY_EVERY_MS = 700;
 const CHARTS_EVERY_MS = 90;
 /// Frames slower than this make the picture coarser, faster ones finer.
-const SLOW_MS = 70;
-const FAST_MS = 24;
+const SLOW_MS = 40;
+const FAST_MS = 22;
 const COARSEST = 0.4;
 /// Then only every so many-th Gaussian is drawn while the picture moves.
 const MOST_THINNED = 16;
 /// Fewer are not what makes a picture slow.
 const THINNED_FROM = 10000;
-/// A still picture may take so long to be drawn in full; longer while the map does not change.
-const STILL_MS = 200;
+/// A still picture may take so long to be drawn in full; longer while the map does not change. What is new
+/// should be seen at once rather than sharply.
+const STILL_MS = 50;
 const CALM_MS = 2500;
 const STILL_AFTER_MS = 350;
 const CALM_AFTER_MS = 900;
@@ -53,11 +54,15 @@ const state = {
   needsPicture: true,
   frames: [],
   frameMs: 16,
+  /// What the last picture in full took; forgotten by and by.
+  fullMs: 0,
   latencies: [],
   waiting: [],
   /// When each of the newest pings was sent here, and how long until a map that holds it was drawn, ms.
   pingsSent: new Map(),
   pingLatencies: [],
+  /// Of each delta, ms: until it was here, until a picture with it was begun, until that was drawn.
+  stages: { delivered: [], waited: [], drawn: [] },
   movedAt: 0,
   asksAgainAt: 0,
   updates: 0,
@@ -172,7 +177,8 @@ function takeMap({ kind, header, payload, sentMs }) {
   state.updatedAt = performance.now();
   clearTimeout(state.calmTimer);
   state.calmTimer = setTimeout(wake, CALM_AFTER_MS + 100);
-  if (kind === "delta" && state.waiting.length < 1000) state.waiting.push([sentMs, header.through_ping]);
+  const isWatched = state.at === null && !document.hidden;
+  if (kind === "delta" && isWatched && state.waiting.length < 1000) state.waiting.push([sentMs, header.through_ping, Date.now()]);
   past.keep(changed, model);
   if (state.at === null) wake();
 }
@@ -229,7 +235,7 @@ function draw(now, isMoving) {
   const range = shownRange();
   const began = performance.now();
   const coarse = { scale: renderer.scale, thinning: renderer.thinning };
-  const predicted = state.frameMs * coarse.thinning * (1 / coarse.scale);
+  const predicted = Math.max(state.frameMs * coarse.thinning * coarse.scale ** -2, state.fullMs);
   const isCalm = now - state.updatedAt > CALM_AFTER_MS;
   const isStill = !isMoving && (coarse.scale < 1 || coarse.thinning > 1) && predicted < (isCalm ? CALM_MS : STILL_MS);
   if (isStill) Object.assign(renderer, { scale: 1, thinning: 1 });
@@ -249,13 +255,17 @@ function draw(now, isMoving) {
   // A pixel is asked for, so that the card has really drawn when the clock is read.
   if (sent.length || state.measures) renderer.gl.readPixels(0, 0, 1, 1, renderer.gl.RGBA, renderer.gl.UNSIGNED_BYTE, new Uint8Array(4));
   const ended = performance.now();
-  for (const [ms, ping] of sent) {
+  const tookMs = performance.now() - now;
+  for (const [ms, ping, hereMs] of sent) {
     state.latencies.push(Date.now() - ms);
+    state.stages.delivered.push(hereMs - ms);
+    state.stages.waited.push(Math.max(0, Date.now() - hereMs - tookMs));
+    state.stages.drawn.push(tookMs);
     if (!state.pingsSent.has(ping)) continue;
     state.pingLatencies.push(Date.now() - state.pingsSent.get(ping));
     state.pingsSent.delete(ping);
   }
-  for (const list of [state.latencies, state.pingLatencies]) if (list.length > 2000) list.splice(0, 1000);
+  for (const list of [state.latencies, state.pingLatencies, ...Object.values(state.stages)]) if (list.length > 2000) list.splice(0, 1000);
   measure(now, ended - began, isMoving, isStill, coarse);
   drawGizmo($("gizmo"), view);
   showScale($("scale").querySelector("i"), $("scale").querySelector("span"), view);
@@ -265,15 +275,23 @@ function draw(now, isMoving) {
 function measure(now, drawMs, isMoving, isStill, coarse) {
   state.frames.push(now);
   while (state.frames[0] < now - 2000) state.frames.shift();
-  state.drawMs = drawMs;
-  say(now, drawMs);
+  if (renderer.drewMap) {
+    state.drawMs = drawMs;
+    say(now, drawMs);
+  }
+  state.throttledUntil = drawMs > SLOW_MS ? now + Math.min(500, drawMs * 2) : 0;
+  const rate = state.frames.length > 2 ? (1000 * (state.frames.length - 1)) / (now - state.frames[0]) : 0;
+  state.rate = rate;
   if (isStill) {
     Object.assign(renderer, coarse);
+    if (renderer.drewMap) state.fullMs = drawMs;
     return;
   }
+  if (!renderer.drewMap) return;
   const between = state.frames.length > 1 ? now - state.frames.at(-2) : drawMs;
   const cost = isMoving && between < 400 ? Math.max(drawMs, between) : drawMs;
   state.frameMs += (cost - state.frameMs) * 0.3;
+  state.fullMs *= 0.98;
   if (state.frameMs > SLOW_MS && renderer.scale > COARSEST) {
     renderer.scale = Math.max(COARSEST, renderer.scale * 0.85);
     state.frameMs *= 0.8;
@@ -286,9 +304,6 @@ function measure(now, drawMs, isMoving, isStill, coarse) {
   } else if (state.frameMs < FAST_MS && renderer.scale < 1) {
     renderer.scale = Math.min(1, renderer.scale * 1.08);
   }
-  state.throttledUntil = drawMs > 40 ? now + Math.min(500, drawMs * 2) : 0;
-  const rate = state.frames.length > 2 ? (1000 * (state.frames.length - 1)) / (now - state.frames[0]) : 0;
-  state.rate = rate;
 }
 
 function say(now, drawMs) {
@@ -428,8 +443,8 @@ setInterval(() => {
   if (!drawn) return;
   const { newest, topDb, lowDb } = drawn;
   $("ping-says").textContent = `№ ${shown(newest.sequence)}`;
-  $("db-low").textContent = `${lowDb} dB`;
-  $("db-high").textContent = `${topDb} dB`;
+  $("db-low").textContent = `${signed(lowDb)} dB`;
+  $("db-high").textContent = `${signed(topDb)} dB`;
 }, CHARTS_EVERY_MS);
 
 // ---- switches and keys ----
@@ -501,6 +516,7 @@ window.echosplat = {
     return {
       epoch: model.epoch, sequence: model.sequence, gaussians: model.count(), isFinal: model.isFinal,
       updates: state.updates, latencyMs: spread(state.latencies), pingToScreenMs: spread(state.pingLatencies),
+      stagesMs: Object.fromEntries(Object.entries(state.stages).map(([name, list]) => [name, spread(list)])),
       frameMs: state.frameMs, rate: state.rate, scale: renderer?.scale, card: renderer?.name(),
       confident: state.summary?.confident, ambiguous: state.summary?.ambiguous,
     };

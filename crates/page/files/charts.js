@@ -65,7 +65,7 @@ export class Pings {
     const y = (db) => bottom - ((bottom - top) * (db - (topDb - SPAN_DB))) / SPAN_DB;
     for (let db = topDb; db >= topDb - SPAN_DB; db -= 20) {
       rule(context, LEFT, y(db), width - RIGHT, y(db), style.line);
-      label(context, db === topDb ? `${db} dB` : `${db}`, LEFT - 5, y(db), "right", style.soft);
+      label(context, db === topDb ? `${signed(db)} dB` : signed(db), LEFT - 5, y(db), "right", style.soft);
     }
     const stepM = roundStep(ping.range_length_m / 6);
     for (let m = Math.ceil(ping.range_start_m / stepM) * stepM; m <= ping.range_start_m + ping.range_length_m * 1.001; m += stepM) {
@@ -95,17 +95,7 @@ export class Pings {
     for (let row = 0; row < rows; row += 1) {
       const ping = this.list[end - 1 - row];
       if (!ping) break;
-      const perColumn = ping.bins.length / columns;
-      for (let column = 0; column < columns; column += 1) {
-        const from = Math.floor(column * perColumn);
-        const to = Math.max(from + 1, Math.floor((column + 1) * perColumn));
-        let byte = 0;
-        for (let i = from; i < to; i += 1) byte = Math.max(byte, ping.bins[i]);
-        const db = ping.floor_db + ping.step_db * byte;
-        const shade = clamp(Math.round(255 * (1 - (topDb - db) / SPAN_DB)), 0, 255) * 4;
-        const at = (row * columns + column) * 4;
-        for (let c = 0; c < 4; c += 1) image.data[at + c] = this.colors[shade + c];
-      }
+      image.data.set(this.#row(ping, columns, topDb), row * columns * 4);
     }
     context.putImageData(image, Math.round(LEFT * ratio), 0);
     const seconds = (index) => newest.timeS - (this.list[end - 1 - index]?.timeS ?? newest.timeS);
@@ -115,6 +105,24 @@ export class Pings {
       const y = clamp(row / ratio, 6, height - 6);
       label(context, part ? `−${seconds(row).toFixed(1)} s` : "now", LEFT - 4, y, "right", style.soft);
     }
+  }
+
+  /// A ping's row of the waterfall, its columns' strongest bins; kept while columns and scale stay.
+  #row(ping, columns, topDb) {
+    if (ping.row?.columns === columns && ping.row.topDb === topDb) return ping.row.pixels;
+    const pixels = new Uint8ClampedArray(4 * columns);
+    const perColumn = ping.bins.length / columns;
+    for (let column = 0; column < columns; column += 1) {
+      const from = Math.floor(column * perColumn);
+      const to = Math.max(from + 1, Math.floor((column + 1) * perColumn));
+      let byte = 0;
+      for (let i = from; i < to; i += 1) byte = Math.max(byte, ping.bins[i]);
+      const db = ping.floor_db + ping.step_db * byte;
+      const shade = clamp(Math.round(255 * (1 - (topDb - db) / SPAN_DB)), 0, 255) * 4;
+      for (let c = 0; c < 4; c += 1) pixels[4 * column + c] = this.colors[shade + c];
+    }
+    ping.row = { columns, topDb, pixels };
+    return pixels;
   }
 }
 
@@ -193,6 +201,9 @@ function label(context, text, x, y, align, color) {
   context.fillStyle = color;
   context.fillText(text, x, y);
 }
+
+/// With a minus as long as a plus.
+export const signed = (number) => String(number).replace("-", "−");
 
 function hint(context, width, height, text, style) {
   label(context, text, width / 2, height / 2, "center", style.soft);

@@ -34,6 +34,9 @@ export class History {
           version: tile.version,
           count: tile.count,
           floats: tile.floats.slice(0, tile.count * 16),
+          low: [...tile.low],
+          high: [...tile.high],
+          reachM: tile.reachM,
           dirty: [0, tile.count],
         };
         this.copies.set(tile.name, copy);

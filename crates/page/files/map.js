@@ -16,6 +16,10 @@ export class Tile {
     this.count = 0;
     this.version = 0;
     this.dirty = null;
+    /// Holds all centres that were ever here, and the largest sigma of their ellipsoids.
+    this.low = [Infinity, Infinity, Infinity];
+    this.high = [-Infinity, -Infinity, -Infinity];
+    this.reachM = 0;
   }
 
   put(id, source, at, changed) {
@@ -52,6 +56,12 @@ export class Tile {
     const words = new Uint32Array(source.buffer, source.byteOffset + 4 * (at + FIELD.confident), 1);
     this.floats[to + FIELD.confident] = words[0] === 1 ? 1 : 0;
     this.floats[to + FIELD.changed] = changed;
+    for (let axis = 0; axis < 3; axis += 1) {
+      const place = this.floats[to + axis];
+      if (place < this.low[axis]) this.low[axis] = place;
+      if (place > this.high[axis]) this.high[axis] = place;
+      this.reachM = Math.max(this.reachM, this.floats[to + FIELD.scale + axis]);
+    }
     this.#touch(slot);
   }
 

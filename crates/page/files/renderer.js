@@ -26,6 +26,10 @@ export class Renderer {
     this.chosen = new Map();
     this.buffers = new Map();
     this.target = null;
+    /// What the texture shows, to leave it as it is while only lines and meshes move.
+    this.shown = null;
+    /// Whether the last picture drew the Gaussians anew.
+    this.drewMap = false;
     this.#prepare();
   }
 
@@ -67,13 +71,15 @@ export class Renderer {
     const { gl, canvas } = this;
     const ratio = Math.min(devicePixelRatio || 1, 2);
     // Lines stay sharper than Gaussians.
-    const sharp = ratio * clamp(this.scale * 1.5, 0.7, 1);
+    const sharp = ratio * clamp(this.scale * 1.4, 0.6, 1);
     const full = [canvas.clientWidth * sharp, canvas.clientHeight * sharp].map((n) => Math.max(1, Math.round(n)));
     if (canvas.width !== full[0] || canvas.height !== full[1]) [canvas.width, canvas.height] = full;
     const inner = [canvas.clientWidth, canvas.clientHeight]
       .map((n) => Math.max(1, Math.round(n * ratio * this.scale)));
-    if (!this.target || this.target.width !== inner[0] || this.target.height !== inner[1]) {
-      this.target = makeTarget(gl, this.target, ...inner);
+    const isSharp = inner[0] === full[0] && inner[1] === full[1];
+    if (this.target?.width !== inner[0] || this.target.height !== inner[1] || this.target.isSharp !== isSharp) {
+      this.target = makeTarget(gl, this.target, ...inner, isSharp);
+      this.shown = null;
     }
     return { full, inner };
   }
@@ -84,13 +90,31 @@ export class Renderer {
     const { gl } = this;
     const size = this.#fit();
     const { full, inner } = size;
-    this.#drawGaussians(view, scene, inner);
+    const next = shownBy(view, scene, inner, this.thinning);
+    this.drewMap = !isSame(this.shown, next);
+    if (this.drewMap) this.#drawGaussians(view, scene, inner);
+    this.shown = next;
     gl.bindFramebuffer(gl.FRAMEBUFFER, null);
     gl.viewport(0, 0, ...full);
     gl.disable(gl.BLEND);
     gl.enable(gl.DEPTH_TEST);
     gl.depthFunc(gl.ALWAYS);
     gl.depthMask(true);
+    gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    this.#drawScreen(view, scene, size);
+    gl.depthFunc(gl.LEQUAL);
+    this.#drawOverlays(view, scene, full);
+    gl.bindVertexArray(null);
+  }
+
+  /// The texture onto the canvas, where there are Gaussians in it.
+  #drawScreen(view, scene, { full, inner }) {
+    const { gl } = this;
+    const extent = scene.extent * this.thinning ** 0.35;
+    const box = boxOf(scene.tiles.filter((tile) => tile.count), view, extent, full);
+    if (!box) return;
+    gl.enable(gl.SCISSOR_TEST);
+    gl.scissor(...box);
     const { use, uniform } = this.screen;
     gl.useProgram(use);
     bind(gl, 0, this.target.color, uniform.uColor);
@@ -98,12 +122,10 @@ export class Renderer {
     gl.uniform2fv(uniform.uDepth, view.depth);
     gl.uniform2fv(uniform.uTarget, full);
     gl.uniform1f(uniform.uStrength, scene.lighting ? 5 : 0);
-    gl.uniform1f(uniform.uSpread, Math.max(1, (1.2 * size.inner[0]) / this.canvas.clientWidth));
+    gl.uniform1f(uniform.uSpread, Math.max(1, (1.2 * inner[0]) / this.canvas.clientWidth));
     gl.bindVertexArray(this.empty);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
-    gl.depthFunc(gl.LEQUAL);
-    this.#drawOverlays(view, scene, full);
-    gl.bindVertexArray(null);
+    gl.disable(gl.SCISSOR_TEST);
   }
 
   #drawGaussians(view, scene, size) {
@@ -260,6 +282,51 @@ export class Renderer {
   }
 }
 
+/// All that the Gaussians' picture depends on.
+function shownBy(view, scene, size, thinning) {
+  const { mode, range, extent, showsAmbiguous, background } = scene;
+  const age = mode === "age" ? scene.now : 0;
+  const numbers = [...size, ...view.clip, ...view.eye, ...range, ...background, thinning, extent, age];
+  return {
+    values: [...numbers, mode, showsAmbiguous, ...scene.tiles],
+    versions: scene.tiles.map((tile) => tile.version),
+  };
+}
+
+function isSame(before, next) {
+  if (!before) return false;
+  const alike = (a, b) => a.length === b.length && a.every((value, i) => value === b[i]);
+  return alike(before.values, next.values) && alike(before.versions, next.versions);
+}
+
+/// Left, bottom, width and height, in pixels, of what holds all Gaussians of these tiles on the screen, its
+/// border included; null where none of them is in the picture.
+export function boxOf(tiles, view, extent, [width, height]) {
+  const low = [1, 1];
+  const high = [-1, -1];
+  for (const { low: from, high: to, reachM } of tiles) {
+    for (let corner = 0; corner < 8; corner += 1) {
+      const place = [0, 1, 2].map((axis) => (corner & (1 << axis)
+        ? to[axis] + extent * reachM
+        : from[axis] - extent * reachM) - view.eye[axis]);
+      const at = (row) => view.clip[row] * place[0] + view.clip[row + 4] * place[1] + view.clip[row + 8] * place[2] + view.clip[row + 12];
+      const depth = at(3);
+      // Reaches behind the eye: where it ends on the screen is not told by its corners.
+      if (!(depth > view.near)) return [0, 0, width, height];
+      for (const axis of [0, 1]) {
+        low[axis] = Math.min(low[axis], at(axis) / depth);
+        high[axis] = Math.max(high[axis], at(axis) / depth);
+      }
+    }
+  }
+  const pixels = (share, size) => Math.round((0.5 + 0.5 * Math.min(1, Math.max(-1, share))) * size);
+  const BORDER = 4;
+  const [left, bottom] = [pixels(low[0], width) - BORDER, pixels(low[1], height) - BORDER].map((n) => Math.max(0, n));
+  const right = Math.min(width, pixels(high[0], width) + BORDER);
+  const top = Math.min(height, pixels(high[1], height) + BORDER);
+  return right > left && top > bottom && high[0] > low[0] ? [left, bottom, right - left, top - bottom] : null;
+}
+
 /// Whether the tile's cube, with a margin for what reaches out of it, lies before the eye.
 function isSeen(tile, view, edgeM) {
   const radius = edgeM * 1.2;
@@ -278,7 +345,8 @@ function bind(gl, unitIndex, texture, place) {
   gl.uniform1i(place, unitIndex);
 }
 
-function makeTarget(gl, before, width, height) {
+/// `isSharp`: as many pixels as the canvas has, so that nothing is mixed.
+function makeTarget(gl, before, width, height, isSharp) {
   if (before) {
     gl.deleteFramebuffer(before.framebuffer);
     gl.deleteTexture(before.color);
@@ -292,13 +360,13 @@ function makeTarget(gl, before, width, height) {
     for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(gl.TEXTURE_2D, name, gl.CLAMP_TO_EDGE);
     return made;
   };
-  const color = texture(gl.RGBA, gl.RGBA8, gl.UNSIGNED_BYTE, gl.LINEAR);
+  const color = texture(gl.RGBA, gl.RGBA8, gl.UNSIGNED_BYTE, isSharp ? gl.NEAREST : gl.LINEAR);
   const depth = texture(gl.DEPTH_COMPONENT, gl.DEPTH_COMPONENT24, gl.UNSIGNED_INT, gl.NEAREST);
   const framebuffer = gl.createFramebuffer();
   gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
   gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, color, 0);
   gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.DEPTH_ATTACHMENT, gl.TEXTURE_2D, depth, 0);
-  return { framebuffer, color, depth, width, height };
+  return { framebuffer, color, depth, width, height, isSharp };
 }
 
 function program(gl, vertex, fragment) {

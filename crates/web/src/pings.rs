@@ -16,10 +16,17 @@ const STEP_DB: f32 = 0.5;
 /// What 255 such steps reach below the strongest bin.
 const SPAN_DB: f32 = 127.0;
 
+/// A ping, and when it came, milliseconds since 1970.
+#[derive(Debug)]
+pub(crate) struct Arrived {
+    pub(crate) ping: Arc<Ping>,
+    pub(crate) at_ms: f64,
+}
+
 /// The newest pings.
 #[derive(Debug, Default)]
 pub(crate) struct PingRing {
-    pings: VecDeque<Arc<Ping>>,
+    pings: VecDeque<Arrived>,
     not_shown: u64,
 }
 
@@ -30,11 +37,14 @@ impl PingRing {
             self.pings.pop_front();
             self.not_shown += 1;
         }
-        self.pings.push_back(Arc::clone(ping));
+        self.pings.push_back(Arrived {
+            ping: Arc::clone(ping),
+            at_ms: wire::now_ms(),
+        });
     }
 
     /// All that is there.
-    pub(crate) fn take(&mut self) -> VecDeque<Arc<Ping>> {
+    pub(crate) fn take(&mut self) -> VecDeque<Arrived> {
         std::mem::take(&mut self.pings)
     }
 
@@ -45,7 +55,7 @@ impl PingRing {
 }
 
 /// A ping as the browser takes it, a byte a bin.
-pub(crate) fn encode(ping: &Ping) -> Bytes {
+pub(crate) fn encode(Arrived { ping, at_ms }: &Arrived) -> Bytes {
     let decibels = |power: f32| 10.0 * power.max(1e-30).log10();
     let strongest = ping.intensity().iter().copied().fold(0.0, f32::max);
     let floor_db = decibels(strongest).ceil() - SPAN_DB;
@@ -60,7 +70,7 @@ pub(crate) fn encode(ping: &Ping) -> Bytes {
         "floor_db": floor_db,
         "step_db": STEP_DB,
     });
-    wire::binary(Kind::Ping, header.to_string().as_bytes(), &payload)
+    wire::binary_of(Kind::Ping, *at_ms, header.to_string().as_bytes(), &payload)
 }
 
 #[cfg(test)]
@@ -82,10 +92,17 @@ pub(crate) mod tests {
         Arc::new(Ping::new(sequence, time, settings, intensity).unwrap())
     }
 
+    fn arrived(sequence: u64, intensity: Vec<f32>) -> Arrived {
+        Arrived {
+            ping: ping(sequence, intensity),
+            at_ms: 0.0,
+        }
+    }
+
     #[test]
     fn decibels_come_within_half_a_step() {
         let powers = vec![0.0, 1e-9, 1e-3, 1.0, 50.0];
-        let bytes = encode(&ping(1, powers.clone()));
+        let bytes = encode(&arrived(1, powers.clone()));
         let header_len = u32::from_le_bytes(bytes[4..8].try_into().unwrap()) as usize;
         let header: serde_json::Value =
             serde_json::from_slice(&bytes[16..16 + header_len]).unwrap();
@@ -101,7 +118,7 @@ pub(crate) mod tests {
 
     #[test]
     fn silence_is_encoded_too() {
-        let bytes = encode(&ping(1, vec![0.0; 4]));
+        let bytes = encode(&arrived(1, vec![0.0; 4]));
         assert!(bytes.len() > 16);
     }
 
@@ -109,7 +126,7 @@ pub(crate) mod tests {
     fn the_ring_keeps_the_newest() {
         let mut ring = PingRing::default();
         (0..40).for_each(|sequence| ring.push(&ping(sequence, vec![1.0])));
-        let kept: Vec<u64> = ring.take().iter().map(|ping| ping.sequence()).collect();
+        let kept: Vec<u64> = ring.take().iter().map(|a| a.ping.sequence()).collect();
         assert_eq!(kept, Vec::from_iter(24..40));
         assert_eq!(ring.not_shown(), 24);
     }

@@ -9,7 +9,7 @@
 //! | 0 | kind, u8: 1 a message of a delta, 2 a message of a snapshot, 3 a ping |
 //! | 1 | zeros up to 4 |
 //! | 4 | bytes of the header, u32 |
-//! | 8 | when it was made, f64, milliseconds since 1970 on this machine's clock |
+//! | 8 | when it was made, or a ping came, f64, milliseconds since 1970 on this machine's clock |
 //! | 16 | header, JSON |
 //! | then | payload |
 //!
@@ -35,13 +35,18 @@ pub(crate) enum Kind {
     Ping = 3,
 }
 
-/// One binary message.
+/// One binary message, made now.
 pub(crate) fn binary(kind: Kind, header: &[u8], payload: &[u8]) -> Bytes {
+    binary_of(kind, now_ms(), header, payload)
+}
+
+/// The same, of what came at this time.
+pub(crate) fn binary_of(kind: Kind, at_ms: f64, header: &[u8], payload: &[u8]) -> Bytes {
     let mut bytes = Vec::with_capacity(HEAD_BYTES + header.len() + payload.len());
     bytes.extend([kind as u8, 0, 0, 0]);
     let header_len = u32::try_from(header.len()).unwrap_or(0);
     bytes.extend(header_len.to_le_bytes());
-    bytes.extend(now_ms().to_le_bytes());
+    bytes.extend(at_ms.to_le_bytes());
     bytes.extend(header);
     bytes.extend(payload);
     bytes.into()
