@@ -120,6 +120,21 @@ impl Program {
         })
     }
 
+    /// What the kernel says that it holds; 0 once it has ended.
+    pub(super) fn memory_kib(&self) -> u64 {
+        let path = format!("/proc/{}/status", self.id());
+        let status = std::fs::read_to_string(path).unwrap_or_default();
+        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
+        let number = line.and_then(|line| line.split_whitespace().next());
+        number.and_then(|number| number.parse().ok()).unwrap_or(0)
+    }
+
+    /// Its open files and sockets.
+    pub(super) fn descriptor_count(&self) -> usize {
+        let folder = format!("/proc/{}/fd", self.id());
+        std::fs::read_dir(folder).map_or(0, Iterator::count)
+    }
+
     pub(super) fn id(&self) -> u32 {
         self.child.id()
     }

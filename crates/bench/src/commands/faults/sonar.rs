@@ -16,6 +16,8 @@ use echosplat_service::clock;
 const SLOW_EVERY: u64 = 20;
 /// Frames are held back so long when they are delayed.
 const DELAY: Duration = Duration::from_secs(3);
+/// From ping to ping, as the configuration asks for.
+const PING_INTERVAL_MS: u32 = 25;
 /// Silent and sounding of an intermittent link, seconds.
 const SILENT_S: f64 = 1.6;
 const SOUNDING_S: f64 = 1.0;
@@ -63,6 +65,8 @@ struct State {
     held: VecDeque<(Instant, Vec<u8>)>,
     sound_profile: Vec<u8>,
     counters: DeviceCounts,
+    /// So many pings in place of each.
+    crowd: u32,
     draw: Draw,
 }
 
@@ -90,6 +94,7 @@ impl Sonar {
                 clock_ms,
                 ..DeviceCounts::default()
             },
+            crowd: 1,
             draw: Draw::new(seed, 1),
         })))
     }
@@ -101,6 +106,11 @@ impl Sonar {
     /// Begins a fault, or ends it.
     pub(super) fn set_fault(&self, fault: Option<SonarFault>) {
         self.state().fault = fault.map(|fault| (fault, Instant::now()));
+    }
+
+    /// From now on it pings so many times as often.
+    pub(super) fn set_crowd(&self, crowd: u32) {
+        self.state().crowd = crowd.max(1);
     }
 
     /// Its counters begin anew, as after a power cut.
@@ -155,6 +165,9 @@ impl State {
             out.extend(self.held.drain(..).flat_map(|(_, bytes)| bytes));
         }
         let Some((kind, since)) = fault else {
+            if is_ping && self.crowd > 1 {
+                return self.crowded(&frames, now, out);
+            }
             if is_ping {
                 self.sound_profile.clone_from(&frames);
                 self.note_sent(now);
@@ -213,6 +226,21 @@ impl State {
         self.counters.newest = newest;
         self.counters.profiles += 1;
         true
+    }
+
+    /// Many pings in place of the one in `frames`, over the time since the one before.
+    fn crowded(&mut self, frames: &[u8], now: Instant, out: &mut Vec<u8>) {
+        let (crowd, (first, end_ms)) = (self.crowd, self.counters.newest);
+        for index in 0..crowd {
+            let to_come_ms = (crowd - 1 - index) * PING_INTERVAL_MS / crowd;
+            let stamp = (first.wrapping_add(index), end_ms.wrapping_sub(to_come_ms));
+            out.extend(edited(frames, &mut |profile| {
+                (profile.ping_number, profile.timestamp_ms) = stamp;
+            }));
+            self.counters.newest = stamp;
+            self.note_sent(now);
+        }
+        self.counters.number = self.counters.number.wrapping_add(crowd - 1);
     }
 
     fn note_sent(&mut self, at: Instant) {

@@ -1,0 +1,92 @@
+//! `echosplat bench soak`: one service for hours, live with all that goes wrong out there and from a
+//! log as fast as it goes; whether memory and descriptors stay as they were.
+
+mod live;
+mod memory;
+mod replayed;
+
+use crate::arguments::SoakBenchArguments;
+use echosplat_service::exit::Finish;
+
+use super::outcome::Outcome;
+use super::{Told, conclude, overload, set_up, tell};
+
+const LIVE_MINUTES: f64 = 60.0;
+const REPLAYED_MINUTES: f64 = 90.0;
+const QUICK_LIVE_MINUTES: f64 = 1.0;
+const QUICK_REPLAYED_MINUTES: f64 = 4.0;
+/// No figure of memory per hour is judged over less than this.
+const JUDGED_MINUTES: f64 = 30.0;
+
+/// # Errors
+/// If something cannot be run or written.
+pub(in crate::commands) fn run(arguments: &SoakBenchArguments) -> anyhow::Result<Finish> {
+    let quick = arguments.options.quick;
+    let minutes = |asked: Option<f64>, whole, quickly| match (asked, quick) {
+        (Some(asked), _) => asked,
+        (None, true) => quickly,
+        (None, false) => whole,
+    };
+    let live = minutes(arguments.live_minutes, LIVE_MINUTES, QUICK_LIVE_MINUTES);
+    let replayed = arguments.replayed_minutes;
+    let replayed = minutes(replayed, REPLAYED_MINUTES, QUICK_REPLAYED_MINUTES);
+    let setup = set_up(
+        &arguments.options,
+        arguments.program.as_ref(),
+        "soak",
+        60.0 * live + 600.0,
+    )?;
+    let mut outcomes = Vec::new();
+    let mut note = |outcome: Outcome| {
+        tell(&outcome);
+        outcomes.push(outcome);
+    };
+    note(replayed::run(&setup, replayed));
+    let factors = overload::FACTORS.into_iter();
+    for factor in factors.filter(|_| !setup.stop.is_set()) {
+        note(overload::run(&setup, factor));
+    }
+    if !setup.stop.is_set() {
+        note(live::run(&setup, live));
+    }
+    let told = Told {
+        name: "soak",
+        title: "A service for hours",
+        options: &arguments.options,
+        is_whole: !setup.stop.is_set(),
+    };
+    // Empty unless some case did not hold.
+    let _ = std::fs::remove_dir(&setup.out);
+    conclude(&told, &outcomes)
+}
+
+/// Settings that leave room for what is remembered to fill within minutes, so that all growth after
+/// them is growth without end.
+const SETTINGS: &str = "[mapper]\nhistory_pings = 4096\n[pose]\ncapacity = 8192\n";
+
+/// That has passed which fills what `SETTINGS` bound, seconds of dive.
+fn warm_up_s(minutes: f64) -> f64 {
+    let filled_s = 180.0_f64;
+    filled_s.max(20.0 * minutes)
+}
+
+/// Notes growth from the warm-up on; judged where it was looked at for long enough.
+fn note_growth(samples: &[memory::Sample], minutes: f64, outcome: &mut Outcome) {
+    let warm = warm_up_s(minutes);
+    let Some(growth) = memory::growth(samples, warm) else {
+        return;
+    };
+    outcome.figure("minutes", minutes);
+    outcome.figure("MiB an hour after warm-up", growth.mib_per_hour);
+    outcome.figure("warm-up s", warm);
+    outcome.figure("most memory MiB", growth.most_mib);
+    outcome.expect(
+        minutes < JUDGED_MINUTES || growth.mib_per_hour <= memory::MOST_MIB_PER_HOUR,
+        || format!("memory grows by {:.2} MiB an hour", growth.mib_per_hour),
+    );
+}
+
+/// How the program is told where `setup`'s files are.
+fn path(folder: &std::path::Path, name: &str) -> String {
+    folder.join(name).display().to_string()
+}
