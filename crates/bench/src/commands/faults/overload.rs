@@ -95,6 +95,7 @@ fn note_status(trial: &Trial, outcome: &mut Outcome) {
         outcome.figure(name, heard.count(pointer) as f64);
     }
     let lost = heard.count("/recording/lost_messages");
+    outcome.figure("messages lost", lost as f64);
     outcome.expect(lost == 0, || format!("the recording lacks {lost} messages"));
     let (shed, without_work) = (
         heard.count("/ledger/shed"),

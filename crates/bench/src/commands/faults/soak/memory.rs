@@ -11,16 +11,14 @@ pub(super) struct Sample {
     pub(super) bytes: u64,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Growth {
-    /// Slope of the least squares' line after the warm-up.
-    pub(super) mib_per_hour: f64,
-    pub(super) most_mib: f64,
+/// The most of all.
+pub(super) fn most_mib(samples: &[Sample]) -> f64 {
+    let bytes = samples.iter().map(|sample| sample.bytes);
+    bytes.max().unwrap_or(0) as f64 / MIB
 }
 
-/// `None` with fewer than two moments after the warm-up.
-pub(super) fn growth(samples: &[Sample], warm_up_s: f64) -> Option<Growth> {
-    let most = samples.iter().map(|sample| sample.bytes).max()?;
+/// Slope of the least squares' line after the warm-up; `None` with fewer than two moments there.
+pub(super) fn mib_per_hour(samples: &[Sample], warm_up_s: f64) -> Option<f64> {
     let warm = samples.iter().filter(|sample| sample.dive_s >= warm_up_s);
     let points: Vec<[f64; 2]> = warm
         .map(|sample| [sample.dive_s / 3600.0, sample.bytes as f64 / MIB])
@@ -34,10 +32,7 @@ pub(super) fn growth(samples: &[Sample], warm_up_s: f64) -> Option<Growth> {
         points.map(|away| away[axes[0]] * away[axes[1]]).sum()
     };
     let spread = products([0, 0]);
-    (spread > 0.0).then(|| Growth {
-        mib_per_hour: products([0, 1]) / spread,
-        most_mib: most as f64 / MIB,
-    })
+    (spread > 0.0).then(|| products([0, 1]) / spread)
 }
 
 #[cfg(test)]
@@ -52,9 +47,9 @@ mod tests {
             bytes: ((10 * minute.min(10)) << 20) + (minute << 20) / 30,
         };
         let samples: Vec<Sample> = (0..=70).map(sample).collect();
-        let growth = growth(&samples, 600.0).unwrap();
-        assert!((growth.mib_per_hour - 2.0).abs() < 1e-3, "{growth:?}");
-        assert!((growth.most_mib - 102.3).abs() < 0.1, "{growth:?}");
-        assert_eq!(super::growth(&samples, 1e9), None);
+        let growth = mib_per_hour(&samples, 600.0).unwrap();
+        assert!((growth - 2.0).abs() < 1e-3, "{growth}");
+        assert!((most_mib(&samples) - 102.3).abs() < 0.1);
+        assert_eq!(mib_per_hour(&samples, 1e9), None);
     }
 }

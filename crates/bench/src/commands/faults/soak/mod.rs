@@ -72,18 +72,18 @@ fn warm_up_s(minutes: f64) -> f64 {
 
 /// Notes growth from the warm-up on; judged where it was looked at for long enough.
 fn note_growth(samples: &[memory::Sample], minutes: f64, outcome: &mut Outcome) {
-    let warm = warm_up_s(minutes);
-    let Some(growth) = memory::growth(samples, warm) else {
+    outcome.figure("minutes", minutes);
+    outcome.figure("most memory MiB", memory::most_mib(samples));
+    let warm_s = warm_up_s(minutes);
+    let growth = memory::mib_per_hour(samples, warm_s);
+    let Some(growth) = growth.filter(|_| minutes >= JUDGED_MINUTES) else {
         return;
     };
-    outcome.figure("minutes", minutes);
-    outcome.figure("MiB an hour after warm-up", growth.mib_per_hour);
-    outcome.figure("warm-up s", warm);
-    outcome.figure("most memory MiB", growth.most_mib);
-    outcome.expect(
-        minutes < JUDGED_MINUTES || growth.mib_per_hour <= memory::MOST_MIB_PER_HOUR,
-        || format!("memory grows by {:.2} MiB an hour", growth.mib_per_hour),
-    );
+    outcome.figure("warm-up s", warm_s);
+    outcome.figure("MiB an hour after warm-up", growth);
+    outcome.expect(growth <= memory::MOST_MIB_PER_HOUR, || {
+        format!("memory grows by {growth:.2} MiB an hour")
+    });
 }
 
 /// How the program is told where `setup`'s files are.
