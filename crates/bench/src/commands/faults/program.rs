@@ -13,6 +13,8 @@ use serde_json::Value;
 
 /// How often a condition is looked at again.
 pub(super) const LOOK_AGAIN: Duration = Duration::from_millis(10);
+/// Looks at what is open, of which the least counts.
+const LOOKS: usize = 5;
 /// Lines of the log that are kept.
 const LINES: usize = 400;
 const LONGEST_LINE_BYTES: u64 = 64 << 10;
@@ -129,10 +131,15 @@ impl Program {
         number.and_then(|number| number.parse().ok()).unwrap_or(0)
     }
 
-    /// Its open files and sockets.
+    /// Its open files and sockets, but for those that it opens for a moment, as to ask the kernel for
+    /// its own times.
     pub(super) fn descriptor_count(&self) -> usize {
         let folder = format!("/proc/{}/fd", self.id());
-        std::fs::read_dir(folder).map_or(0, Iterator::count)
+        let counts = (0..LOOKS).map(|_| {
+            std::thread::sleep(LOOK_AGAIN);
+            std::fs::read_dir(&folder).map_or(0, Iterator::count)
+        });
+        counts.min().unwrap_or(0)
     }
 
     pub(super) fn id(&self) -> u32 {

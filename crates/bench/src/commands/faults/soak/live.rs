@@ -5,7 +5,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use super::memory::Sample;
-use super::{SETTINGS, note_growth};
+use super::{SETTINGS, environment, note_growth};
 use crate::commands::faults::hostile::{Flood, client_port, counted};
 use crate::commands::faults::outcome::Outcome;
 use crate::commands::faults::program::Program;
@@ -36,7 +36,7 @@ pub(super) fn run(setup: &Setup, minutes: f64) -> Outcome {
 fn lived(setup: &Setup, minutes: f64, outcome: &mut Outcome) -> anyhow::Result<()> {
     let shim = Shim::compile(&setup.out.join("soak-clock"))?;
     let mut plan = Plan::new("live", Link::Udp);
-    plan.environment = shim.environment();
+    plan.environment = [shim.environment(), environment()].concat();
     SETTINGS.clone_into(&mut plan.settings);
     let mut trial = Trial::start(setup, &plan)?;
     trial.settle(outcome);
@@ -54,7 +54,7 @@ fn lived(setup: &Setup, minutes: f64, outcome: &mut Outcome) -> anyhow::Result<(
     outcome.expect(trial.program.is_running(), || {
         "the service ended".to_owned()
     });
-    note_growth(&live.samples, minutes, outcome);
+    note_growth(&live.samples, minutes, 0.0, outcome);
     live.round.note(outcome);
     live.note_descriptors(outcome);
     let path_ms = trial.statuses.newest().and_then(|heard| {

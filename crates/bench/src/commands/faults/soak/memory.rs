@@ -2,7 +2,7 @@
 
 /// What is allowed.
 pub(super) const MOST_MIB_PER_HOUR: f64 = 1.0;
-const MIB: f64 = (1 << 20) as f64;
+pub(super) const MIB: f64 = (1 << 20) as f64;
 
 /// Memory held at a time of the dive.
 #[derive(Debug, Clone, Copy)]
