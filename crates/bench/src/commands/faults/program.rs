@@ -9,6 +9,7 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use echosplat_service::processor;
 use serde_json::Value;
 
 /// How often a condition is looked at again.
@@ -123,21 +124,16 @@ impl Program {
     }
 
     /// What the kernel says that it holds; 0 once it has ended.
-    pub(super) fn memory_kib(&self) -> u64 {
-        let path = format!("/proc/{}/status", self.id());
-        let status = std::fs::read_to_string(path).unwrap_or_default();
-        let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:"));
-        let number = line.and_then(|line| line.split_whitespace().next());
-        number.and_then(|number| number.parse().ok()).unwrap_or(0)
+    pub(super) fn memory_bytes(&self) -> u64 {
+        processor::memory_bytes_of(self.id())
     }
 
     /// Its open files and sockets, but for those that it opens for a moment, as to ask the kernel for
     /// its own times.
     pub(super) fn descriptor_count(&self) -> usize {
-        let folder = format!("/proc/{}/fd", self.id());
         let counts = (0..LOOKS).map(|_| {
             std::thread::sleep(LOOK_AGAIN);
-            std::fs::read_dir(&folder).map_or(0, Iterator::count)
+            processor::descriptor_count_of(self.id())
         });
         counts.min().unwrap_or(0)
     }

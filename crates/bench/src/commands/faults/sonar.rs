@@ -17,7 +17,7 @@ const SLOW_EVERY: u64 = 20;
 /// Frames are held back so long when they are delayed.
 const DELAY: Duration = Duration::from_secs(3);
 /// From ping to ping, as the configuration asks for.
-const PING_INTERVAL_MS: u32 = 25;
+pub(super) const PING_INTERVAL_MS: u32 = 25;
 /// Silent and sounding of an intermittent link, seconds.
 const SILENT_S: f64 = 1.6;
 const SOUNDING_S: f64 = 1.0;

@@ -247,6 +247,12 @@ impl Trial {
         }
     }
 
+    /// Times that the link did not take what left the sonar.
+    pub(super) fn refused_count(&self) -> u64 {
+        let server = self.server.as_ref();
+        server.map_or(0, |server| server.status().frames_dropped)
+    }
+
     /// Brings the link back where it was.
     ///
     /// # Errors

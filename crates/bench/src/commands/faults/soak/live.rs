@@ -4,7 +4,7 @@
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use super::memory::Sample;
+use super::memory::{MIB, Sample};
 use super::{SETTINGS, environment, note_growth};
 use crate::commands::faults::hostile::{Flood, client_port, counted};
 use crate::commands::faults::outcome::Outcome;
@@ -106,7 +106,7 @@ impl Live {
         self.round.count += 1;
         tracing::info!(
             minutes = self.begin.elapsed().as_secs_f64() / 60.0,
-            memory_mib = trial.program.memory_kib() / 1024,
+            memory_mib = trial.program.memory_bytes() >> 20,
             descriptors = trial.descriptor_count(),
             "a round more"
         );
@@ -123,7 +123,7 @@ impl Live {
                 next += Duration::from_secs(1);
                 samples.push(Sample {
                     dive_s: begin.elapsed().as_secs_f64(),
-                    bytes: 1024 * trial.program.memory_kib(),
+                    bytes: trial.program.memory_bytes(),
                 });
             }
             false
@@ -160,13 +160,13 @@ impl Live {
         ];
         let mut watch = Program::start(&setup.program, &words.map(str::to_owned), &[])?;
         self.pass(trial, REST);
-        let before = trial.program.memory_kib() as f64;
+        let before = trial.program.memory_bytes() as f64;
         let id = watch.id().to_string();
         // What cannot be sent leaves it running, which is no worse a subscriber.
         let _ = Command::new("kill").args(["-s", "STOP", &id]).status();
         self.pass(trial, FROZEN);
-        let grown_kib = trial.program.memory_kib() as f64 - before;
-        self.round.frozen_mib.push(grown_kib / 1024.0);
+        let grown = trial.program.memory_bytes() as f64 - before;
+        self.round.frozen_mib.push(grown / MIB);
         watch.kill();
         Ok(())
     }
