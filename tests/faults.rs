@@ -1,4 +1,5 @@
-//! The service killed and unplugged, a few times each; `bench faults` does it as often as asked.
+//! The service killed, unplugged and overloaded, a few times each, and soaked for a moment; the benches
+//! do it as often and as long as asked.
 
 use std::time::Duration;
 
@@ -25,4 +26,44 @@ fn kills_lose_at_most_one_ping_and_unplugs_a_second_of_mapping() {
         let back_s = unplugged["back_after_s"].as_f64();
         assert!(back_s.is_some_and(|back_s| back_s <= 1.0), "{unplugged}");
     }
+}
+
+/// What did not hold, but for what a slow machine alone makes of it: times, and what a disk that does
+/// not keep up with 50 MB a second leaves out and tells of.
+fn broken(case: &serde_json::Value) -> Vec<&str> {
+    let lost = case["figures"]["messages lost"].as_f64();
+    let of_disk = ["lacks", "not in the log", "the replay's"];
+    let is_slow = |line: &str| {
+        line.contains("were taken in within")
+            || lost != Some(0.0) && of_disk.iter().any(|words| line.contains(words))
+    };
+    let broken = case["broken"].as_array().expect("a list");
+    let broken = broken.iter().filter_map(serde_json::Value::as_str);
+    broken.filter(|line| !is_slow(line)).collect()
+}
+
+#[test]
+fn a_soak_with_overload_leaves_a_whole_log_that_gives_the_map_again() {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let out = folder.path().display().to_string();
+    let short = ["--live-minutes", "0.1", "--replayed-minutes", "0.5"];
+    let own = ["bench", "soak", "--json", "--out", &out];
+    let mut program = Program::echosplat(&[&own[..], &short].concat());
+    let status = program.wait_exit(LONG);
+    assert!(
+        matches!(status.code(), Some(0 | 3)),
+        "{}",
+        program.account()
+    );
+    let json = program.only_json();
+    let cases = json["cases"].as_array().expect("cases are listed");
+    assert_eq!(cases.len(), 5, "{json}");
+    for case in cases {
+        assert!(broken(case).is_empty(), "{case}");
+    }
+    let of_overload = cases.iter().filter(|case| case["family"] == "overload");
+    let most_shed = of_overload.filter_map(|case| case["figures"]["pings shed"].as_f64());
+    assert!(most_shed.fold(0.0, f64::max) > 0.0, "{json}");
+    let live = &cases[4]["figures"];
+    assert!(live["rounds"].as_f64() >= Some(1.0), "{json}");
 }

@@ -34,6 +34,9 @@ pub(crate) enum Bench {
     Long(LongBenchArguments),
     /// The running service killed, unplugged, lied to and flooded: what is told, lost and left
     Faults(FaultsBenchArguments),
+    /// A service for hours, live and from a log, with floods, bursts, steps of the clock and a frozen
+    /// subscriber: whether memory and descriptors stay as they were
+    Soak(SoakBenchArguments),
     /// Error-time, ablation, stability and targets in turn, each within its share of the time
     All(AllBenchArguments),
     /// Makes one run and prints its outcome
@@ -164,6 +167,21 @@ pub(crate) struct FaultsBenchArguments {
     pub(crate) program: Option<PathBuf>,
 }
 
+#[derive(Debug, Clone, Args)]
+pub(crate) struct SoakBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    /// How long the live part is; 60, or 1 with --quick
+    #[arg(long, value_name = "MINUTES", value_parser = positive)]
+    pub(crate) live_minutes: Option<f64>,
+    /// How long a dive is replayed; 90, or 4 with --quick
+    #[arg(long, value_name = "MINUTES", value_parser = positive)]
+    pub(crate) replayed_minutes: Option<f64>,
+    /// Another build of this program, in place of this one
+    #[arg(long, hide = true, value_name = "FILE")]
+    pub(crate) program: Option<PathBuf>,
+}
+
 /// Kinds of faults.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
 pub(crate) enum FaultFamily {
@@ -182,6 +200,8 @@ pub(crate) enum FaultFamily {
     Replayed,
     /// Floods of datagrams, and poses that come twice.
     Hostile,
+    /// Pings at 10, 100 and 1,000 times the rate.
+    Overload,
 }
 
 /// What is run of a bench that runs dives, and how long.

@@ -230,10 +230,8 @@ impl Link {
                 break;
             }
         }
-        for sequence in self.outlet.take_shed() {
-            if let Some(raw) = &mut self.raw {
-                raw(host_time(), Tapped::PingShed(sequence));
-            }
+        for (first, last) in self.outlet.take_shed() {
+            self.tap(host_time(), Tapped::PingsShed(first, last));
         }
         flow
     }

@@ -1,5 +1,6 @@
 //! The way out of a driver: events to their channel, by one rule for a full one.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -36,8 +37,11 @@ pub(crate) struct Outlet {
     pub(crate) read_at: Option<Instant>,
     waits_for_room: bool,
     pause: Option<Pause>,
-    /// Sequences of pings dropped since they were last asked for.
-    shed: Mutex<Vec<u64>>,
+    /// First and last sequence of each run of pings dropped since they were last asked for.
+    shed: Mutex<Vec<(u64, u64)>>,
+    /// A step of the clock found no room: it goes before the next event that finds some, since pings
+    /// before it and after it are on two clocks.
+    owes_clock_step: AtomicBool,
 }
 
 impl Outlet {
@@ -58,11 +62,12 @@ impl Outlet {
             waits_for_room: is_log || config.session.clock == ClockSource::Device,
             pause: config.pause.clone(),
             shed: Mutex::default(),
+            owes_clock_step: AtomicBool::new(false),
         }
     }
 
     /// The pings dropped since the last call, for whoever records that they were.
-    pub(crate) fn take_shed(&self) -> Vec<u64> {
+    pub(crate) fn take_shed(&self) -> Vec<(u64, u64)> {
         std::mem::take(&mut *self.shed.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
@@ -93,10 +98,24 @@ impl Outlet {
             _ => None,
         };
         let is_ping = ping.is_some();
+        if self.owes_clock_step.load(Ordering::Relaxed) {
+            match self.events.try_send(DriverEvent::ClockStepped) {
+                Ok(()) => self.owes_clock_step.store(false, Ordering::Relaxed),
+                Err(TrySendError::Full(_)) => {
+                    self.was_dropped(ping);
+                    return Flow::GoesOn;
+                }
+                Err(TrySendError::Disconnected(_)) => return Flow::Ends,
+            }
+        }
         match self.events.try_send(event) {
             Ok(()) => self.was_sent(is_ping),
             Err(TrySendError::Full(event)) if self.waits_for_room => {
                 self.wait_for_room(event, ping)
+            }
+            Err(TrySendError::Full(DriverEvent::ClockStepped)) => {
+                self.owes_clock_step.store(true, Ordering::Relaxed);
+                Flow::GoesOn
             }
             Err(TrySendError::Full(_)) => {
                 self.was_dropped(ping);
@@ -136,8 +155,12 @@ impl Outlet {
             Some(_) => status.pings_dropped += 1,
             None => status.events_dropped += 1,
         });
+        let Some(ping) = ping else { return };
         let mut shed = self.shed.lock().unwrap_or_else(PoisonError::into_inner);
-        shed.extend(ping);
+        match shed.last_mut() {
+            Some((_, last)) if last.checked_add(1) == Some(ping) => *last = ping,
+            _ => shed.push((ping, ping)),
+        }
     }
 }
 

@@ -14,6 +14,8 @@ const STEPS_PER_OCTAVE: f64 = 4.0;
 pub struct PingPath {
     /// Half of all pings took no longer.
     pub p50: f64,
+    /// 99 of 100 took no longer.
+    pub p99: f64,
     /// 999 of 1000 took no longer.
     pub p99_9: f64,
     /// The longest.
@@ -64,6 +66,7 @@ impl PathTimes {
         };
         (self.total > 0).then(|| PingPath {
             p50: within(0.5),
+            p99: within(0.99),
             p99_9: within(0.999),
             max,
             measured: self.total,

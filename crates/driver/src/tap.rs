@@ -14,9 +14,9 @@ pub enum Tapped<'a> {
     HalfFrameExpired,
     /// The link is gone, and with it what was half received.
     LinkDown,
-    /// This ping, by its sequence, found no room in the channel. No tape gives it again: who replays
-    /// one leaves these pings out.
-    PingShed(u64),
+    /// Pings with these sequences, both included, found no room in the channel. No tape gives them
+    /// again: who replays one leaves them out.
+    PingsShed(u64, u64),
 }
 
 /// Called by the driver with the time that the session is given: before bytes are decoded,
@@ -66,7 +66,7 @@ impl TapeItem {
             Tapped::Bytes(bytes) => Self::Bytes(bytes.clone()),
             Tapped::HalfFrameExpired => Self::HalfFrameExpired,
             Tapped::LinkDown => Self::LinkDown,
-            Tapped::PingShed(_) => return None,
+            Tapped::PingsShed(..) => return None,
         })
     }
 }

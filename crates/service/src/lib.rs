@@ -8,6 +8,7 @@ pub mod arguments;
 pub mod clock;
 pub mod commands;
 pub mod config;
+mod decided;
 pub mod dives;
 pub mod exit;
 mod files;

@@ -28,7 +28,7 @@ pub(crate) fn posed_pings(
 ) -> anyhow::Result<JoinCounters> {
     let asked = poses.map(|path| PoseUrl::Tum(path.to_owned()));
     let replayed = Replayed::open(&[log.to_owned()])?;
-    let shed = replayed.decided().shed;
+    let decided = replayed.decided();
     let mut poses = replayed.poses(asked.as_ref(), config, None, None)?;
     events(&replayed, config, |event| match event {
         DriverEvent::ClockStepped => poses.clock_stepped(),
@@ -38,7 +38,7 @@ pub(crate) fn posed_pings(
                 take(joined.posed);
             }
         }
-        DriverEvent::Ping { ping, .. } if !shed.contains(&ping.sequence()) => {
+        DriverEvent::Ping { ping, .. } if !decided.leaves_out(ping.sequence()) => {
             poses.push(ping, Instant::now());
             while let Some(joined) = poses.pop() {
                 take(joined.posed);

@@ -12,6 +12,18 @@ pub fn memory_bytes() -> u64 {
     kernel::memory_kib().map_or(0, |[now, _]| 1024 * now)
 }
 
+/// The memory that another process holds now; 0 where the kernel does not say.
+#[must_use]
+pub fn memory_bytes_of(process: u32) -> u64 {
+    kernel::memory_kib_of(process).map_or(0, |kib| 1024 * kib)
+}
+
+/// Files and sockets that another process has open; 0 where the kernel does not say.
+#[must_use]
+pub fn descriptor_count_of(process: u32) -> usize {
+    kernel::descriptor_count_of(process).unwrap_or(0)
+}
+
 /// Processor seconds of all threads whose name starts with `prefix`, in steps of 10 ms.
 /// `None` where the kernel does not say.
 pub(crate) fn thread_seconds(prefix: &str) -> Option<f64> {
@@ -65,6 +77,18 @@ mod kernel {
         Some([status.vmrss?, status.vmhwm?])
     }
 
+    pub(super) fn memory_kib_of(process: u32) -> Option<u64> {
+        other(process)?.status().ok()?.vmrss
+    }
+
+    pub(super) fn descriptor_count_of(process: u32) -> Option<usize> {
+        other(process)?.fd_count().ok()
+    }
+
+    fn other(process: u32) -> Option<Process> {
+        Process::new(process.try_into().ok()?).ok()
+    }
+
     pub(super) fn thread_seconds(prefix: &str) -> Option<f64> {
         let tasks = Process::myself().ok()?.tasks().ok()?;
         // One that has ended meanwhile has none.
@@ -94,6 +118,14 @@ mod kernel {
 #[cfg(not(target_os = "linux"))]
 mod kernel {
     pub(super) fn memory_kib() -> Option<[u64; 2]> {
+        None
+    }
+
+    pub(super) fn memory_kib_of(_process: u32) -> Option<u64> {
+        None
+    }
+
+    pub(super) fn descriptor_count_of(_process: u32) -> Option<usize> {
         None
     }
 

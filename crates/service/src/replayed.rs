@@ -1,20 +1,19 @@
 //! What a replay takes: logs or recordings, the poses that belong to them, and what the recorded
 //! dive itself decided, so that its map comes out again.
 
-use std::collections::{HashMap, HashSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use echosplat_bus::Bus;
 use echosplat_driver::{DriverConfig, Pause, SonarUrl, Tape, TapeItem};
 use echosplat_join::{ArrivedPose, StampClock};
-use echosplat_model::Timestamp;
 use echosplat_pose::{PoseSource, PoseUrl};
 use echosplat_recording::mcap::{Record, Recording, RecordingReader, Scan};
 use echosplat_session::{ClockSource, SessionConfig};
 use serde_json::Value;
 
 use crate::config::Config;
+use crate::decided::Decided;
 use crate::exit::Usage;
 use crate::inputs;
 use crate::pipeline::{Input, Patience, Poses};
@@ -22,10 +21,6 @@ use crate::recorder::Recorder;
 
 /// Name of the event that a recording begins with.
 pub(crate) const BEGIN: &str = "begin";
-/// A ping that no queue had room for.
-pub(crate) const PING_SHED: &str = "ping_shed";
-/// A ping that was not waited for any longer.
-pub(crate) const PING_LET_GO: &str = "ping_let_go";
 
 /// Logs, or the files of one recorded dive.
 pub(crate) struct Replayed {
@@ -41,15 +36,6 @@ struct RecordedDive {
     session: Option<SessionConfig>,
     /// The bytes are those of a log, not of a link.
     is_log: bool,
-}
-
-/// What a recorded dive decided under its load.
-#[derive(Debug, Default)]
-pub(crate) struct Decided {
-    /// Pings it dropped.
-    pub(crate) shed: HashSet<u64>,
-    /// Pings it did not wait for, each with the newest pose there was.
-    pub(crate) let_go: HashMap<u64, Timestamp>,
 }
 
 /// The event that says how a dive is recorded.
@@ -193,7 +179,7 @@ impl Replayed {
         }
     }
 
-    /// What the recorded dive dropped and let go; nothing of a log.
+    /// What the recorded dive decided under its load; nothing of a log.
     pub(crate) fn decided(&self) -> Decided {
         let mut decided = Decided::default();
         let dive = self.dive.as_ref().filter(|dive| !dive.is_log);
@@ -237,21 +223,6 @@ impl RecordedDive {
         match self.session.as_ref().map(|session| session.clock) {
             Some(ClockSource::Device) => StampClock::Data,
             _ => StampClock::Host,
-        }
-    }
-}
-
-impl Decided {
-    fn take(&mut self, event: &Value) {
-        let Some(ping) = event["ping"].as_u64() else {
-            return;
-        };
-        if event["event"] == PING_SHED {
-            self.shed.insert(ping);
-        } else if event["event"] == PING_LET_GO
-            && let Some(newest_ns) = event["newest_pose_ns"].as_i64()
-        {
-            self.let_go.insert(ping, Timestamp::from_nanos(newest_ns));
         }
     }
 }

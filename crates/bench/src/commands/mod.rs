@@ -55,6 +55,7 @@ pub fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Ablation(arguments) => publish(ablation::run(arguments)?, &arguments.options),
         Bench::Long(arguments) => publish(long::run(arguments)?, &arguments.options),
         Bench::Faults(arguments) => faults::run(arguments),
+        Bench::Soak(arguments) => faults::soak::run(arguments),
         Bench::All(arguments) => all::run(arguments),
         Bench::Run(arguments) => runs::run_one(arguments),
     }

@@ -1,5 +1,6 @@
 //! The face of the mapper.
 
+mod allowance;
 mod calibrator;
 mod intake;
 mod published;

@@ -13,7 +13,9 @@ use crate::commands::judging::{Judge, TruthOf};
 use crate::commands::show_figures;
 use crate::config::{Config, Overrides};
 use crate::exit::{Finish, Usage};
-use crate::pipeline::{self, Album, Expectations, Gate, Hooks, Outcome, Part, Setup, Span};
+use crate::pipeline::{
+    self, Album, Expectations, Gate, Hooks, Outcome, Part, Setup, Shedding, Span,
+};
 use crate::replayed::Replayed;
 use crate::signals::Stop;
 use crate::web::Page;
@@ -147,7 +149,7 @@ fn once(
         gate: Gate::new(arguments.start, arguments.end, config.output.duration_s),
         bus: bus.clone().filter(|_| arguments.publish),
         recorder,
-        shed: replayed.decided().shed,
+        shedding: Shedding::as_before(replayed.decided()),
         epoch,
         expectations: Expectations {
             sonar: arguments.logs[0].display().to_string(),

@@ -1,6 +1,5 @@
 //! `echosplat run`: the service, or its part on one of two machines.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 
 use echosplat_bus::{Bus, DRIVER_ROLE};
@@ -14,7 +13,7 @@ use crate::commands::{judge, show_figures};
 use crate::config::{Config, Overrides};
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Gate, Hooks, Input, Part, Patience, Poses, Setup,
+    self, Album, Expectations, Gate, Hooks, Input, Part, Patience, Poses, Setup, Shedding,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
@@ -185,11 +184,11 @@ fn map_what_the_driver_hears(
         },
         part: Part::Mapper(tape.state()),
         inputs: vec![tape.recorded_by(recorder.clone()).into_input()],
+        shedding: Shedding::as_it_comes(false, config.pipeline.memory_bytes, recorder.clone()),
         poses: poses.of_tape(clock, begin.guards_poses),
         gate: Gate::new(None, None, duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,
-        shed: HashSet::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: hooks(album, page),
     };
@@ -236,11 +235,15 @@ fn serve(
         },
         part: Part::Whole,
         inputs: vec![Input::link(driver)],
+        shedding: Shedding::as_it_comes(
+            patience == Patience::LetGo,
+            config.pipeline.memory_bytes,
+            recorder.clone(),
+        ),
         poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
         gate: Gate::new(None, None, config.output.duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,
-        shed: HashSet::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             is_over: rig.map(Rig::end_of_dive),

@@ -154,6 +154,8 @@ pub struct PipelineConfig {
     pub(crate) calibrate: Calibrate,
     /// Longest that a part of the service may work without a sign of life.
     pub(crate) hang_limit_s: f64,
+    /// A live dive leaves pings out of the map while the service holds this much memory.
+    pub(crate) memory_bytes: u64,
 }
 
 impl Default for PipelineConfig {
@@ -164,6 +166,7 @@ impl Default for PipelineConfig {
             hold_back_every: 0,
             calibrate: Calibrate::Tell,
             hang_limit_s: 15.0,
+            memory_bytes: 2 << 30,
         }
     }
 }
@@ -362,6 +365,8 @@ impl PipelineConfig {
             3600.0,
         )?;
         within("pipeline.hang_limit_s", self.hang_limit_s, 1.0, 3600.0)?;
+        let memory = self.memory_bytes as f64;
+        within("pipeline.memory_bytes", memory, 1e6, 1e15)?;
         match self.hold_back_every {
             1 => Err(BadSetting::new(
                 "pipeline.hold_back_every",

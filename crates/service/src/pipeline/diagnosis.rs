@@ -34,6 +34,8 @@ pub(crate) struct Expectations {
 pub(crate) struct Diagnosis {
     expectations: Expectations,
     begin: Instant,
+    /// When a driver elsewhere was last found to be silent.
+    without_driver: Option<Instant>,
     grown: HashMap<&'static str, (u64, Option<Instant>)>,
 }
 
@@ -42,6 +44,7 @@ impl Diagnosis {
         Self {
             expectations,
             begin,
+            without_driver: None,
             grown: HashMap::new(),
         }
     }
@@ -51,8 +54,13 @@ impl Diagnosis {
         let mut findings = Vec::new();
         let without_driver = status.tape.as_ref().and_then(tape::finding);
         match without_driver {
-            // Nothing can be said of a sonar and poses that nobody tells of.
-            Some(finding) => findings.push(finding),
+            // Nothing can be said of a sonar and poses that nobody tells of, nor before what the
+            // driver kept has come.
+            Some(finding) => {
+                self.without_driver = Some(now);
+                findings.push(finding);
+            }
+            None if self.is_driver_back_of_late(now) => {}
             None => {
                 self.sonar(status, now, &mut findings);
                 self.poses(status, now, &mut findings);
@@ -60,6 +68,11 @@ impl Diagnosis {
         }
         self.disk_and_queues(status, now, &mut findings);
         findings
+    }
+
+    fn is_driver_back_of_late(&self, now: Instant) -> bool {
+        let silent = self.without_driver;
+        silent.is_some_and(|silent| now.saturating_duration_since(silent) < PATIENCE)
     }
 
     /// Whether a counter grew of late.

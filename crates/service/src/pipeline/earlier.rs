@@ -14,6 +14,8 @@ pub(crate) struct EarlierMaps {
     /// Where the newest map goes; those before go beside it, under a number.
     map: Option<PathBuf>,
     notes: MapNotes,
+    count: u32,
+    /// Of those that have ended nothing is kept: each would hold on to its thread's stack.
     finishing: Vec<JoinHandle<()>>,
 }
 
@@ -25,6 +27,7 @@ impl EarlierMaps {
         Self {
             map,
             notes,
+            count: 0,
             finishing: Vec::new(),
         }
     }
@@ -35,7 +38,9 @@ impl EarlierMaps {
             tracing::warn!("the map of the poses before is let go; --map keeps it");
             return;
         };
-        let (notes, number) = (self.notes.clone(), self.finishing.len() as u32 + 1);
+        self.finishing.retain(|thread| !thread.is_finished());
+        self.count += 1;
+        let (notes, number) = (self.notes.clone(), self.count);
         let work = move || {
             let snapshot = mapper.finish();
             let path = maps::epoch_path(&map, number);

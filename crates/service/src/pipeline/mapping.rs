@@ -1,7 +1,6 @@
 //! The mapper's thread fed with pings that are there already: the same worker as in every run,
 //! without a device before it and a bus behind it.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 
@@ -16,7 +15,7 @@ use super::calibration;
 use super::earlier::EarlierMaps;
 use super::shared::{MapperReport, Shared};
 use super::worker::THREAD_NAME;
-use super::{Gate, Observer, Outlet, Poses, Wiring, start_worker};
+use super::{Gate, Observer, Outlet, Poses, Shedding, Wiring, start_worker};
 use crate::config::Config;
 
 /// A map under way.
@@ -42,7 +41,7 @@ impl Mapping {
             poses,
             gate: Gate::default(),
             outlet: Outlet::new(None, None, observer),
-            shed: HashSet::new(),
+            shedding: Shedding::none(),
             earlier: EarlierMaps::default(),
             frame_check: None,
             calibration: calibration::Watch::off(config),

@@ -22,11 +22,11 @@ mod published;
 mod run;
 mod saving;
 mod shared;
+mod shedding;
 mod status;
 mod telling;
 mod worker;
 
-use std::collections::HashSet;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::Instant;
@@ -64,6 +64,7 @@ pub(crate) use poses::{Patience, Span};
 use run::Run;
 pub(crate) use shared::{Link, Phase, Shared};
 pub use shared::{MapperReport, Spent};
+pub(crate) use shedding::Shedding;
 pub(crate) use status::{RateMeter, Rates, Status};
 use worker::{THREAD_NAME, Worker};
 
@@ -76,8 +77,7 @@ pub(crate) struct Setup {
     /// `None` publishes nothing.
     pub(crate) bus: Option<Arc<Bus>>,
     pub(crate) recorder: Option<Recorder>,
-    /// Pings that a recorded dive had no time for.
-    pub(crate) shed: HashSet<u64>,
+    pub(crate) shedding: Shedding,
     /// Names this run's map; no two runs that somebody may follow have the same.
     pub(crate) epoch: u64,
     pub(crate) expectations: Expectations,
@@ -200,7 +200,7 @@ struct Wiring {
     poses: Poses,
     gate: Gate,
     outlet: Outlet,
-    shed: HashSet<u64>,
+    shedding: Shedding,
     earlier: EarlierMaps,
     frame_check: Option<FrameCheck>,
     calibration: calibration::Watch,
@@ -222,7 +222,7 @@ fn start_worker(
         earlier: wiring.earlier,
         frame_check: wiring.frame_check,
         calibration: wiring.calibration,
-        shed: wiring.shed,
+        shedding: wiring.shedding,
         gate: wiring.gate,
         outlet: wiring.outlet,
         shared: Arc::clone(shared),

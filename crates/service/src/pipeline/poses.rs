@@ -14,13 +14,12 @@ use echosplat_model::{Ping, PosedPing, StampedPose, Timestamp};
 use echosplat_pose::{PoseSource, PoseSourceStatus};
 use echosplat_recording::mcap::Record;
 use serde::Serialize;
-use serde_json::json;
 
 use crate::clock;
 use crate::config::PoseConfig;
+use crate::decided::ping_let_go;
 use crate::exit::Usage;
 use crate::recorder::Recorder;
-use crate::replayed::{PING_LET_GO, PING_SHED};
 
 /// What happens to pings whose poses have not come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -176,16 +175,19 @@ impl Poses {
         }
     }
 
-    /// A ping to be posed; one too many is dropped, counted and recorded as such.
-    pub fn push(&mut self, ping: Arc<Ping>, arrived: Instant) {
+    /// A ping to be posed; `false` if it is one too many, and was dropped and counted.
+    pub fn push(&mut self, ping: Arc<Ping>, arrived: Instant) -> bool {
         self.ping_times = Span::extended(self.ping_times, ping.transmit_time());
-        let sequence = ping.sequence();
-        if self.join.push_ping(ping) {
+        let has_room = self.join.push_ping(ping);
+        if has_room {
             self.arrivals.push_back(arrived);
-        } else if let Some(recorder) = &self.recorder {
-            let event = json!({ "event": PING_SHED, "ping": sequence });
-            recorder.record(clock::now(), Record::Event(event));
         }
+        has_room
+    }
+
+    /// Whether one more ping would be dropped.
+    pub(crate) fn is_full(&self) -> bool {
+        self.join.is_full()
     }
 
     /// Of a live source.
@@ -265,10 +267,7 @@ impl Poses {
             Err(rejected) => rejected.ping.sequence(),
         };
         if let (Some(recorder), Some(newest)) = (&self.recorder, verdict.let_go_at) {
-            let newest_ns = newest.nanos();
-            let event =
-                json!({ "event": PING_LET_GO, "ping": sequence, "newest_pose_ns": newest_ns });
-            recorder.record(clock::now(), Record::Event(event));
+            recorder.record(clock::now(), Record::Event(ping_let_go(sequence, newest)));
         }
         match verdict.result {
             Ok(posed) => {

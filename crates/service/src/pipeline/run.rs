@@ -94,7 +94,7 @@ impl Run {
             poses: setup.poses,
             gate: setup.gate,
             outlet,
-            shed: setup.shed,
+            shedding: setup.shedding,
             earlier: EarlierMaps::beside(place.clone()),
             frame_check: Some(helpers.frame_check),
             calibration: calibration::Watch::new(config),

@@ -14,6 +14,7 @@ use super::latency::LatencyReport;
 use super::listening::ListeningReport;
 use super::poses::PoseReport;
 use super::prediction::Predicted;
+use super::shedding::SheddingReport;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -32,8 +33,10 @@ pub(crate) enum Phase {
 pub struct MapperReport {
     /// Pings that this thread took from the sonar's.
     pub(crate) pings_taken: u64,
-    /// Pings left out since the recorded dive had no time for them.
+    /// Pings left out for want of memory, or as the recorded dive left them out.
     pub(crate) pings_shed: u64,
+    /// What is given up for want of time and memory.
+    pub(crate) shedding: SheddingReport,
     /// Pings whose evidence is in the map.
     pub pings_mapped: u64,
     /// Pings kept from the map to judge it by.

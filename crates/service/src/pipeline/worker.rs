@@ -1,7 +1,6 @@
 //! The mapper's thread: pings in, posed, mapped, and handed on. Everything that shapes the map
 //! happens here, in one order, on the pings' own clock.
 
-use std::collections::HashSet;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
@@ -22,6 +21,7 @@ use super::listening::Listening;
 use super::outlet::{Moment, Outlet};
 use super::poses::{Joined, Poses};
 use super::shared::{MapperReport, Phase, Shared, Spent};
+use super::shedding::Shedding;
 use crate::processor;
 
 /// Name of the thread; those of the mapper's pool begin with it.
@@ -58,8 +58,7 @@ pub(crate) struct Worker {
     /// Asks whether poses can be read as they are; not in benches.
     pub(crate) frame_check: Option<FrameCheck>,
     pub(crate) calibration: calibration::Watch,
-    /// Pings that a recorded dive had no time for.
-    pub(crate) shed: HashSet<u64>,
+    pub(crate) shedding: Shedding,
     pub(crate) gate: Gate,
     pub(crate) outlet: Outlet,
     pub(crate) shared: Arc<Shared>,
@@ -80,6 +79,7 @@ pub(crate) struct State {
     first_ping: Option<Timestamp>,
     next_snapshot_s: f64,
     next_snapshot_at: Instant,
+    newest_snapshot_at: Option<Instant>,
     listening: Listening,
     /// Epoch of the poses that the map at hand is made of.
     epoch: Option<u32>,
@@ -98,6 +98,7 @@ impl State {
             first_ping: None,
             next_snapshot_s: 0.0,
             next_snapshot_at: begin,
+            newest_snapshot_at: None,
             listening: Listening::default(),
             epoch: None,
             past_sequence: 0,
@@ -157,7 +158,8 @@ impl Worker {
     fn take_ping(&mut self, ping: Arc<Ping>, frame: Bytes) {
         let time = ping.transmit_time();
         self.state.report.pings_taken += 1;
-        if self.shed.contains(&ping.sequence()) {
+        let (sequence, now) = (ping.sequence(), Instant::now());
+        if self.shedding.leaves_out(sequence, now) {
             return self.state.report.pings_shed += 1;
         }
         self.state.listening.take(&ping);
@@ -169,9 +171,13 @@ impl Worker {
                 return self.shared.set_phase(Phase::InputEnded);
             }
         }
-        self.outlet.ping(&ping, frame);
+        if self.shedding.publishes_ping() {
+            self.outlet.ping(&ping, frame);
+        }
         self.wait_for_poses();
-        self.poses.push(ping, Instant::now());
+        if !self.poses.push(ping, Instant::now()) {
+            self.shedding.left_out(sequence);
+        }
         self.map_what_is_posed();
     }
 
@@ -205,6 +211,7 @@ impl Worker {
         if is_held_back(posed.ping.sequence(), self.hold_back_every) {
             return self.state.report.pings_held_back += 1;
         }
+        self.put_off_work(posed.ping.sequence());
         let inserted = {
             let _span = tracing::trace_span!("mapped", ping = posed.ping.sequence()).entered();
             self.mapper.insert(posed)
@@ -222,6 +229,25 @@ impl Worker {
         }
     }
 
+    /// As the load is, or was: from this ping on, work on the map waits, or is done again.
+    fn put_off_work(&mut self, ping: u64) {
+        let capacity = self.events.capacity().unwrap_or(usize::MAX);
+        let queued = match self.poses.is_full() {
+            true => capacity,
+            false => self.events.len(),
+        };
+        if self.shedding.work_at(ping, (queued, capacity)).is_some() {
+            self.allow_work();
+        }
+    }
+
+    fn allow_work(&mut self) {
+        self.mapper.allow(match self.shedding.report().work {
+            true => 0,
+            false => self.mapper_config.work_pairs_per_ping,
+        });
+    }
+
     /// Poses of a new epoch have nothing to do with those before: the map so far is finished and
     /// kept apart, and another begins at `time`.
     fn begin_new_map(&mut self, time: Timestamp) {
@@ -233,6 +259,7 @@ impl Worker {
         // This thread is one of the pool's: the map that goes on keeps it.
         mapper.swap_threads(&mut self.mapper);
         std::mem::swap(&mut mapper, &mut self.mapper);
+        self.allow_work();
         let state = &mut self.state;
         state.past_work = work;
         state.report.maps += 1;
@@ -260,7 +287,10 @@ impl Worker {
         let state = &mut self.state;
         let first = *state.first_ping.get_or_insert(time);
         let dive_s = time.seconds_since(first);
-        let is_time = dive_s >= state.next_snapshot_s && Instant::now() >= state.next_snapshot_at;
+        let age = state.newest_snapshot_at.map(|at| at.elapsed());
+        let is_time = dive_s >= state.next_snapshot_s
+            && Instant::now() >= state.next_snapshot_at
+            && self.shedding.publishes_map(age);
         let is_due = has_changed && is_time;
         if !is_due && !self.outlet.is_observation_due(dive_s) {
             return;
@@ -272,6 +302,7 @@ impl Worker {
             self.state.observing_s += self.work().compute_s - before.compute_s;
         }
         self.hand_on(snapshot, dive_s);
+        self.state.newest_snapshot_at = Some(begin);
         let pause = Duration::from_secs_f64(self.snapshot_interval_s);
         self.state.next_snapshot_s = dive_s + self.snapshot_interval_s;
         let rest = match self.is_behind() {
@@ -320,6 +351,8 @@ impl Worker {
     }
 
     fn hand_over_report(&mut self) {
+        self.shedding.record_run();
+        self.state.report.shedding = self.shedding.report();
         self.state.report.mapper = self.mapper.status();
         self.state.report.left_out = self.mapper.left_out().to_vec();
         self.state.report.latency_s = self.state.latency.report();

@@ -28,9 +28,9 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use crate::clock;
+use crate::decided::pings_shed;
 use crate::exit::Usage;
 use crate::pipeline::MakeTap;
-use crate::replayed::PING_SHED;
 use progress::Progress;
 use queue::Queue;
 use storage::Folder;
@@ -176,9 +176,8 @@ impl Recorder {
                 Tapped::LinkUp => recorder.link(host_time, true),
                 Tapped::LinkDown => recorder.link(host_time, false),
                 Tapped::HalfFrameExpired => recorder.record(host_time, Record::HalfFrameExpired),
-                Tapped::PingShed(sequence) => {
-                    let event = serde_json::json!({ "event": PING_SHED, "ping": sequence });
-                    recorder.record(host_time, Record::Event(event));
+                Tapped::PingsShed(first, last) => {
+                    recorder.record(host_time, Record::Event(pings_shed(first, last)));
                 }
             },
         )

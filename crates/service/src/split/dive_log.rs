@@ -66,7 +66,7 @@ impl DiveLog {
                     self.add(host_time, TapeEntry::Bytes(piece));
                 }
             }
-            Tapped::PingShed(_) => {}
+            Tapped::PingsShed(..) => {}
         }
     }
 

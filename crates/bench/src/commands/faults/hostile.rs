@@ -62,7 +62,7 @@ fn flooded(setup: &Setup, outcome: &mut Outcome) -> anyhow::Result<()> {
 }
 
 /// Pings sent and pings in the map, with nothing under way between the two.
-fn counted(trial: &mut Trial) -> (u64, u64) {
+pub(super) fn counted(trial: &mut Trial) -> (u64, u64) {
     trial.sonar.set_fault(Some(SonarFault::Off));
     trial.pass(SETTLED);
     let counts = (trial.sonar.sent_count(), trial.statuses.mapped());
@@ -71,7 +71,7 @@ fn counted(trial: &mut Trial) -> (u64, u64) {
 }
 
 /// The program's port, by the table of all sockets: it is connected to the sonar's.
-fn client_port(trial: &Trial) -> anyhow::Result<u16> {
+pub(super) fn client_port(trial: &Trial) -> anyhow::Result<u16> {
     let url = trial.listen.to_string();
     let sonar: u16 = url.rsplit(':').next().unwrap_or_default().parse()?;
     let table = std::fs::read_to_string("/proc/net/udp").context("/proc/net/udp")?;
@@ -89,13 +89,13 @@ fn port_connected_to(table: &str, remote: u16) -> Option<u16> {
 }
 
 /// Strangers that send until stopped.
-struct Flood {
+pub(super) struct Flood {
     stop: Arc<AtomicBool>,
     threads: Vec<JoinHandle<(u64, u64)>>,
 }
 
 impl Flood {
-    fn start(port: u16, seed: u64) -> anyhow::Result<Self> {
+    pub(super) fn start(port: u16, seed: u64) -> anyhow::Result<Self> {
         let stop = Arc::new(AtomicBool::new(false));
         let mut threads = Vec::new();
         for index in 0..STRANGERS {
@@ -111,7 +111,7 @@ impl Flood {
     }
 
     /// Datagrams sent, and answers that came.
-    fn stop(self) -> (u64, u64) {
+    pub(super) fn stop(self) -> (u64, u64) {
         self.stop.store(true, Ordering::Relaxed);
         let counts = self
             .threads

@@ -9,18 +9,21 @@ mod grid;
 mod hostile;
 mod kills;
 mod outcome;
+mod overload;
 mod poses;
 mod program;
 mod recorded;
 mod replayed;
 mod shim;
 mod side_by_side;
+pub(super) mod soak;
 mod sonar;
 mod status;
 mod trial;
 mod unplugs;
 mod vehicle;
 
+use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::Context;
@@ -29,7 +32,7 @@ use echosplat_simulator::SimulatedSonar;
 use serde_json::{Map, json};
 
 use super::{Findings, Says, save};
-use crate::arguments::{FaultFamily, FaultsBenchArguments};
+use crate::arguments::{BenchOptions, FaultFamily, FaultsBenchArguments};
 use echosplat_service::arguments::DiveArguments;
 use echosplat_service::dives;
 use echosplat_service::exit::Finish;
@@ -46,7 +49,8 @@ type Case = Box<dyn Fn(&Setup) -> Outcome + Send + Sync>;
 /// # Errors
 /// If something cannot be run or written.
 pub(super) fn run(arguments: &FaultsBenchArguments) -> anyhow::Result<Finish> {
-    let setup = setup(arguments)?;
+    let program = arguments.program.as_ref();
+    let setup = set_up(&arguments.options, program, "faults", DIVE_S)?;
     let cases = cases(arguments);
     let goes_on = || !setup.stop.is_set();
     let jobs = usize::try_from(arguments.jobs).unwrap_or(1);
@@ -63,7 +67,13 @@ pub(super) fn run(arguments: &FaultsBenchArguments) -> anyhow::Result<Finish> {
     // Empty unless some case did not hold.
     let _ = std::fs::remove_dir(&setup.out);
     let is_whole = goes_on();
-    conclude(arguments, &outcomes, is_whole)
+    let told = Told {
+        name: "faults",
+        title: "Faults of a running service",
+        options: &arguments.options,
+        is_whole,
+    };
+    conclude(&told, &outcomes)
 }
 
 fn tell(outcome: &Outcome) {
@@ -73,20 +83,26 @@ fn tell(outcome: &Outcome) {
     }
 }
 
-fn setup(arguments: &FaultsBenchArguments) -> anyhow::Result<Setup> {
-    let program = match &arguments.program {
+/// For dives of so many seconds, whose files are in a folder `name`.
+fn set_up(
+    options: &BenchOptions,
+    program: Option<&PathBuf>,
+    name: &str,
+    dive_s: f64,
+) -> anyhow::Result<Setup> {
+    let program = match program {
         Some(program) => program.clone(),
         None => std::env::current_exe().context("this program's own file")?,
     };
     let dive = DiveArguments {
-        seed: arguments.options.seed,
+        seed: options.seed,
         ..DiveArguments::default()
     };
     Ok(Setup {
         program,
-        simulated: Arc::<SimulatedSonar>::new(dives::sonar(&dive, Some(DIVE_S))?),
-        out: arguments.options.out.join("faults"),
-        seed: arguments.options.seed,
+        simulated: Arc::<SimulatedSonar>::new(dives::sonar(&dive, Some(dive_s))?),
+        out: options.out.join(name),
+        seed: options.seed,
         stop: Stop::on_signals()?,
     })
 }
@@ -127,6 +143,12 @@ fn cases(arguments: &FaultsBenchArguments) -> Vec<Case> {
     if is_chosen(FaultFamily::Hostile) {
         cases.push(Box::new(hostile::run));
     }
+    if is_chosen(FaultFamily::Overload) {
+        let factors = overload::FACTORS.into_iter();
+        cases.extend(
+            factors.map(|factor| -> Case { Box::new(move |setup| overload::run(setup, factor)) }),
+        );
+    }
     cases
 }
 
@@ -142,12 +164,18 @@ fn pose_cases(is_quick: bool) -> Vec<Case> {
     gaps.chain(faults).collect()
 }
 
-/// Writes what came of it; 3 unless all held.
-fn conclude(
-    arguments: &FaultsBenchArguments,
-    outcomes: &[Outcome],
+/// What is said beside the outcomes.
+struct Told<'a> {
+    name: &'static str,
+    title: &'static str,
+    options: &'a BenchOptions,
+    /// Nothing was left out.
     is_whole: bool,
-) -> anyhow::Result<Finish> {
+}
+
+/// Writes what came of it; 3 unless all held.
+fn conclude(told: &Told<'_>, outcomes: &[Outcome]) -> anyhow::Result<Finish> {
+    let (options, is_whole) = (told.options, told.is_whole);
     let failed: Vec<&Outcome> = outcomes.iter().filter(|one| !one.held).collect();
     let summary = format!(
         "{} of {} cases hold",
@@ -161,10 +189,10 @@ fn conclude(
     fields.insert("cases".to_owned(), serde_json::to_value(outcomes)?);
     let lines: Vec<String> = outcomes.iter().map(Outcome::line).collect();
     let results = Findings {
-        name: "faults",
+        name: told.name,
         fields,
         report: Report {
-            title: "Faults of a running service".to_owned(),
+            title: told.title.to_owned(),
             highlights: vec![
                 ("cases".to_owned(), outcomes.len().to_string()),
                 ("failed".to_owned(), failed.len().to_string()),
@@ -175,12 +203,8 @@ fn conclude(
         text: format!("{}\n{summary}", lines.join("\n")),
         failures: failed.iter().map(|one| one.line()).collect(),
     };
-    let says = if arguments.options.json {
-        Says::Json
-    } else {
-        Says::Text
-    };
-    save(results, &arguments.options, says)?;
+    let says = if options.json { Says::Json } else { Says::Text };
+    save(results, options, says)?;
     Ok(match failed.is_empty() && is_whole {
         true => Finish::Done,
         false => Finish::Lossy,

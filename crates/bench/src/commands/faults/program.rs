@@ -9,10 +9,13 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
+use echosplat_service::processor;
 use serde_json::Value;
 
 /// How often a condition is looked at again.
 pub(super) const LOOK_AGAIN: Duration = Duration::from_millis(10);
+/// Looks at what is open, of which the least counts.
+const LOOKS: usize = 5;
 /// Lines of the log that are kept.
 const LINES: usize = 400;
 const LONGEST_LINE_BYTES: u64 = 64 << 10;
@@ -118,6 +121,21 @@ impl Program {
             log,
             readers,
         })
+    }
+
+    /// What the kernel says that it holds; 0 once it has ended.
+    pub(super) fn memory_bytes(&self) -> u64 {
+        processor::memory_bytes_of(self.id())
+    }
+
+    /// Its open files and sockets, but for those that it opens for a moment, as to ask the kernel for
+    /// its own times.
+    pub(super) fn descriptor_count(&self) -> usize {
+        let counts = (0..LOOKS).map(|_| {
+            std::thread::sleep(LOOK_AGAIN);
+            processor::descriptor_count_of(self.id())
+        });
+        counts.min().unwrap_or(0)
     }
 
     pub(super) fn id(&self) -> u32 {

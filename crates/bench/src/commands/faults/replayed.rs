@@ -37,15 +37,29 @@ fn dive_and_replay(setup: &Setup, outcome: &mut Outcome) -> anyhow::Result<()> {
     let status = trial.program.terminate(END_LIMIT);
     let code = status.and_then(|status| status.code());
     outcome.expect(code == Some(3), || format!("the dive ended with {code:?}"));
-    let again = trial.folder.join("again.ply");
     let disk = trial.disk.as_ref().context("the dive was recorded on it")?;
-    replay(setup, disk.path(), &again)?;
+    note_replay(setup, &trial, disk.path(), outcome)?;
+    trial.leave(outcome);
+    Ok(())
+}
+
+/// Replays what a dive that has ended recorded, and notes whether its maps come out again.
+///
+/// # Errors
+/// If there is no recording, it is not replayed, or a map cannot be read.
+pub(super) fn note_replay(
+    setup: &Setup,
+    trial: &Trial,
+    recordings: &Path,
+    outcome: &mut Outcome,
+) -> anyhow::Result<()> {
+    let again = trial.folder.join("again.ply");
+    replay(setup, recordings, &again)?;
     let compared = compare(&trial.map(), &again)?;
     outcome.figure("maps compared", compared.len() as f64);
     for (name, is_same) in compared {
         outcome.expect(is_same, || format!("the replay's {name} is another"));
     }
-    trial.leave(outcome);
     Ok(())
 }
 

@@ -16,6 +16,8 @@ use echosplat_service::clock;
 const SLOW_EVERY: u64 = 20;
 /// Frames are held back so long when they are delayed.
 const DELAY: Duration = Duration::from_secs(3);
+/// From ping to ping, as the configuration asks for.
+pub(super) const PING_INTERVAL_MS: u32 = 25;
 /// Silent and sounding of an intermittent link, seconds.
 const SILENT_S: f64 = 1.6;
 const SOUNDING_S: f64 = 1.0;
@@ -63,7 +65,18 @@ struct State {
     held: VecDeque<(Instant, Vec<u8>)>,
     sound_profile: Vec<u8>,
     counters: DeviceCounts,
+    /// So many pings in place of each.
+    crowd: u32,
+    /// Of these, what is not due yet.
+    pieces: VecDeque<Piece>,
     draw: Draw,
+}
+
+/// Profiles that leave the device at one time, and the number and time in each.
+struct Piece {
+    due: Timestamp,
+    frames: Vec<u8>,
+    stamps: Vec<(u32, u32)>,
 }
 
 /// What is taken off or added to the counters in a profile, modulo 2³².
@@ -90,6 +103,8 @@ impl Sonar {
                 clock_ms,
                 ..DeviceCounts::default()
             },
+            crowd: 1,
+            pieces: VecDeque::new(),
             draw: Draw::new(seed, 1),
         })))
     }
@@ -101,6 +116,11 @@ impl Sonar {
     /// Begins a fault, or ends it.
     pub(super) fn set_fault(&self, fault: Option<SonarFault>) {
         self.state().fault = fault.map(|fault| (fault, Instant::now()));
+    }
+
+    /// From now on it pings so many times as often.
+    pub(super) fn set_crowd(&self, crowd: u32) {
+        self.state().crowd = crowd.max(1);
     }
 
     /// Its counters begin anew, as after a power cut.
@@ -146,8 +166,14 @@ impl Sonar {
 }
 
 impl State {
+    fn next_due(&self) -> Option<Timestamp> {
+        let piece = self.pieces.front().map(|piece| piece.due);
+        piece.into_iter().chain(self.device.next_due()).min()
+    }
+
     /// What leaves the device in place of `frames`.
-    fn spoilt(&mut self, mut frames: Vec<u8>, now: Instant, out: &mut Vec<u8>) {
+    fn spoilt(&mut self, mut frames: Vec<u8>, due: Timestamp, out: &mut Vec<u8>) {
+        let now = Instant::now();
         self.recounted(&mut frames);
         let is_ping = self.newest_of(&frames);
         let fault = self.fault;
@@ -155,6 +181,9 @@ impl State {
             out.extend(self.held.drain(..).flat_map(|(_, bytes)| bytes));
         }
         let Some((kind, since)) = fault else {
+            if is_ping && self.crowd > 1 {
+                return self.crowded(&frames, due, out);
+            }
             if is_ping {
                 self.sound_profile.clone_from(&frames);
                 self.note_sent(now);
@@ -215,6 +244,49 @@ impl State {
         true
     }
 
+    /// Many pings in place of the one in `frames`, a piece a millisecond until the next is due.
+    fn crowded(&mut self, frames: &[u8], due: Timestamp, out: &mut Vec<u8>) {
+        let (crowd, (first, begin_ms)) = (self.crowd, self.counters.newest);
+        for index in 0..crowd {
+            let after_ms = index * PING_INTERVAL_MS / crowd;
+            let stamp = (first.wrapping_add(index), begin_ms.wrapping_add(after_ms));
+            let frames = edited(frames, &mut |profile| {
+                (profile.ping_number, profile.timestamp_ms) = stamp;
+            });
+            let due = due.offset_by(f64::from(after_ms) * 1e-3);
+            match self.pieces.back_mut().filter(|piece| piece.due == due) {
+                Some(piece) => {
+                    piece.frames.extend(frames);
+                    piece.stamps.push(stamp);
+                }
+                None => self.pieces.push_back(Piece {
+                    due,
+                    frames,
+                    stamps: vec![stamp],
+                }),
+            }
+        }
+        self.counters.number = self.counters.number.wrapping_add(crowd - 1);
+        self.piece_due(due, out);
+    }
+
+    /// The piece that is due by then, if there is one.
+    fn piece_due(&mut self, due: Timestamp, out: &mut Vec<u8>) -> bool {
+        let is_due = |piece: &Piece| piece.due <= due;
+        if !self.pieces.front().is_some_and(is_due) {
+            return false;
+        }
+        let Some(piece) = self.pieces.pop_front() else {
+            return false;
+        };
+        for stamp in piece.stamps {
+            self.counters.newest = stamp;
+            self.note_sent(Instant::now());
+        }
+        out.extend(piece.frames);
+        true
+    }
+
     fn note_sent(&mut self, at: Instant) {
         if !self.is_heard {
             return;
@@ -253,7 +325,7 @@ impl EmulatedDevice for Served {
     }
 
     fn next_due(&self) -> Option<Timestamp> {
-        self.links_time(self.sonar.state().device.next_due())
+        self.links_time(self.sonar.state().next_due())
     }
 
     fn next_ping_due(&self) -> Option<Timestamp> {
@@ -262,7 +334,7 @@ impl EmulatedDevice for Served {
 
     fn transmit(&mut self, out: &mut Vec<u8>) {
         let mut state = self.sonar.state();
-        let Some(due) = state.device.next_due() else {
+        let Some(due) = state.next_due() else {
             return;
         };
         let now = Instant::now();
@@ -270,8 +342,11 @@ impl EmulatedDevice for Served {
             let due_s = Duration::try_from_secs_f64(due.as_secs_f64()).unwrap_or_default();
             state.epoch = now.checked_sub(due_s);
         }
+        if state.piece_due(due, out) {
+            return;
+        }
         let frames = state.device.advance(due);
-        state.spoilt(frames, now, out);
+        state.spoilt(frames, due, out);
     }
 
     fn is_finished(&self) -> bool {

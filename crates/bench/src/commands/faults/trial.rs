@@ -59,6 +59,8 @@ pub(super) struct Plan {
     pub(super) environment: Vec<(String, String)>,
     /// Recordings go onto a disk of so many bytes.
     pub(super) disk_bytes: Option<u64>,
+    /// More of the configuration.
+    pub(super) settings: String,
 }
 
 impl Plan {
@@ -69,6 +71,7 @@ impl Plan {
             clock_ms: 0,
             environment: Vec::new(),
             disk_bytes: None,
+            settings: String::new(),
         }
     }
 }
@@ -82,6 +85,8 @@ pub(super) struct Trial {
     pub(super) sonar: Arc<Sonar>,
     pub(super) statuses: Statuses,
     pub(super) bus: Arc<Bus>,
+    /// Where the service's bus listens.
+    pub(super) bus_port: u16,
     /// Where the sonar listens.
     pub(super) listen: ListenUrl,
     pub(super) folder: PathBuf,
@@ -105,7 +110,7 @@ impl Trial {
         let sonar = Sonar::new(Arc::clone(&setup.simulated), setup.seed, plan.clock_ms);
         let (server, listen) = listening(plan.link, &folder, &sonar)?;
         let bus_port = free_port()?;
-        let arguments = arguments(setup, &folder, server.url(), bus_port)?;
+        let arguments = arguments(setup, &folder, (server.url(), bus_port), &plan.settings)?;
         let program = Program::start(&setup.program, &arguments, &plan.environment)?;
         let bus = Arc::new(open_bus(bus_port)?);
         let statuses = Statuses::new(bus.subscribe_status()?);
@@ -118,6 +123,7 @@ impl Trial {
             sonar,
             statuses,
             bus,
+            bus_port,
             listen,
             folder,
             disk,
@@ -241,6 +247,12 @@ impl Trial {
         }
     }
 
+    /// Times that the link did not take what left the sonar.
+    pub(super) fn refused_count(&self) -> u64 {
+        let server = self.server.as_ref();
+        server.map_or(0, |server| server.status().frames_dropped)
+    }
+
     /// Brings the link back where it was.
     ///
     /// # Errors
@@ -253,8 +265,7 @@ impl Trial {
 
     /// Open files and sockets of the program.
     pub(super) fn descriptor_count(&self) -> usize {
-        let folder = format!("/proc/{}/fd", self.program.id());
-        fs::read_dir(folder).map_or(0, Iterator::count)
+        self.program.descriptor_count()
     }
 
     pub(super) fn map(&self) -> PathBuf {
@@ -329,14 +340,14 @@ fn listening(link: Link, folder: &Path, sonar: &Arc<Sonar>) -> anyhow::Result<(S
 fn arguments(
     setup: &Setup,
     folder: &Path,
-    sonar_url: &str,
-    bus_port: u16,
+    (sonar_url, bus_port): (&str, u16),
+    more: &str,
 ) -> anyhow::Result<Vec<String>> {
     let settings = setup.simulated.dive().settings();
     let config = folder.join("config.toml");
     let text = format!(
         "[session]\nrange_start_m = {:?}\nrange_length_m = {:?}\nbin_count = {}\n\
-         ping_interval_ms = {}\n",
+         ping_interval_ms = {}\n{more}",
         settings.range_start_m,
         settings.range_length_m,
         settings.bin_count,
@@ -384,13 +395,13 @@ pub(super) fn open_bus(port: u16) -> anyhow::Result<Bus> {
 }
 
 /// A port of the loopback interface that nothing listens on.
-fn free_port() -> anyhow::Result<u16> {
+pub(super) fn free_port() -> anyhow::Result<u16> {
     let listener = TcpListener::bind("127.0.0.1:0").context("no free port on loopback")?;
     Ok(listener.local_addr()?.port())
 }
 
 /// What is wrong with the map that was left.
-fn map_fault(map: &Path) -> Option<String> {
+pub(super) fn map_fault(map: &Path) -> Option<String> {
     let gaussians = match echosplat_recording::ply::read_map(map) {
         Ok(map) => map.gaussians,
         Err(error) => return Some(format!("the map {}: {error}", map.display())),

@@ -3,7 +3,6 @@
 
 mod report;
 
-use std::collections::HashSet;
 use std::net::TcpListener;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -25,7 +24,7 @@ use crate::config::Config;
 use crate::exit::Finish;
 use crate::pipeline::{
     self, Expectations, Gate, Hooks, Input, OnFinal, OnStatus, Outcome, Part, Patience, Phase,
-    Poses, Setup,
+    Poses, Setup, Shedding,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
@@ -131,7 +130,7 @@ fn set_up(
         gate: Gate::default(),
         bus: Some(Arc::clone(&buses.service)),
         recorder,
-        shed: HashSet::new(),
+        shedding: Shedding::none(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             observer: Some(judge.observer()),

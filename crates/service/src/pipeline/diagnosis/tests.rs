@@ -5,6 +5,7 @@ use echosplat_driver::{DriverStatus, LinkState};
 use super::*;
 use crate::pipeline::poses::Span;
 use crate::pipeline::shared::MapperReport;
+use crate::split::TapeReport;
 
 fn diagnosis(begin: Instant) -> Diagnosis {
     let expectations = Expectations {
@@ -129,4 +130,27 @@ fn growth_of_a_counter_is_news_for_a_while() {
         diagnosis.findings(&status(), at).len()
     };
     assert_eq!((found(1.0), found(2.0), found(2.5)), (1, 1, 0));
+}
+
+#[test]
+fn a_driver_that_answers_again_has_time_to_tell_what_it_kept() {
+    let begin = Instant::now();
+    let mut diagnosis = diagnosis(begin);
+    let mut codes_after = |after_s: u64, silent_s: f64| -> Vec<String> {
+        let (report, mut sonar) = healthy();
+        sonar.since_ping_s = Some(3.0);
+        let mut status = Status::of(report, sonar);
+        status.tape = Some(TapeReport {
+            silent_s: Some(silent_s),
+            ..TapeReport::default()
+        });
+        let found = diagnosis.findings(&status, begin + Duration::from_secs(after_s));
+        found
+            .into_iter()
+            .map(|finding| finding.code.into_owned())
+            .collect()
+    };
+    assert_eq!(codes_after(10, 3.0), ["no-driver"]);
+    assert_eq!(codes_after(11, 0.1), [""; 0]);
+    assert_eq!(codes_after(13, 0.1), ["no-new-pings"]);
 }
