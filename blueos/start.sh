@@ -5,4 +5,6 @@ set -eu
 data=${ECHOSPLAT_DATA-/data}
 given=${ECHOSPLAT_GIVEN-/usr/share/echosplat/echosplat.toml}
 [ -e "$data/echosplat.toml" ] || cp "$given" "$data/echosplat.toml"
+# Threads share two pools of memory, so that what one of them gave back is there for the next.
+export MALLOC_ARENA_MAX=2
 exec echosplat run --config "$data/echosplat.toml" --map "$data/maps/{time}.ply" --record "$data/recordings" "$@"
