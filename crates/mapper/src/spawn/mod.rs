@@ -5,3 +5,4 @@ pub(crate) mod gaussians;
 pub(crate) mod kept;
 pub(crate) mod lobes;
 pub(crate) mod neighbours;
+pub(crate) mod split;

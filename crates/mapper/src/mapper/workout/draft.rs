@@ -1,0 +1,118 @@
+//! What a work-out begins with.
+
+use echosplat_model::{Standing, Switch};
+
+use super::{Mask, Terms, Workout, is, set};
+use crate::accumulate::evidence::{BlockIndex, Horizon, TileIndex};
+use crate::mapper::schedule::Start;
+use crate::parts::LeftOut;
+use crate::spawn::births;
+use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
+use crate::world::World;
+
+/// What all Gaussians start with, alike, of the strength that a typical echo needs.
+const EVEN_STRENGTH: f32 = 0.2;
+/// A place that few looks lit, since it glints, is asked for less evidence.
+const SPAWN_PART_OF_GLINTS: f32 = 0.667;
+/// With more candidates than this, all that any side saw dark is doubted in full.
+const MOST_PLACES: usize = 400_000;
+/// Where forgotten pings made this part of the looks, what is confident is held as it is: the others alone would
+/// find its place less well.
+const HELD_PART: f32 = 0.3;
+
+impl Workout {
+    /// Every place of the tiles with enough evidence, all alike.
+    pub(super) fn take_candidates(
+        &mut self,
+        world: &World,
+        map: &Gaussians,
+        tiles: &[TileIndex],
+        terms: Terms<'_>,
+        left_out: &mut Vec<LeftOut>,
+    ) {
+        let evidence = &world.evidence;
+        let spawn = terms.config.spawn_evidence;
+        let places = |horizon: Horizon, enough: f32| -> Vec<(BlockIndex, Vec<u16>)> {
+            let blocks = tiles
+                .iter()
+                .flat_map(|&tile| evidence.tiles()[tile as usize].blocks.iter());
+            let of_block = |&index: &BlockIndex| {
+                let block = evidence.block(index);
+                (index, births::candidates(evidence, block, horizon, enough))
+            };
+            blocks.map(of_block).collect()
+        };
+        let mut found = match terms.at_work.glints {
+            true => places(Horizon::Eighths, SPAWN_PART_OF_GLINTS * spawn),
+            false => places(Horizon::Quarters, spawn),
+        };
+        let count: usize = found.iter().map(|(_, voxels)| voxels.len()).sum();
+        if terms.at_work.glints && count > MOST_PLACES && terms.config.parts.glints == Switch::Auto
+        {
+            left_out.push(LeftOut::glints_of_crowd(count));
+            found = places(Horizon::Quarters, spawn);
+        }
+        let (scale_m, strength) = (0.5 * self.voxel_m, EVEN_STRENGTH * terms.unit_strength);
+        for (index, voxels) in found {
+            let (block, mut mask) = (evidence.block(index), Mask::default());
+            let (key, is_held) = (block.key, self.hold(world, map, index));
+            for &(voxel, slot) in &block.gaussians {
+                if map.stage[slot as usize] == Stage::Worked && !is(&is_held, voxel) {
+                    set(&mut mask, voxel);
+                }
+            }
+            for voxel in voxels {
+                if is(&is_held, voxel) {
+                    continue;
+                }
+                let center_m = evidence.center_m(key, voxel.into());
+                let slot = self
+                    .draft
+                    .spawn(center_m, (index, voxel), scale_m, strength);
+                self.draft.verdict[slot as usize] = Verdict::ExplainedAway;
+                set(&mut mask, voxel);
+            }
+            self.blocks.push((index, mask));
+        }
+    }
+
+    /// Takes what is confident as it is where forgotten pings told much of it; its voxels.
+    fn hold(&mut self, world: &World, map: &Gaussians, index: BlockIndex) -> Mask {
+        let mut held = Mask::default();
+        let tile = &world.evidence.tiles()[world.evidence.tile_of(index) as usize];
+        if self.start == Start::Even || tile.forgotten_looks < HELD_PART * tile.looks {
+            return held;
+        }
+        for &(voxel, slot) in &world.evidence.block(index).gaussians {
+            let is_confident =
+                map.verdict[slot as usize] == Verdict::Published(Standing::Confident);
+            if is_confident {
+                set(&mut held, voxel);
+                self.draft.adopt(map, slot as usize, Stage::Background);
+            }
+        }
+        held
+    }
+
+    /// What was worked out before of the other tiles that the pings see.
+    pub(super) fn take_background(&mut self, world: &World, map: &Gaussians, tiles: &[TileIndex]) {
+        let evidence = &world.evidence;
+        let radius_m = evidence.tile_radius_m();
+        for (index, tile) in evidence.tiles().iter().enumerate() {
+            let is_seen = || {
+                let mut pings = self.pings.iter();
+                pings.any(|past| past.fan.touches(tile.center_m, radius_m))
+            };
+            if tile.worked_looks <= 0.0 || tiles.contains(&(index as TileIndex)) || !is_seen() {
+                continue;
+            }
+            for &block in &tile.blocks {
+                for &(_, slot) in &evidence.block(block).gaussians {
+                    if map.stage[slot as usize] == Stage::Worked {
+                        self.draft.adopt(map, slot as usize, Stage::Background);
+                    }
+                }
+            }
+        }
+    }
+}

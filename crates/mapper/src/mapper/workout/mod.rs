@@ -1,0 +1,335 @@
+//! Tiles worked out: strengths, places, shapes and verdicts of their Gaussians from the pings that see them,
+//! beside what stands around held still.
+//!
+//! The one process of estimation. Work is done in portions, on a draft; the map shows the tiles as they were until
+//! the draft is done.
+//!
+//! Cost: about seven looks at each ping that sees the tiles, four where it starts from the map, fewer where more
+//! would say nothing new.
+
+mod draft;
+mod keep;
+mod placing;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use echosplat_model::glam::Vec3;
+
+use crate::MapperConfig;
+use crate::accumulate::evidence::{BlockIndex, TileIndex, VOXELS};
+use crate::accumulate::finding::Finding;
+use crate::accumulate::history::{Past, every};
+use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, judge, tails};
+use crate::mapper::schedule::{Action, INTERLEAVE, Start, actions};
+use crate::parts::{AtWork, Extent, LeftOut};
+use crate::refine::expectation::{
+    Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
+};
+use crate::refine::inherit::inherit;
+use crate::refine::scene::Scene;
+use crate::refine::shape::align;
+use crate::seabed::Seabed;
+use crate::spawn::gaussians::{Gaussians, Verdict};
+use crate::spawn::split::split_confident;
+use crate::world::World;
+pub(crate) use keep::keep;
+
+/// Candidates below this part of their strongest neighbour are not worth further work.
+const TAIL_PART: f32 = 0.05;
+/// Looks made at each ping, all steps together.
+const LOOKS_PER_PING: f64 = 7.5;
+/// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
+const ENOUGH_PAIRS: f64 = 12_000.0;
+/// The part of them that a start from the map needs, since the map knows the rest.
+const ENOUGH_FROM_MAP: f64 = 0.125;
+/// So many times fewer looks see every ping about once over all steps.
+const NEVER_TWICE: f64 = LOOKS_PER_PING;
+/// Steps of offset from one step to the next.
+const OFFSET_STRIDE: f64 = 5.0;
+/// Pings that tell how many pairs each has.
+const SAMPLE: usize = 64;
+/// Pairs of a portion, about 10 ms on two cores.
+const PORTION_PAIRS: f64 = 2e6;
+
+/// Voxels of a block, a bit each.
+type Mask = [u64; VOXELS / 64];
+
+fn is(mask: &Mask, voxel: u16) -> bool {
+    mask[usize::from(voxel) / 64] >> (voxel % 64) & 1 == 1
+}
+
+fn set(mask: &mut Mask, voxel: u16) {
+    mask[usize::from(voxel) / 64] |= 1 << (voxel % 64);
+}
+
+/// What is going on.
+#[derive(Debug)]
+enum Doing {
+    Strengthen(Pass<StepSums>, f32),
+    Localise(Pass<Pull>),
+    Assess(Pass<Finding>, Rule, f32),
+}
+
+/// Some tiles while they are worked out.
+#[derive(Debug)]
+pub(crate) struct Workout {
+    /// Tiles, and how often each had been looked at.
+    tiles: Vec<(TileIndex, f32)>,
+    start: Start,
+    /// Blocks in them, and the voxels that are worked out: candidates, and what was one before.
+    blocks: Vec<(BlockIndex, Mask)>,
+    pings: Vec<Arc<Past>>,
+    draft: Gaussians,
+    at_work: AtWork,
+    demand: Demand,
+    floor: f32,
+    most_pairs: f64,
+    voxel_m: f32,
+    pairs_per_ping: f64,
+    actions: VecDeque<Action>,
+    doing: Option<Doing>,
+    iterations: u64,
+}
+
+/// What a work-out is told beside the pings.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Terms<'a> {
+    pub(crate) config: &'a MapperConfig,
+    pub(crate) at_work: AtWork,
+    /// Least noise power to reckon with.
+    pub(crate) floor: f32,
+    /// Strength that a typical echo needs of a Gaussian of one voxel.
+    pub(crate) unit_strength: f32,
+}
+
+impl Workout {
+    /// Of these tiles. `left_out` is told what they do without.
+    pub(crate) fn begin(
+        world: &World,
+        map: &Gaussians,
+        pings: &[Arc<Past>],
+        tiles: Vec<TileIndex>,
+        start: Start,
+        terms: Terms<'_>,
+        left_out: &mut Vec<LeftOut>,
+    ) -> Self {
+        let (evidence, voxel_m) = (&world.evidence, world.evidence.voxel_m());
+        let radius_m = evidence.tile_radius_m();
+        let centers_m: Vec<Vec3> = tiles
+            .iter()
+            .map(|&tile| evidence.tiles()[tile as usize].center_m)
+            .collect();
+        let sees = |past: &&Arc<Past>| {
+            let is_of_use = terms.at_work.empty == Extent::All || !past.profile.echoes.is_empty();
+            is_of_use
+                && centers_m
+                    .iter()
+                    .any(|&at_m| past.fan.touches(at_m, radius_m))
+        };
+        let pings: Vec<Arc<Past>> = pings.iter().filter(sees).map(Arc::clone).collect();
+        let mut workout = Self {
+            tiles: Vec::new(),
+            start,
+            blocks: Vec::new(),
+            pings,
+            draft: Gaussians::default(),
+            at_work: terms.at_work,
+            demand: Demand::of(terms.config, terms.at_work),
+            floor: terms.floor,
+            most_pairs: terms.config.workout_pairs as f64,
+            voxel_m,
+            pairs_per_ping: 0.0,
+            actions: actions(terms.config.workout_passes, start, terms.at_work),
+            doing: None,
+            iterations: 0,
+        };
+        workout.take_candidates(world, map, &tiles, terms, left_out);
+        if start == Start::Map {
+            let blocks = workout.blocks.iter();
+            let known = blocks.flat_map(|&(block, _)| evidence.block(block).gaussians.iter());
+            let known: Vec<u32> = known.map(|&(_, slot)| slot).collect();
+            inherit(&mut workout.draft, map, &known, voxel_m);
+        }
+        workout.take_background(world, map, &tiles);
+        let looks = |tile: TileIndex| (tile, evidence.tiles()[tile as usize].looks);
+        workout.tiles = tiles.into_iter().map(looks).collect();
+        workout.count_pairs(world);
+        workout
+    }
+
+    fn count_pairs(&mut self, world: &World) {
+        let sample: Vec<Arc<Past>> = self
+            .pings
+            .iter()
+            .step_by(self.pings.len() / SAMPLE + 1)
+            .map(Arc::clone)
+            .collect();
+        let count = sample.len();
+        let mut pass = Pass::<StepSums>::over(sample, &world.evidence, &self.draft);
+        let pairs = pass.advance(self.scene(world, false), count, |_, (): &mut (), _, _| ());
+        self.pairs_per_ping = pairs as f64 / count.max(1) as f64;
+    }
+
+    fn scene<'a>(&'a self, world: &'a World, is_blurred: bool) -> Scene<'a> {
+        Scene {
+            evidence: &world.evidence,
+            gaussians: &self.draft,
+            floor: self.floor,
+            is_blurred,
+            at_work: self.at_work,
+        }
+    }
+
+    /// How many times fewer looks do, at least 1: to stay within the work allowed, and since what has been seen
+    /// often enough gains nothing.
+    fn thinning(&self) -> f64 {
+        let pings = self.pings.len() as f64;
+        let pass = pings * self.pairs_per_ping;
+        let within_work = LOOKS_PER_PING * pass / self.most_pairs;
+        let gaussians = self.draft.alive_count().max(1) as f64;
+        let enough = match self.at_work.converged {
+            Extent::All => 0.0,
+            Extent::Useful => {
+                let part = match self.start {
+                    Start::Even => 1.0,
+                    Start::Map => ENOUGH_FROM_MAP,
+                };
+                pass / (part * ENOUGH_PAIRS * gaussians)
+            }
+            Extent::None => NEVER_TWICE,
+        };
+        // At least some dozens of looks a step, however crowded the map.
+        let most = (pings / (64.0 * INTERLEAVE)).max(1.0);
+        within_work.max(enough).clamp(1.0, most)
+    }
+
+    pub(crate) fn tile_count(&self) -> u64 {
+        self.tiles.len() as u64
+    }
+
+    /// Whether nothing is left to do.
+    pub(crate) fn is_done(&self) -> bool {
+        self.doing.is_none() && self.actions.is_empty()
+    }
+
+    /// Does the next portion. Returns pairs done.
+    pub(crate) fn advance(&mut self, world: &World, seabed: &Seabed) -> u64 {
+        match self.doing.take() {
+            Some(doing) => self.go_on(doing, world, seabed),
+            None => {
+                if let Some(action) = self.actions.pop_front() {
+                    self.begin_action(action, world);
+                }
+                0
+            }
+        }
+    }
+
+    fn begin_action(&mut self, action: Action, world: &World) {
+        let over = |offset: f64, stride: f64| every(&self.pings, offset, stride);
+        match action {
+            Action::Strengthen { step, interleave } => {
+                let interleave = interleave * self.thinning();
+                // A stride through the offsets keeps neighbouring steps on different sweeps.
+                let pings = over((step as f64 * OFFSET_STRIDE) % interleave, interleave);
+                let pass = Pass::over(pings, &world.evidence, &self.draft);
+                self.doing = Some(Doing::Strengthen(pass, interleave as f32));
+            }
+            Action::Localise => {
+                let pass = Pass::over(
+                    over(0.0, 2.0 * self.thinning()),
+                    &world.evidence,
+                    &self.draft,
+                );
+                self.doing = Some(Doing::Localise(pass));
+            }
+            Action::Assess { stride } => {
+                let stride = stride * self.thinning();
+                let pass = Pass::over(over(0.0, stride), &world.evidence, &self.draft);
+                let rule = Rule::of(&self.scene(world, true), self.demand);
+                self.doing = Some(Doing::Assess(pass, rule, stride as f32));
+            }
+            Action::DropTails => {
+                let before = self.draft.alive_count().max(1) as f64;
+                for slot in tails(&self.draft, self.voxel_m, TAIL_PART) {
+                    self.draft.remove(slot as u32);
+                }
+                self.pairs_per_ping *= self.draft.alive_count() as f64 / before;
+            }
+            Action::Split => split_confident(&mut self.draft, self.voxel_m),
+            Action::Align => align(&mut self.draft, self.voxel_m),
+        }
+    }
+
+    fn go_on(&mut self, doing: Doing, world: &World, seabed: &Seabed) -> u64 {
+        let count = (PORTION_PAIRS / self.pairs_per_ping.max(1.0)) as usize + 1;
+        let pairs;
+        match doing {
+            Doing::Strengthen(mut pass, stride) => {
+                pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
+                if pass.is_done() {
+                    let (sums, all, looks) = pass.finish();
+                    self.worked(all, looks);
+                    maximise(&mut self.draft, &sums, stride, self.at_work);
+                    self.iterations += 1;
+                } else {
+                    self.doing = Some(Doing::Strengthen(pass, stride));
+                }
+            }
+            Doing::Localise(mut pass) => {
+                pairs = pass.advance(self.scene(world, false), count, pulls_of_ping);
+                if pass.is_done() {
+                    let (pulls, all, looks) = pass.finish();
+                    self.worked(all, looks);
+                    localise(&mut self.draft, &pulls, 0.5 * self.voxel_m, self.voxel_m);
+                } else {
+                    self.doing = Some(Doing::Localise(pass));
+                }
+            }
+            Doing::Assess(mut pass, rule, stride) => {
+                let draft = &self.draft;
+                let each = |tally: &mut _, desk: &mut Desk, past: &_, sight: &_| {
+                    findings_of_ping(tally, desk, past, sight, draft, rule);
+                };
+                pairs = pass.advance(self.scene(world, true), count, each);
+                if pass.is_done() {
+                    let (findings, ..) = pass.finish();
+                    self.judge(&findings, stride, seabed);
+                } else {
+                    self.doing = Some(Doing::Assess(pass, rule, stride));
+                }
+            }
+        }
+        pairs
+    }
+
+    fn worked(&mut self, pairs: u64, looks: usize) {
+        if looks > 0 {
+            self.pairs_per_ping = pairs as f64 / looks as f64;
+        }
+    }
+
+    fn judge(&mut self, findings: &[Finding], stride: f32, seabed: &Seabed) {
+        let is_worked_on: Vec<bool> = (0..self.draft.slot_count())
+            .map(|slot| self.draft.is_worked_on(slot))
+            .collect();
+        let told: Vec<Finding> = (0..self.draft.slot_count())
+            .map(|slot| {
+                let mut finding = findings[slot].times(stride);
+                if let Some(kept) = &self.draft.kept[slot] {
+                    finding.add(&kept.finding_of(self.draft.part[slot]));
+                }
+                finding
+            })
+            .collect();
+        let finding_of = |slot: usize| is_worked_on[slot].then(|| told[slot]);
+        judge(&mut self.draft, finding_of, self.voxel_m, self.demand);
+        // Nothing is seen through the ground.
+        for slot in 0..self.draft.slot_count() {
+            if self.draft.alive[slot] && seabed.hides(self.draft.mean_m[slot]) {
+                self.draft.verdict[slot] = Verdict::ExplainedAway;
+            }
+        }
+    }
+}
