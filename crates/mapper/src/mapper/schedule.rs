@@ -2,6 +2,7 @@
 
 use std::collections::VecDeque;
 
+use crate::accumulate::evidence::TileIndex;
 use crate::parts::AtWork;
 
 /// A step looks at every so many-th ping.
@@ -39,6 +40,15 @@ pub(crate) enum Start {
     Even,
     /// With what the map holds at their places: fewer steps do, but each start from the map makes it sharper.
     Map,
+}
+
+/// Tiles to be worked out, and how.
+#[derive(Debug)]
+pub(crate) struct Due {
+    pub(crate) tiles: Vec<TileIndex>,
+    pub(crate) start: Start,
+    /// Whether the dive goes on, so that what comes late is old.
+    pub(crate) is_live: bool,
 }
 
 /// Few looks sort out most candidates; the rest is worth all of them.

@@ -7,7 +7,7 @@ use super::intake::sources;
 use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::repeats::Repeats;
-use crate::mapper::schedule::Start;
+use crate::mapper::schedule::{Due, Start};
 use crate::mapper::workout::{Terms, Workout, keep};
 use crate::parts::{MapCues, decide};
 use crate::seabed::Seabed;
@@ -20,9 +20,6 @@ const GROWN: f32 = 1.05;
 /// Tiles that were looked at so many times as often as when they were last worked out anew are so again: starts
 /// from the map alone would make it ever sharper.
 const ANEW: f32 = 2.0;
-
-/// What is to be worked out, and how.
-pub(super) type Due = (Vec<TileIndex>, Start);
 
 impl Mapper {
     /// Does as much work as `pings` more of them allow. Work that finds nothing to do is not saved up: it would come
@@ -81,8 +78,7 @@ impl Mapper {
 
     /// Begins to work out what is due; whether there is anything.
     pub(super) fn begin_workout(&mut self, due: fn(&Evidence) -> Option<Due>) -> bool {
-        let Some((tiles, start)) = self.world.as_ref().and_then(|world| due(&world.evidence))
-        else {
+        let Some(due) = self.world.as_ref().and_then(|world| due(&world.evidence)) else {
             return false;
         };
         self.decide();
@@ -96,7 +92,7 @@ impl Mapper {
             return false;
         };
         let (map, pings, left_out) = (&self.gaussians, self.history.pings(), &mut self.left_out);
-        let begin = || Workout::begin(world, map, pings, tiles, start, terms, left_out);
+        let begin = || Workout::begin(world, map, pings, due, terms, left_out);
         self.workout = Some(self.pool.install(begin));
         self.status.workouts += 1;
         true
@@ -173,7 +169,12 @@ fn due(evidence: &Evidence) -> Option<Due> {
         true => Start::Even,
         false => Start::Map,
     };
-    (stale > STALE_PART * held).then_some((tiles, start))
+    let due = Due {
+        tiles,
+        start,
+        is_live: true,
+    };
+    (stale > STALE_PART * held).then_some(due)
 }
 
 /// At the end of the data: all that was looked at since it was worked out anew, or since it was worked out where
@@ -184,12 +185,17 @@ pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
         let tiles = tiles.filter(|(_, tile)| is_due(tile));
         tiles.map(|(index, _)| index as TileIndex).collect()
     };
+    let in_full = |tiles: Vec<TileIndex>, start: Start| Due {
+        tiles,
+        start,
+        is_live: false,
+    };
     let anew = of(|tile| tile.forgotten_looks <= 0.0 && tile.looks > tile.even_looks);
     if !anew.is_empty() {
-        return Some((anew, Start::Even));
+        return Some(in_full(anew, Start::Even));
     }
     let more = of(|tile| tile.forgotten_looks > 0.0 && tile.looks > tile.worked_looks);
-    (!more.is_empty()).then_some((more, Start::Map))
+    (!more.is_empty()).then(|| in_full(more, Start::Map))
 }
 
 fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {

@@ -21,7 +21,7 @@ use crate::accumulate::evidence::{BlockIndex, TileIndex, VOXELS};
 use crate::accumulate::finding::Finding;
 use crate::accumulate::history::{Past, every};
 use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, judge, tails};
-use crate::mapper::schedule::{Action, INTERLEAVE, Start, actions};
+use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
     Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
@@ -37,6 +37,9 @@ pub(crate) use keep::keep;
 
 /// Candidates below this part of their strongest neighbour are not worth further work.
 const TAIL_PART: f32 = 0.05;
+/// While the dive goes on a work-out takes at most this part of the pairs that its pings allowed, since what it shows is
+/// as old when it is done.
+const LAG: f64 = 0.5;
 /// Looks made at each ping, all steps together.
 const LOOKS_PER_PING: f64 = 7.5;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
@@ -85,11 +88,15 @@ pub(crate) struct Workout {
     demand: Demand,
     floor: f32,
     most_pairs: f64,
+    /// The same were there no need to be done soon.
+    most_pairs_in_full: f64,
     voxel_m: f32,
     pairs_per_ping: f64,
     actions: VecDeque<Action>,
     doing: Option<Doing>,
     iterations: u64,
+    /// Whether it looks less often than it would if there were time.
+    is_hurried: bool,
 }
 
 /// What a work-out is told beside the pings.
@@ -103,17 +110,30 @@ pub(crate) struct Terms<'a> {
     pub(crate) unit_strength: f32,
 }
 
+/// Pairs that a work-out over so many pings may take.
+fn most_pairs(config: &MapperConfig, is_live: bool, pings: usize) -> f64 {
+    let in_full = config.workout_pairs as f64;
+    match is_live {
+        true => in_full.min(LAG * pings as f64 * config.work_pairs_per_ping as f64),
+        false => in_full,
+    }
+}
+
 impl Workout {
     /// Of these tiles. `left_out` is told what they do without.
     pub(crate) fn begin(
         world: &World,
         map: &Gaussians,
         pings: &[Arc<Past>],
-        tiles: Vec<TileIndex>,
-        start: Start,
+        due: Due,
         terms: Terms<'_>,
         left_out: &mut Vec<LeftOut>,
     ) -> Self {
+        let Due {
+            tiles,
+            start,
+            is_live,
+        } = due;
         let (evidence, voxel_m) = (&world.evidence, world.evidence.voxel_m());
         let radius_m = evidence.tile_radius_m();
         let centers_m: Vec<Vec3> = tiles
@@ -132,17 +152,19 @@ impl Workout {
             tiles: Vec::new(),
             start,
             blocks: Vec::new(),
-            pings,
             draft: Gaussians::default(),
             at_work: terms.at_work,
             demand: Demand::of(terms.config, terms.at_work),
             floor: terms.floor,
-            most_pairs: terms.config.workout_pairs as f64,
+            most_pairs: most_pairs(terms.config, is_live, pings.len()),
+            most_pairs_in_full: terms.config.workout_pairs as f64,
+            pings,
             voxel_m,
             pairs_per_ping: 0.0,
             actions: actions(terms.config.workout_passes, start, terms.at_work),
             doing: None,
             iterations: 0,
+            is_hurried: false,
         };
         workout.take_candidates(world, map, &tiles, terms, left_out);
         if start == Start::Map {
@@ -155,6 +177,8 @@ impl Workout {
         let looks = |tile: TileIndex| (tile, evidence.tiles()[tile as usize].looks);
         workout.tiles = tiles.into_iter().map(looks).collect();
         workout.count_pairs(world);
+        workout.is_hurried =
+            workout.thinning(workout.most_pairs) > workout.thinning(workout.most_pairs_in_full);
         workout
     }
 
@@ -181,12 +205,18 @@ impl Workout {
         }
     }
 
+    /// Whether what is under way is the last assessment.
+    fn is_last_assessment(&self) -> bool {
+        let is_assessment = |action: &Action| matches!(action, Action::Assess { .. });
+        !self.actions.iter().any(is_assessment)
+    }
+
     /// How many times fewer looks do, at least 1: to stay within the work allowed, and since what has been seen
     /// often enough gains nothing.
-    fn thinning(&self) -> f64 {
+    fn thinning(&self, most_pairs: f64) -> f64 {
         let pings = self.pings.len() as f64;
         let pass = pings * self.pairs_per_ping;
-        let within_work = LOOKS_PER_PING * pass / self.most_pairs;
+        let within_work = LOOKS_PER_PING * pass / most_pairs;
         let gaussians = self.draft.alive_count().max(1) as f64;
         let enough = match self.at_work.converged {
             Extent::All => 0.0,
@@ -230,22 +260,23 @@ impl Workout {
         let over = |offset: f64, stride: f64| every(&self.pings, offset, stride);
         match action {
             Action::Strengthen { step, interleave } => {
-                let interleave = interleave * self.thinning();
+                let interleave = interleave * self.thinning(self.most_pairs);
                 // A stride through the offsets keeps neighbouring steps on different sweeps.
                 let pings = over((step as f64 * OFFSET_STRIDE) % interleave, interleave);
                 let pass = Pass::over(pings, &world.evidence, &self.draft);
                 self.doing = Some(Doing::Strengthen(pass, interleave as f32));
             }
             Action::Localise => {
-                let pass = Pass::over(
-                    over(0.0, 2.0 * self.thinning()),
-                    &world.evidence,
-                    &self.draft,
-                );
+                let pings = over(0.0, 2.0 * self.thinning(self.most_pairs));
+                let pass = Pass::over(pings, &world.evidence, &self.draft);
                 self.doing = Some(Doing::Localise(pass));
             }
             Action::Assess { stride } => {
-                let stride = stride * self.thinning();
+                let most_pairs = match self.is_last_assessment() {
+                    true => self.most_pairs_in_full,
+                    false => self.most_pairs,
+                };
+                let stride = stride * self.thinning(most_pairs);
                 let pass = Pass::over(over(0.0, stride), &world.evidence, &self.draft);
                 let rule = Rule::of(&self.scene(world, true), self.demand);
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
@@ -331,5 +362,23 @@ impl Workout {
                 self.draft.verdict[slot] = Verdict::ExplainedAway;
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn haste_takes_part_of_what_pings_allow_and_the_end_of_the_data_all_that_may_be() {
+        let config = MapperConfig {
+            work_pairs_per_ping: 1000,
+            workout_pairs: 1_000_000,
+            ..MapperConfig::default()
+        };
+        let of = |is_live, pings| most_pairs(&config, is_live, pings);
+        assert!((of(true, 100) - LAG * 1e5).abs() < 1.0);
+        assert!((of(true, 100_000) - 1e6).abs() < 1.0);
+        assert!((of(false, 100) - 1e6).abs() < 1.0);
     }
 }
