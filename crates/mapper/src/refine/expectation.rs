@@ -29,6 +29,9 @@ const CHUNK: usize = 32;
 const CHUNKS_AT_ONCE: usize = 8;
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
+/// Of what a pass tells of all sides, what it counts for each that it is like the mean of them. Looks along a surface
+/// face one of its sides by a few per cent, and what they leave over would make it many times the others.
+const ALIKE: f32 = 0.005;
 /// Exponent for counts over that for gamma speckle.
 const COUNTS_STEP: f32 = 2.0;
 
@@ -168,6 +171,7 @@ pub(crate) fn maximise(gaussians: &mut Gaussians, sums: &[StepSums], stride: f32
                 strength.scale(even.x);
                 return;
             }
+            add_alike(&mut pull, &mut weight, strength, exponent);
             strength.ahead *= step(pull.ahead, weight.ahead, exponent);
             strength.behind *= step(pull.behind, weight.behind, exponent);
             known.ahead |= weight.ahead.cmpgt(Vec3::ZERO);
@@ -186,14 +190,36 @@ fn add_kept(
 ) {
     let mut kept_weight = kept.weight;
     kept_weight.scale(stride.recip());
-    let back = |kept: Vec3, now: Vec3| {
-        (kept / now.max(Vec3::splat(f32::MIN_POSITIVE))).powf(exponent.recip())
-    };
     weight.add(&kept_weight);
-    pull.add(&Lobes {
-        ahead: kept_weight.ahead * back(kept.strength.ahead, now.ahead),
-        behind: kept_weight.behind * back(kept.strength.behind, now.behind),
-    });
+    pull.add(&pull_to(&kept.strength, &kept_weight, now, exponent));
+}
+
+/// Adds to both sums that each side that was told of is like the mean of all, with the weight of [`ALIKE`].
+fn add_alike(pull: &mut Lobes, weight: &mut Lobes, now: &Lobes, exponent: f32) {
+    let all = weight.sum();
+    let mean = (weight.ahead.dot(now.ahead) + weight.behind.dot(now.behind)) / all;
+    if !mean.is_finite() {
+        return;
+    }
+    let if_told =
+        |told: Vec3| Vec3::select(told.cmpgt(Vec3::ZERO), Vec3::splat(ALIKE * all), Vec3::ZERO);
+    let alike = Lobes {
+        ahead: if_told(weight.ahead),
+        behind: if_told(weight.behind),
+    };
+    weight.add(&alike);
+    pull.add(&pull_to(&Lobes::even(mean), &alike, now, exponent));
+}
+
+/// The numerator that with the denominator `weight` would bring each side from `now` to `goal`.
+fn pull_to(goal: &Lobes, weight: &Lobes, now: &Lobes, exponent: f32) -> Lobes {
+    let ratio = |goal: Vec3, now: Vec3| {
+        (goal / now.max(Vec3::splat(f32::MIN_POSITIVE))).powf(exponent.recip())
+    };
+    Lobes {
+        ahead: weight.ahead * ratio(goal.ahead, now.ahead),
+        behind: weight.behind * ratio(goal.behind, now.behind),
+    }
 }
 
 /// The factors of three sides; a side that no ping of the pass saw keeps its strength.
@@ -503,6 +529,33 @@ mod tests {
         let (light, heavy) = (after(0.01), after(100.0));
         assert!((light - 1.0).abs() < 0.1, "{light}");
         assert!((heavy - 2.0).abs() < 0.1, "{heavy}");
+    }
+
+    #[test]
+    fn a_side_that_hardly_any_look_faces_is_like_the_others() {
+        let sides = |x: f32, y: f32| Lobes {
+            ahead: Vec3::new(x, y, 0.0),
+            behind: Vec3::ZERO,
+        };
+        let ends = |y_pull: f32, y_weight: f32| {
+            let mut now = Lobes::even(1.0);
+            for _ in 0..100 {
+                // What these looks alone would have: 1 towards x, √(pull/weight) towards y.
+                let mut weight = sides(100.0, y_weight);
+                let mut pull = sides(100.0 / now.ahead.x.powi(2), y_pull / now.ahead.y.powi(2));
+                add_alike(&mut pull, &mut weight, &now, FULL_STEP);
+                now.ahead *= step(pull.ahead, weight.ahead, FULL_STEP);
+            }
+            now.ahead
+        };
+        let hardly = ends(1.0, 0.01);
+        assert!((hardly.x - 1.0).abs() < 0.01 && hardly.y < 2.0, "{hardly}");
+        let well = ends(100.0 * 9.0, 100.0);
+        assert!(
+            (well.x - 1.0).abs() < 0.05 && (well.y - 3.0).abs() < 0.05,
+            "{well}"
+        );
+        assert!(hardly.z == 1.0, "a side that was never seen: {hardly}");
     }
 
     #[test]
