@@ -47,7 +47,7 @@ pub(crate) enum Start {
 pub(crate) struct Due {
     pub(crate) tiles: Vec<TileIndex>,
     pub(crate) start: Start,
-    /// Whether the dive goes on, so that what comes late is old.
+    /// Whether the dive goes on and all its pings are there for the end: what comes late is old.
     pub(crate) is_live: bool,
 }
 

@@ -172,7 +172,8 @@ fn due(evidence: &Evidence) -> Option<Due> {
     let due = Due {
         tiles,
         start,
-        is_live: true,
+        // What forgotten pings told cannot be done in full later.
+        is_live: is_remembered,
     };
     (stale > STALE_PART * held).then_some(due)
 }
