@@ -229,6 +229,7 @@ impl Shared {
             DriverEvent::Ping { .. }
             | DriverEvent::ClockStepped
             | DriverEvent::Mark(_)
+            | DriverEvent::GoesOn
             | DriverEvent::Ended => {}
         }
     }
