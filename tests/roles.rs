@@ -184,19 +184,21 @@ fn a_mapper_that_starts_late_goes_on_from_the_drivers_recording() {
 
 /// Copies a recording, with these events at its end.
 fn copy_with(recording: &Path, copy: &Path, events: &[Value]) {
-    let mut reader = RecordingReader::open(&[recording]).unwrap();
-    let mut file = RecordingFile::create(copy, "map").unwrap();
+    let mut reader = RecordingReader::open(&[recording]).expect("a recording");
+    let mut file = RecordingFile::create(copy, "map").expect("there is room");
+    let mut write = |time, record: &Record| {
+        let written = file.writer().write(time, record);
+        written.expect("there is room");
+    };
     let mut last = Timestamp::ZERO;
-    while let Some(message) = reader.next_message().unwrap() {
+    while let Some(message) = reader.next_message().expect("it can be read") {
         last = message.host_time;
-        file.writer().write(last, &message.record).unwrap();
+        write(last, &message.record);
     }
     for event in events {
-        file.writer()
-            .write(last, &Record::Event(event.clone()))
-            .unwrap();
+        write(last, &Record::Event(event.clone()));
     }
-    file.finish().unwrap();
+    file.finish().expect("there is room");
 }
 
 #[test]
@@ -238,12 +240,7 @@ fn a_mapper_that_resumes_gives_up_what_its_recording_says_it_did() {
     let told = work_shed_in(&own);
     assert!(told.len() == 1 && told[0]["is_shed"] == false, "{told:?}");
     let summary = replay.only_json();
-    let (shed, shedding) = (&summary["ledger"]["shed"], &summary["shedding"]);
-    assert_eq!(shed, 101, "{summary}");
-    assert!(
-        shedding["pings_without_work"].as_u64() > Some(0),
-        "{summary}"
-    );
+    assert_eq!(summary["ledger"]["shed"], 101, "{summary}");
 }
 
 #[test]
@@ -283,7 +280,7 @@ fn a_mapper_that_is_behind_puts_off_work_and_its_recording_gives_its_map() {
 
 /// What a recording says of work put off, and done again.
 fn work_shed_in(recording: &Path) -> Vec<Value> {
-    let scan = Recording::scan(&[recording]).unwrap();
+    let scan = Recording::scan(&[recording]).expect("a recording");
     let events = scan.events.into_iter().map(|(_, event)| event);
     events
         .filter(|event| event["event"] == "work_shed")
