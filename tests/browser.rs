@@ -213,6 +213,12 @@ fn the_page_draws_and_follows_in_a_browser() {
         "more of it",
         "echosplat.stats().updates > 30 && echosplat.pings.list.length > 100",
     );
+    let told = browser.evaluate("document.getElementById('status').textContent");
+    let told = told.as_str().unwrap();
+    assert!(
+        told.contains("Log read") && !told.contains("Settings confirmed"),
+        "a log is asked for nothing: {told}"
+    );
     let drawn = browser.evaluate("echosplat.lit()");
     let share = drawn["lit"].as_f64().unwrap() / drawn["total"].as_f64().unwrap();
     assert!((0.005..0.9).contains(&share), "{drawn}");

@@ -32,7 +32,9 @@ fn a_replay_is_held_and_goes_on() {
     let mut service = serving(port, "127.0.0.1", &["--rate", "4"]);
     let mut socket = WebSocket::open(port, "/live", &[]).unwrap();
     let asked = |path: &str| ask(port, "POST", path, &[]).status;
-    assert_eq!(next_status(&mut socket)["replay_is_held"], false);
+    let status = next_status(&mut socket);
+    assert_eq!(status["replay_is_held"], false);
+    assert!(status["link"]["configured"].is_null(), "no sonar is asked");
     assert_eq!(asked("/replay/pause"), 200);
     let held = std::iter::repeat_with(|| next_status(&mut socket));
     let mut held = held.skip_while(|status| status["replay_is_held"] != true);

@@ -9,6 +9,10 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
+use echosplat_model::Timestamp;
+use echosplat_recording::mcap::{Record, Recording, RecordingFile, RecordingReader};
+use serde_json::{Value, json};
+
 use crate::harness::{Program, free_port, wait_until_listening};
 use crate::link::newest_count;
 use crate::namespaces::{End, Namespaces};
@@ -178,6 +182,111 @@ fn a_mapper_that_starts_late_goes_on_from_the_drivers_recording() {
     assert_same(&replayed, of_one_process("1"), &replay);
 }
 
+/// Copies a recording, with these events at its end.
+fn copy_with(recording: &Path, copy: &Path, events: &[Value]) {
+    let mut reader = RecordingReader::open(&[recording]).expect("a recording");
+    let mut file = RecordingFile::create(copy, "map").expect("there is room");
+    let mut write = |time, record: &Record| {
+        let written = file.writer().write(time, record);
+        written.expect("there is room");
+    };
+    let mut last = Timestamp::ZERO;
+    while let Some(message) = reader.next_message().expect("it can be read") {
+        last = message.host_time;
+        write(last, &message.record);
+    }
+    for event in events {
+        write(last, &Record::Event(event.clone()));
+    }
+    file.finish().expect("there is room");
+}
+
+#[test]
+fn a_mapper_that_resumes_gives_up_what_its_recording_says_it_did() {
+    let folder = tempfile::tempdir().unwrap();
+    let [resumed, replayed, record, of_driver] =
+        ["resumed.ply", "replayed.ply", "mapper", "driver"].map(|name| folder.path().join(name));
+    let port = free_port();
+    let mut driver = driver("rov", "1", &host(port), &["--record", path(&of_driver)]);
+    wait_until_listening(&mut driver, port);
+    driver.wait_for("some of the dive", LONG, |driver| {
+        newest_count(&driver.stderr(), "pings_heard").filter(|&count| count > 300)
+    });
+    let copy = folder.path().join("copy.mcap");
+    let events = [
+        json!({ "event": "ping_shed", "ping": 40, "through": 140 }),
+        json!({ "event": "work_shed", "ping": 150, "is_shed": true }),
+    ];
+    copy_with(&only_file(&of_driver), &copy, &events);
+    let more = ["--resume", path(&copy), "--map", path(&resumed)];
+    let more = [&more[..], &["--record", path(&record)]].concat();
+    let mut mapper = run("mapper", "rov", &guest(port), &more);
+    driver.wait_exit_code(0, LONG);
+    // One ping in ten is missing in the map.
+    mapper.wait_exit_code(3, LONG);
+
+    let own = only_file(&record);
+    let arguments = [
+        "replay",
+        path(&copy),
+        path(&own),
+        "--map",
+        path(&replayed),
+        "--json",
+    ];
+    let mut replay = Program::echosplat(&arguments);
+    replay.wait_exit_code(3, LONG);
+    assert_same(&resumed, &replayed, &mapper);
+    let told = work_shed_in(&own);
+    assert!(told.len() == 1 && told[0]["is_shed"] == false, "{told:?}");
+    let summary = replay.only_json();
+    assert_eq!(summary["ledger"]["shed"], 101, "{summary}");
+}
+
+#[test]
+fn a_mapper_that_is_behind_puts_off_work_and_its_recording_gives_its_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let [map, replayed, record, config] =
+        ["map.ply", "replayed.ply", "mapper", "short.toml"].map(|name| folder.path().join(name));
+    fs::write(&config, "[pipeline]\nqueue_pings = 8\n").unwrap();
+    let (port, sonar_port) = (free_port(), free_port());
+    let sonar = format!("tcp://127.0.0.1:{sonar_port}");
+    let mut driver = run("driver", "rov", &host(port), &["--sonar", &sonar]);
+    wait_until_listening(&mut driver, port);
+    let _emulated = emulated(&sonar, port);
+    driver.wait_for("some of the dive", LONG, |driver| {
+        newest_count(&driver.stderr(), "pings_heard").filter(|&count| count > 200)
+    });
+    let more = ["--map", path(&map), "--record", path(&record)];
+    let more = [&more[..], &["--config", path(&config)]].concat();
+    let mut mapper = run("mapper", "rov", &guest(port), &more);
+    mapper.wait_for("pings in the map", LONG, |mapper| {
+        newest_count(&mapper.stderr(), "pings_mapped").filter(|&count| count > 300)
+    });
+    driver.interrupt();
+    driver.wait_exit(LONG);
+    let code = mapper.wait_exit(LONG).code();
+    assert!(matches!(code, Some(0 | 3)), "{}", mapper.account());
+
+    let own = only_file(&record);
+    let told = work_shed_in(&own);
+    assert!(!told.is_empty() && told[0]["is_shed"] == true, "{told:?}");
+    let arguments = ["replay", path(&own), "--map", path(&replayed)];
+    let mut replay = Program::echosplat(&arguments);
+    let code = replay.wait_exit(LONG).code();
+    assert!(matches!(code, Some(0 | 3)), "{}", replay.account());
+    assert_same(&map, &replayed, &mapper);
+}
+
+/// What a recording says of work put off, and done again.
+fn work_shed_in(recording: &Path) -> Vec<Value> {
+    let scan = Recording::scan(&[recording]).expect("a recording");
+    let events = scan.events.into_iter().map(|(_, event)| event);
+    events
+        .filter(|event| event["event"] == "work_shed")
+        .collect()
+}
+
 /// A tether that can be cut: passes bytes on, and ends all that it passes on.
 struct Tether {
     is_cut: Arc<AtomicBool>,
@@ -315,6 +424,22 @@ fn two_network_namespaces_and_ten_megabits_give_the_map_of_one_process() {
     assert!(account.contains(" 0 that a mapper missed"), "{account}");
 }
 
+/// A sonar at this address, on the host's clock, and its poses.
+fn emulated(sonar: &str, port: u16) -> Program {
+    let emulate = [
+        "emulate",
+        "--publish-poses",
+        "--node",
+        "rov",
+        "--listen",
+        sonar,
+    ];
+    let emulate = emulate.map(str::to_owned).to_vec();
+    let mut emulated = Program::echosplat(&[emulate, guest(port)].concat());
+    emulated.wait_for_text("listening on", LONG);
+    emulated
+}
+
 #[test]
 fn the_map_goes_on_where_the_driver_was_killed_and_started_again() {
     let folder = tempfile::tempdir().unwrap();
@@ -327,17 +452,7 @@ fn the_map_goes_on_where_the_driver_was_killed_and_started_again() {
         driver
     };
     let first = start();
-    let emulate = [
-        "emulate",
-        "--publish-poses",
-        "--node",
-        "rov",
-        "--listen",
-        &sonar,
-    ];
-    let emulate = emulate.map(str::to_owned).to_vec();
-    let mut emulated = Program::echosplat(&[emulate, guest(port)].concat());
-    emulated.wait_for_text("listening on", LONG);
+    let _emulated = emulated(&sonar, port);
     let mut mapper = run("mapper", "rov", &guest(port), &["--map", path(&map)]);
     let mut wait_mapped_beyond = |count| {
         mapper.wait_for("more pings in the map", LONG, |mapper| {

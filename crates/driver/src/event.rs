@@ -52,6 +52,8 @@ pub enum DriverEvent {
     Warning(String),
     /// A tape is at this mark.
     Mark(u64),
+    /// A tape goes on where what was recorded of it ends.
+    GoesOn,
     /// The log of a `file://` is at its end.
     Ended,
 }

@@ -41,6 +41,9 @@ pub enum TapeItem {
     /// Something else was recorded here: it is told as [`crate::DriverEvent::Mark`], so that whoever
     /// reads the rest of the recording keeps step.
     Mark(u64),
+    /// What follows comes for the first time; what went before was read from a recording of the same
+    /// dive. Told as [`crate::DriverEvent::GoesOn`].
+    GoesOn,
 }
 
 impl TapeItem {
@@ -52,7 +55,7 @@ impl TapeItem {
             Self::Bytes(bytes) => Tapped::Bytes(bytes),
             Self::HalfFrameExpired => Tapped::HalfFrameExpired,
             Self::LinkDown => Tapped::LinkDown,
-            Self::Nothing | Self::Mark(_) => return None,
+            Self::Nothing | Self::Mark(_) | Self::GoesOn => return None,
         })
     }
 }

@@ -71,6 +71,9 @@ impl TapeReader {
         if let TapeItem::Mark(number) = item {
             return self.outlet.send(DriverEvent::Mark(*number));
         }
+        if *item == TapeItem::GoesOn {
+            return self.outlet.send(DriverEvent::GoesOn);
+        }
         if *item == TapeItem::Nothing {
             return match self.outlet.stop.is_set() {
                 true => Flow::Ends,
@@ -103,7 +106,7 @@ impl TapeReader {
                 session.expire_half_frame(time);
                 (LinkState::Up, None)
             }
-            TapeItem::Nothing | TapeItem::Mark(_) => return Flow::GoesOn,
+            TapeItem::Nothing | TapeItem::Mark(_) | TapeItem::GoesOn => return Flow::GoesOn,
             TapeItem::LinkUp => {
                 session.link_restored(time);
                 (LinkState::Up, Some(DriverEvent::LinkUp))

@@ -105,7 +105,7 @@ export class Panels {
       ["Sonar", [LINKS[link.state] ?? link.state, link.device].filter(Boolean).join(", "), link.state === "lost" ? "bad" : ""],
     ];
     if (link.losses) rows.push(["Link lost", `${link.losses === 1 ? "once" : `${link.losses} times`}${link.last_reason ? `: ${link.last_reason}` : ""}`, "warn"]);
-    rows.push(["Settings confirmed", link.configured ? "yes" : "not yet"]);
+    if (link.configured !== null) rows.push(["Settings confirmed", link.configured ? "yes" : "not yet"]);
     if (status.input_share !== null) rows.push(["Log read", `${(100 * status.input_share).toFixed(0)} %`]);
     rows.push(
       ["Pings received", `${shown(status.pings_received)}, ${shown(rates.pings_per_s, 1)}/s`],

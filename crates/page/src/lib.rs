@@ -23,7 +23,7 @@ macro_rules! files {
 }
 
 /// Every file of the live page.
-pub const FILES: [PageFile; 18] = files![
+pub const FILES: [PageFile; 26] = files![
     "index.html",
     "style.css",
     "icon.svg",
@@ -32,15 +32,23 @@ pub const FILES: [PageFile; 18] = files![
     "charts.js",
     "colors.js",
     "connection.js",
+    "drawing.js",
+    "frames.js",
     "history.js",
+    "incoming.js",
+    "legend.js",
     "lines.js",
     "map.js",
     "math.js",
     "panels.js",
     "picture.js",
+    "plots.js",
     "renderer.js",
     "scene.js",
     "shaders.js",
+    "state.js",
+    "time.js",
+    "views.js",
     "wire.js",
 ];
 

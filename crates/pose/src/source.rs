@@ -266,6 +266,15 @@ impl PoseSource {
         }
     }
 
+    /// How many poses were handed over in step with a tape whose marks are still to come.
+    #[must_use]
+    pub fn taped_len(&self) -> usize {
+        match self {
+            Self::Taped(taped) => taped.poses.len(),
+            _ => 0,
+        }
+    }
+
     /// Of a live source: whether it is alive.
     #[must_use]
     pub fn heartbeat(&self) -> Option<&Heartbeat> {

@@ -11,10 +11,12 @@ use echosplat_session::ClockSource;
 use crate::arguments::{DiveArguments, PoseClock, Role, RunArguments};
 use crate::commands::{judge, show_figures};
 use crate::config::{Config, Overrides};
+use crate::decided::Decided;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
     self, Album, Expectations, Gate, Hooks, Input, Part, Patience, Poses, Setup, Shedding,
 };
+use crate::recorder::Recorder;
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
 use crate::split::{Resumed, Vehicle, VehicleTape};
@@ -159,10 +161,12 @@ fn clock_of(driver: &DriverConfig) -> (Patience, StampClock) {
 fn map_what_the_driver_hears(
     config: &Config,
     (album, page): (Option<Album>, Option<&Page>),
-    resumed: Option<Resumed>,
+    mut resumed: Option<Resumed>,
     bus: &Arc<Bus>,
     stop: &Stop,
 ) -> anyhow::Result<Finish> {
+    let decided = resumed.as_mut().map(Resumed::take_decided);
+    let let_go = decided.as_ref().map(|decided| decided.let_go.clone());
     let queue_pings = config.pipeline.queue_pings;
     let met = VehicleTape::meet(bus.follow_tape(), resumed, queue_pings, stop)?;
     let Some((tape, source)) = met else {
@@ -184,8 +188,8 @@ fn map_what_the_driver_hears(
         },
         part: Part::Mapper(tape.state()),
         inputs: vec![tape.recorded_by(recorder.clone()).into_input()],
-        shedding: Shedding::as_it_comes(false, config.pipeline.memory_bytes, recorder.clone()),
-        poses: poses.of_tape(clock, begin.guards_poses),
+        shedding: shedding(config, patience, recorder.clone(), decided),
+        poses: poses.of_tape(clock, begin.guards_poses, let_go.unwrap_or_default()),
         gate: Gate::new(None, None, duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,
@@ -193,6 +197,21 @@ fn map_what_the_driver_hears(
         hooks: hooks(album, page),
     };
     conclude(config, setup, stop)
+}
+
+/// By the load where the sonar waits for nobody; first as a recording says that was resumed.
+fn shedding(
+    config: &Config,
+    patience: Patience,
+    recorder: Option<Recorder>,
+    decided: Option<Decided>,
+) -> Shedding {
+    let by_load = patience == Patience::LetGo;
+    let shedding = Shedding::as_it_comes(by_load, config.pipeline.memory_bytes, recorder);
+    match decided {
+        Some(decided) => shedding.resuming(decided),
+        None => shedding,
+    }
 }
 
 fn hooks(album: Option<Album>, page: Option<&Page>) -> Hooks {
@@ -235,11 +254,7 @@ fn serve(
         },
         part: Part::Whole,
         inputs: vec![Input::link(driver)],
-        shedding: Shedding::as_it_comes(
-            patience == Patience::LetGo,
-            config.pipeline.memory_bytes,
-            recorder.clone(),
-        ),
+        shedding: shedding(config, patience, recorder.clone(), None),
         poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
         gate: Gate::new(None, None, config.output.duration_s),
         bus: Some(Arc::clone(bus)),

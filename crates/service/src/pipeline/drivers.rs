@@ -85,6 +85,11 @@ impl Drivers {
         Ok(drivers)
     }
 
+    /// Whether the input at hand is a link, whose sonar is asked for pings.
+    pub(crate) fn asks_a_sonar(&self) -> bool {
+        self.link.is_some()
+    }
+
     /// How much of the logs has been read, 0 to 1.
     pub(crate) fn share_read(&self) -> Option<f64> {
         let byte_count = self.byte_count.filter(|&count| count > 0)?;

@@ -157,9 +157,16 @@ impl Poses {
     }
 
     /// The poses of a dive whose driver is elsewhere: taken as its tape's marks say, recorded by
-    /// whoever reads that, and judged if their source was live, on the clock of the pings.
-    pub(crate) fn of_tape(mut self, clock: StampClock, guards: bool) -> Self {
+    /// whoever reads that, and judged if their source was live, on the clock of the pings. Pings that
+    /// its recording says were let go are so exactly as then.
+    pub(crate) fn of_tape(
+        mut self,
+        clock: StampClock,
+        guards: bool,
+        let_go: HashMap<u64, Timestamp>,
+    ) -> Self {
         self.guard = guards.then(|| PoseGuard::new(clock));
+        self.join.let_go_again(let_go);
         self.follows_marks = true;
         self.records_poses = false;
         self
@@ -183,6 +190,11 @@ impl Poses {
             self.arrivals.push_back(arrived);
         }
         has_room
+    }
+
+    /// How many marks of a tape are on their way, each with its pose.
+    pub(crate) fn marks_on_their_way(&self) -> usize {
+        self.source.taped_len()
     }
 
     /// Whether one more ping would be dropped.

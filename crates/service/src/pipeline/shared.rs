@@ -100,8 +100,8 @@ pub(crate) struct Link {
     pub(crate) last_reason: Option<String>,
     /// What the device said it is.
     pub(crate) device: Option<String>,
-    /// Whether profiles show the settings asked for.
-    pub(crate) configured: bool,
+    /// Whether profiles show the settings asked for; `null` where no sonar is asked.
+    pub(crate) configured: Option<bool>,
     /// Newest warning about the device.
     pub(crate) warning: Option<String>,
 }
@@ -191,8 +191,13 @@ impl Shared {
         *lock(&self.report) = report;
     }
 
-    pub(crate) fn link(&self) -> Link {
-        lock(&self.link).clone()
+    /// The link as it stands; of a log or a tape, which no sonar is asked for, without what is asked.
+    pub(crate) fn link(&self, asks_a_sonar: bool) -> Link {
+        let link = lock(&self.link).clone();
+        Link {
+            configured: asks_a_sonar.then_some(link.configured == Some(true)),
+            ..link
+        }
     }
 
     /// Keeps what the driver tells of the link; what it does not log itself is logged here.
@@ -203,7 +208,7 @@ impl Shared {
             DriverEvent::LinkDown { reason } => {
                 link.state = LinkState::Lost;
                 link.losses += 1;
-                link.configured = false;
+                link.configured = Some(false);
                 link.last_reason = Some(reason);
             }
             DriverEvent::Identified {
@@ -219,7 +224,7 @@ impl Shared {
             }
             DriverEvent::Configured => {
                 tracing::info!("the sonar pings as asked");
-                link.configured = true;
+                link.configured = Some(true);
             }
             DriverEvent::Warning(warning) => link.warning = Some(warning),
             DriverEvent::Nack { id, text } => {
@@ -229,6 +234,7 @@ impl Shared {
             DriverEvent::Ping { .. }
             | DriverEvent::ClockStepped
             | DriverEvent::Mark(_)
+            | DriverEvent::GoesOn
             | DriverEvent::Ended => {}
         }
     }
@@ -257,9 +263,11 @@ mod tests {
         shared.link_event(DriverEvent::LinkDown {
             reason: "unplugged".into(),
         });
-        let link = shared.link();
+        let link = shared.link(true);
         assert_eq!((link.state, link.losses), (LinkState::Lost, 1));
         assert_eq!(link.last_reason.as_deref(), Some("unplugged"));
+        assert_eq!(link.configured, Some(false));
+        assert_eq!(shared.link(false).configured, None, "nobody is asked");
     }
 
     #[test]

@@ -27,7 +27,10 @@ const MAP_AT_LEAST_EVERY: Duration = Duration::from_secs(10);
 
 /// Decides what is given up, or does as a recorded dive did.
 pub(crate) struct Shedding {
-    decides: Decides,
+    /// What a recorded dive decided, while its pings come again.
+    before: Option<Decided>,
+    /// `None` gives up nothing of its own.
+    now: Option<Limits>,
     recorder: Option<Recorder>,
     work: Level,
     publishing: Level,
@@ -36,14 +39,11 @@ pub(crate) struct Shedding {
     report: SheddingReport,
 }
 
-enum Decides {
-    Nothing,
-    /// `by_load` where pings do not wait for room.
-    Now {
-        by_load: bool,
-        memory: Memory,
-    },
-    Before(Decided),
+/// What is had an eye on.
+struct Limits {
+    /// The load, where the sonar waits for nobody.
+    by_load: bool,
+    memory: Memory,
 }
 
 /// What was given up, and is.
@@ -66,7 +66,7 @@ pub(crate) struct SheddingReport {
 impl Shedding {
     /// Nothing is given up.
     pub(crate) fn none() -> Self {
-        Self::new(Decides::Nothing, None)
+        Self::new(None, None, None)
     }
 
     /// As the load and the memory are; without `by_load` whoever sends pings is held back instead.
@@ -76,17 +76,27 @@ impl Shedding {
             is_full: false,
             next: Instant::now(),
         };
-        Self::new(Decides::Now { by_load, memory }, recorder)
+        Self::new(None, Some(Limits { by_load, memory }), recorder)
     }
 
     /// As a recorded dive did.
     pub(crate) fn as_before(decided: Decided) -> Self {
-        Self::new(Decides::Before(decided), None)
+        Self::new(Some(decided), None, None)
     }
 
-    fn new(decides: Decides, recorder: Option<Recorder>) -> Self {
+    /// The same while pings come that a recording holds; then by itself. Of memory no more is ever
+    /// held than may be.
+    pub(crate) fn resuming(self, decided: Decided) -> Self {
         Self {
-            decides,
+            before: Some(decided),
+            ..self
+        }
+    }
+
+    fn new(before: Option<Decided>, now: Option<Limits>, recorder: Option<Recorder>) -> Self {
+        Self {
+            before,
+            now,
             recorder,
             work: Level::of(WORK),
             publishing: Level::of(PUBLISHING),
@@ -99,13 +109,22 @@ impl Shedding {
         self.report
     }
 
+    /// The recording has no more to say: what it last gave up is given up until the load says else.
+    pub(crate) fn goes_on(&mut self) {
+        self.before = None;
+        self.work.shed = self.report.work.then(Instant::now);
+    }
+
     /// Whether a ping is left out of the map before anything is made of it.
     pub(crate) fn leaves_out(&mut self, ping: u64, now: Instant) -> bool {
-        let is_full = match &mut self.decides {
-            Decides::Nothing => return false,
-            Decides::Before(decided) => return decided.leaves_out(ping),
-            Decides::Now { memory, .. } => memory.is_full(now),
+        let decided = self.before.as_ref();
+        if decided.is_some_and(|decided| decided.leaves_out(ping)) {
+            return true;
+        }
+        let Some(Limits { memory, .. }) = &mut self.now else {
+            return false;
         };
+        let is_full = memory.is_full(now);
         self.report.memory = is_full;
         if is_full {
             self.report.pings_without_memory += 1;
@@ -139,10 +158,14 @@ impl Shedding {
         ping: u64,
         (queued, capacity): (usize, usize),
     ) -> Option<bool> {
-        let change = match &self.decides {
-            Decides::Before(decided) => decided.work_at(ping),
-            Decides::Now { by_load: true, .. } => self.weigh(ping, queued, capacity),
-            _ => None,
+        let change = match (&self.before, &self.now) {
+            (Some(decided), _) => decided.work_at(ping),
+            (None, Some(Limits { by_load: true, .. })) => self.weigh(ping, queued, capacity),
+            (None, Some(_)) if self.report.work => {
+                self.record(decided::work_shed(ping, false));
+                Some(false)
+            }
+            (None, _) => None,
         };
         self.report.work = change.unwrap_or(self.report.work);
         self.report.pings_without_work += u64::from(self.report.work);
@@ -278,6 +301,29 @@ mod tests {
             work.changes(1.0 / 8.0, FEW_PINGS / 8.0, Instant::now()),
             None
         );
+    }
+
+    #[test]
+    fn a_dive_that_is_resumed_gives_up_what_its_recording_says_and_then_what_the_load_says() {
+        let full = (10, 10);
+        for by_load in [false, true] {
+            let mut decided = Decided::default();
+            decided.take(&decided::work_shed(2, true));
+            decided.take(&decided::pings_shed(4, 5));
+            let shedding = Shedding::as_it_comes(by_load, u64::MAX, None);
+            let mut shedding = shedding.resuming(decided);
+            let now = Instant::now();
+            let left_out: Vec<u64> = (1..7).filter(|&p| shedding.leaves_out(p, now)).collect();
+            assert_eq!(left_out, [4, 5]);
+            // Its pings come as fast as they are taken: a full queue is no load.
+            let changes = [1, 2, 3].map(|ping| shedding.work_at(ping, full));
+            assert_eq!(changes, [None, Some(true), None]);
+            shedding.goes_on();
+            assert!(!shedding.leaves_out(4, now));
+            let change = shedding.work_at(7, full);
+            assert_eq!(change, if by_load { None } else { Some(false) });
+            assert_eq!(shedding.report().work, by_load);
+        }
     }
 
     #[test]

@@ -167,7 +167,8 @@ impl Status {
             pings_received: received,
             pings_left_out: sonar.pings_dropped
                 + report.poses.join.pings_without_pose()
-                + report.pings_rejected,
+                + report.pings_rejected
+                + report.pings_shed,
             rates: Rates::default(),
             link: Link::default(),
             ledger: Ledger::of(&report, &sonar),

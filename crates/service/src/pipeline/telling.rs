@@ -86,7 +86,7 @@ impl Run {
             phase: self.shared.phase(),
             is_final,
             wall_s: self.begin.elapsed().as_secs_f64(),
-            link: self.shared.link(),
+            link: self.shared.link(self.drivers.asks_a_sonar()),
             publisher: self.published.map.as_ref().map(|map| map.counters()),
             ros: self.published.ros.as_ref().map(|ros| ros.counters()),
             pings_not_published: self.bus.as_ref().map_or(0, |bus| bus.pings_dropped()),

@@ -140,6 +140,7 @@ impl Worker {
                 self.poses.take_through(poses);
                 self.map_what_is_posed();
             }
+            DriverEvent::GoesOn => self.shedding.goes_on(),
             DriverEvent::ClockStepped => {
                 self.gate.clock_stepped();
                 self.poses.clock_stepped();
@@ -231,10 +232,13 @@ impl Worker {
 
     /// As the load is, or was: from this ping on, work on the map waits, or is done again.
     fn put_off_work(&mut self, ping: u64) {
+        // What is no ping leaves the less room for pings.
+        let marks = self.poses.marks_on_their_way();
         let capacity = self.events.capacity().unwrap_or(usize::MAX);
+        let capacity = capacity.saturating_sub(marks).max(1);
         let queued = match self.poses.is_full() {
             true => capacity,
-            false => self.events.len(),
+            false => self.events.len().saturating_sub(marks),
         };
         if self.shedding.work_at(ping, (queued, capacity)).is_some() {
             self.allow_work();

@@ -323,7 +323,7 @@ impl<'a> Run<'a> {
             is_final,
             wall_s: self.begin.elapsed().as_secs_f64(),
             rates: self.rates.rates(),
-            link: self.shared.link(),
+            link: self.shared.link(true),
             sonar,
             poses: self.poses.status(),
             tape: self.log.counters(),

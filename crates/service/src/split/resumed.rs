@@ -6,12 +6,15 @@ use echosplat_bus::{TapeEntry, TapeRecord};
 use echosplat_recording::mcap::{Record, RecordingReader};
 
 use super::begin::{Begin, position_of};
+use crate::decided::Decided;
 use crate::exit::Usage;
 
 /// The records of a dive from its recordings, a driver's or a mapper's, in their order.
 pub(crate) struct Resumed {
     reader: RecordingReader<'static>,
     begin: Begin,
+    /// What a mapper decided under its load; nothing in a driver's.
+    decided: Decided,
     /// The driver, and the number of the record that comes next.
     position: Option<(u64, u64)>,
     /// Records that a recording lacks.
@@ -19,7 +22,7 @@ pub(crate) struct Resumed {
 }
 
 impl Resumed {
-    /// `None` without files.
+    /// Reads all events first: what was decided of a ping is recorded after it. `None` without files.
     ///
     /// # Errors
     /// Says which file is no recording of a driver or a mapper.
@@ -30,12 +33,12 @@ impl Resumed {
         let refused = |why: &dyn std::fmt::Display| Usage::error(format!("--resume: {why}"));
         let mut looking = RecordingReader::open(paths).map_err(|error| refused(&error))?;
         let (mut begin, mut is_of_tape) = (None, false);
-        while begin.is_none() || !is_of_tape {
-            let next = looking.next_message().map_err(|error| refused(&error))?;
-            let Some(recorded) = next else { break };
+        let mut decided = Decided::default();
+        while let Some(recorded) = looking.next_message().map_err(|error| refused(&error))? {
             if let Record::Event(event) = &recorded.record {
                 begin = begin.or_else(|| Begin::read(event));
                 is_of_tape |= position_of(event).is_some();
+                decided.take(event);
             }
         }
         let reader = RecordingReader::open(paths).map_err(|error| refused(&error))?;
@@ -43,6 +46,7 @@ impl Resumed {
             Some(begin) => Ok(Some(Self {
                 reader,
                 begin,
+                decided,
                 position: None,
                 lacking: 0,
             })),
@@ -56,6 +60,11 @@ impl Resumed {
 
     pub(crate) fn begin(&self) -> &Begin {
         &self.begin
+    }
+
+    /// To be obeyed again while its pings come.
+    pub(crate) fn take_decided(&mut self) -> Decided {
+        std::mem::take(&mut self.decided)
     }
 
     /// What the driver is to be asked for next, once all is read.

@@ -207,6 +207,7 @@ impl VehicleTape {
         );
         self.follower.go_on_from(driver, next);
         self.position = Some((driver, next));
+        self.ready.push_back(Next::Item(self.now, TapeItem::GoesOn));
         Ok(())
     }
 
