@@ -1,6 +1,6 @@
 //! Checks that the workspace holds to its architecture: `cargo xtask check`.
 //!
-//! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`]
+//! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`]
 //! and [`sources`]. It deliberately builds nothing, changes nothing and needs no network: what the
 //! compiler and clippy can say is theirs to say.
 
@@ -11,6 +11,7 @@
 )]
 
 mod code;
+mod constants;
 mod crates;
 mod dependencies;
 mod graph;
@@ -49,6 +50,7 @@ fn check() -> anyhow::Result<Vec<String>> {
         &workspace.vehicle_graph()?,
     ));
     broken.extend(sources::violations(&files));
+    broken.extend(constants::violations(&files));
     Ok(broken)
 }
 
