@@ -16,6 +16,8 @@ pub(crate) struct Account {
     pub(crate) odds: f32,
     /// Sum over looks of what its surroundings explain against the best place on the same arc.
     pub(crate) rivalry: f32,
+    /// Sum over looks of the part of what its surroundings send back that comes from their middle.
+    pub(crate) compactness: f32,
     /// Sums over looks of its mirror image above or below the beam's axis, metres from the
     /// Gaussian's home, and of its square.
     pub(crate) mirror_m: Vec3,
@@ -29,6 +31,7 @@ impl Account {
         self.clear_looks += part.clear_looks;
         self.odds += part.odds;
         self.rivalry += part.rivalry;
+        self.compactness += part.compactness;
         self.mirror_m += part.mirror_m;
         self.mirror_m2 += part.mirror_m2;
     }
@@ -41,6 +44,7 @@ impl Account {
             clear_looks: self.clear_looks * count,
             odds: self.odds * count,
             rivalry: self.rivalry * count,
+            compactness: self.compactness * count,
             mirror_m: self.mirror_m * count,
             mirror_m2: self.mirror_m2 * count,
         }

@@ -31,6 +31,12 @@ const LEAST_SMEARED_LOOKS: f32 = 10.0;
 const ENOUGH_ODDS: f32 = 15.0;
 /// Such a place explains at least half of what the best place on its arcs does.
 const LEAST_LIKELY_RIVALRY: f32 = 0.5;
+/// Steps of an arc on either side that are a place's surroundings, and those of them that are its middle.
+const AROUND_STEPS: usize = 2;
+const MIDDLE_STEPS: usize = 1;
+/// Least part of what its surroundings send back that comes from their middle: with less, the surface is beside the
+/// place. An even spread has three fifths.
+const LEAST_COMPACTNESS: f32 = 0.5;
 /// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
 /// Most part of its lit looks that pass through another surface: what is behind an opaque one is
@@ -84,6 +90,7 @@ impl Account {
             && self.rivalry >= LEAST_LIKELY_RIVALRY * self.looks
             && sigma_m <= demand.likely_sigma_m;
         (is_clear || is_likely)
+            && self.compactness >= LEAST_COMPACTNESS * self.looks
             && self.hidden_looks <= MOST_HIDDEN_SHARE * self.looks
             && self.tells_from_mirror()
     }
@@ -315,7 +322,8 @@ impl Desk {
                 continue;
             }
             let looks = past.weight * (1.0 - off / 1.5);
-            let near = arcs.around(bin, arcs.step_of(row));
+            let step = arcs.step_of(row);
+            let near = arcs.around(bin, step);
             tally.of(row.slot).account.odds += looks * sight.odds(bin, near);
             if !past.profile.is_lit(bin) {
                 continue;
@@ -328,6 +336,8 @@ impl Desk {
                 hidden_looks: if_so(rule.occlusion && shade.hides(row)),
                 clear_looks: if_so(near > rule.clear_share * sight.predicted[bin]),
                 odds: 0.0,
+                compactness: looks * arcs.within(bin, step, MIDDLE_STEPS)
+                    / near.max(f32::MIN_POSITIVE),
                 rivalry: looks * near / arcs.best(bin).max(f32::MIN_POSITIVE),
                 mirror_m: mirror_m * looks,
                 mirror_m2: mirror_m.length_squared() * looks,
@@ -381,10 +391,15 @@ impl Arcs {
         self.best[bin]
     }
 
-    /// Energy in a bin within two steps of `step`.
+    /// Energy in a bin from the surroundings of `step`.
     fn around(&self, bin: usize, step: usize) -> f32 {
-        let first = step.saturating_sub(2);
-        let last = (step + 3).min(self.steps);
+        self.within(bin, step, AROUND_STEPS)
+    }
+
+    /// Energy in a bin from up to `reach` steps away from `step`.
+    fn within(&self, bin: usize, step: usize, reach: usize) -> f32 {
+        let first = step.saturating_sub(reach);
+        let last = (step + reach + 1).min(self.steps);
         let from = bin * self.steps;
         self.energy[from + first..from + last].iter().sum()
     }
@@ -420,6 +435,7 @@ mod tests {
             clear_looks: 3.0,
             odds: 13.0,
             rivalry: 30.0,
+            compactness: 30.0,
             ..Account::default()
         };
         assert!(weak.fixes(0.5, demand) && !weak.fixes(1.5, demand));
@@ -429,11 +445,30 @@ mod tests {
             ..weak
         };
         assert!(!unlikely.fixes(0.5, demand) && !rivalled.fixes(0.5, demand));
+        let beside_another = Account {
+            compactness: 20.0,
+            ..weak
+        };
+        assert!(!beside_another.fixes(0.5, demand));
         let smeared = AtWork {
             smeared: true,
             ..at_work
         };
         assert!(!weak.fixes(0.5, Demand::of(&MapperConfig::default(), smeared)));
+    }
+
+    #[test]
+    fn an_even_spread_is_compact_and_what_stands_beside_a_surface_is_not() {
+        let arcs = |energy: &[f32]| Arcs {
+            energy: energy.to_vec(),
+            steps: energy.len(),
+            ..Arcs::default()
+        };
+        let part = |arcs: &Arcs, step| arcs.within(0, step, MIDDLE_STEPS) / arcs.around(0, step);
+        let even = arcs(&[1.0; 9]);
+        assert!(part(&even, 4) >= LEAST_COMPACTNESS);
+        let surface = arcs(&[0.0, 0.1, 0.3, 1.0, 0.3, 0.1, 0.0, 0.0, 0.0]);
+        assert!(part(&surface, 3) > LEAST_COMPACTNESS && part(&surface, 5) < LEAST_COMPACTNESS);
     }
 
     #[test]
