@@ -1,5 +1,6 @@
 //! The pings the mapper still remembers, as looks with profiles, bounded.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use echosplat_acoustics::{Look, LookPose};
@@ -7,7 +8,7 @@ use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
 
 use crate::MapperConfig;
-use crate::accumulate::fan::Fan;
+use crate::accumulate::fan::{Fan, Reach};
 use crate::detect::profile::Profile;
 
 /// Slices are cut where the beam has fallen to 1 %.
@@ -15,6 +16,9 @@ pub(crate) const FAN_SIGMAS: f32 = 3.0;
 
 /// Most pings that are let go at once: with 15,000 pairs each, looked at twice, below 0.1 s.
 const MOST_AT_ONCE: usize = 256;
+
+/// Pings in a row that are looked for together.
+const GROUP_PINGS: usize = 64;
 
 /// One remembered ping.
 #[derive(Debug, Clone)]
@@ -45,6 +49,9 @@ impl Past {
 #[derive(Debug)]
 pub(crate) struct History {
     pings: Vec<Arc<Past>>,
+    /// What each [`GROUP_PINGS`] can see, counted from the first ping ever; of pings let go at most those of one group
+    /// are still in it.
+    groups: VecDeque<Reach>,
     capacity: usize,
     forgotten: u64,
 }
@@ -53,12 +60,18 @@ impl History {
     pub(crate) fn new(capacity: usize) -> Self {
         Self {
             pings: Vec::new(),
+            groups: VecDeque::new(),
             capacity,
             forgotten: 0,
         }
     }
 
     pub(crate) fn push(&mut self, past: Past) {
+        let in_group = (self.first_in_group() + self.pings.len()) % GROUP_PINGS;
+        match self.groups.back_mut() {
+            Some(group) if in_group > 0 => group.add(&past.fan),
+            _ => self.groups.push_back(Reach::of([&past.fan])),
+        }
         self.pings.push(Arc::new(past));
     }
 
@@ -71,6 +84,8 @@ impl History {
         let spare = (self.capacity / 32).min(MOST_AT_ONCE);
         let keep = (self.capacity - spare).max(recent);
         let count = self.pings.len().saturating_sub(keep);
+        let groups = (self.first_in_group() + count) / GROUP_PINGS;
+        self.groups.drain(..groups.min(self.groups.len()));
         self.forgotten += count as u64;
         self.pings.drain(..count).collect()
     }
@@ -82,6 +97,35 @@ impl History {
 
     pub(crate) fn pings(&self) -> &[Arc<Past>] {
         &self.pings
+    }
+
+    /// Those of the first `count` pings that may see a sphere, and more, in order.
+    pub(crate) fn near(
+        &self,
+        count: usize,
+        center_m: Vec3,
+        radius_m: f32,
+    ) -> impl Iterator<Item = &Arc<Past>> {
+        self.within_reach(count, move |reach| reach.touches(center_m, radius_m))
+    }
+
+    /// The first `count` pings in order, without groups of them that do not reach what is asked for.
+    pub(crate) fn within_reach(
+        &self,
+        count: usize,
+        reaches: impl Fn(&Reach) -> bool,
+    ) -> impl Iterator<Item = &Arc<Past>> {
+        let (pings, before) = (&self.pings[..count], self.first_in_group());
+        let at = move |group: usize| (group * GROUP_PINGS).saturating_sub(before).min(count);
+        let groups = self.groups.iter().enumerate();
+        groups
+            .filter(move |(_, reach)| reaches(reach))
+            .flat_map(move |(index, _)| &pings[at(index)..at(index + 1)])
+    }
+
+    /// Where in its group the oldest ping is.
+    fn first_in_group(&self) -> usize {
+        (self.forgotten % GROUP_PINGS as u64) as usize
     }
 
     /// How many pings have been let go.
