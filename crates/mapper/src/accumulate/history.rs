@@ -256,3 +256,64 @@ pub(crate) fn novelty(look: &Look, before: Option<&Look>) -> f32 {
     let width = look.beam.azimuth_width_deg.to_radians();
     (turned / width + moved_m / MOVED_M).clamp(LEAST, 1.0)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::profile::{Backdrop, Levels};
+    use echosplat_model::{Ping, Pose, Twist};
+
+    /// A ping that sees 5 m around `x_m`.
+    fn past(x_m: f64, sequence: u64) -> Past {
+        let settings = PingSettings {
+            range_start_m: 0.0,
+            range_length_m: 5.0,
+            bin_count: 50,
+            speed_of_sound_mps: 1500.0,
+            frequency_hz: 450e3,
+            pulse_duration_s: 5e-5,
+            gain_index: 0,
+        };
+        let ping = Ping::new(sequence, Timestamp::ZERO, settings, vec![1.0; 50]).unwrap();
+        let place_m = DVec3::new(x_m, 0.0, 0.0);
+        let posed = PosedPing {
+            ping: Arc::new(ping),
+            world_from_sensor: Pose::from_yaw_pitch_roll(0.0, 0.0, 0.0, place_m),
+            twist: Twist::default(),
+            reference_range_m: 2.5,
+            uncertainty: None,
+            jitter: None,
+        };
+        let (config, ground) = (MapperConfig::default(), Backdrop::default());
+        let look = look_of(&posed, DVec3::ZERO, &config);
+        let profile =
+            Levels::default().profile(&posed.ping, 0.05, &ground, Box::default(), &config);
+        past_of(look, pose_blur(&posed, &config), profile, 1.0, 0.0, &posed)
+    }
+
+    #[test]
+    fn pings_that_are_elsewhere_are_passed_over_and_none_that_sees_a_place_is() {
+        // 0.1 m from ping to ping, further than the fans reach in all, and let go in between.
+        let mut history = History::new(450);
+        for sequence in 0..1000 {
+            history.push(past(0.1 * sequence as f64, sequence));
+            history.forget(1);
+        }
+        assert!(history.forgotten() > 400 && history.first_in_group() > 0);
+        let (count, radius_m) = (history.pings().len() - 7, 0.3);
+        let sequences = |near: Vec<&Arc<Past>>| near.iter().map(|p| p.sequence).collect::<Vec<_>>();
+        for x in 0..110 {
+            let at_m = Vec3::new(x as f32, 0.0, 0.0);
+            let sees = |past: &&Arc<Past>| past.fan.touches(at_m, radius_m);
+            let near = sequences(history.near(count, at_m, radius_m).collect());
+            let seen = sequences(history.near(count, at_m, radius_m).filter(sees).collect());
+            let all = sequences(history.pings()[..count].iter().filter(sees).collect());
+            assert_eq!(seen, all, "{x} m");
+            assert!(
+                near.is_sorted() && near.len() <= seen.len() + 3 * GROUP_PINGS,
+                "{x} m"
+            );
+        }
+        assert_eq!(history.within_reach(count, |_| true).count(), count);
+    }
+}

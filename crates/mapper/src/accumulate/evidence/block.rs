@@ -7,7 +7,7 @@ use echosplat_model::glam::{IVec3, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8, i32x8};
 
-use super::packed::Packed;
+use super::side::{STEPS, Side, SideSums, Totals};
 use super::{BLOCK_EDGE, VOXELS};
 use crate::accumulate::history::{History, Past};
 use crate::parts::Extent;
@@ -60,20 +60,11 @@ pub(crate) enum Horizon {
 /// A block whose best voxel is this deep in darkness from a side needs no more looks from there: it
 /// would take eight clear ones to bring it back to nothing.
 const SETTLED_EVIDENCE: f32 = -4.0;
-/// What a settled side counts with the other half of its quarter.
-const SETTLED_COUNTS: f32 = -8.0;
 /// The same if every ping is looked at about once at most.
 const SOON_SETTLED_EVIDENCE: f32 = -3.0;
 
 /// Sums per voxel, x fastest.
 pub(crate) type Sums = [f32; VOXELS];
-/// The same of one side, in steps of 1/64 up to 512: small, since there are many, and exact enough
-/// for looks of ½.
-pub(super) type SideSums = [i16; VOXELS];
-const STEPS: f32 = 64.0;
-/// Of all sides together, in steps.
-type Totals = [i32; VOXELS];
-
 /// 8 × 8 × 8 voxels.
 #[derive(Debug, Default)]
 pub(crate) struct Block {
@@ -92,74 +83,6 @@ pub(crate) struct Block {
     pub(crate) best: f32,
     /// Evidence of looks that are not in `sides` any more, where there are Gaussians.
     left: Vec<(u16, f32)>,
-}
-
-/// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
-/// that glints do not contradict their front.
-#[derive(Debug, Default)]
-enum Side {
-    #[default]
-    Unseen,
-    /// Sum of log likelihood ratios per voxel.
-    Seen(Box<SideSums>),
-    /// The same, laid away.
-    Packed(Packed),
-    /// So dark everywhere that no more looks are needed and nothing need be remembered.
-    Settled,
-}
-
-impl Side {
-    /// From nothing if it was unseen; `None` if settled.
-    fn sums(&mut self) -> Option<&mut SideSums> {
-        if let Self::Unseen = self {
-            *self = Self::Seen(Box::new([0; VOXELS]));
-        }
-        if let Self::Packed(packed) = self {
-            *self = Self::Seen(Box::new(packed.unpack()));
-        }
-        match self {
-            Self::Seen(sums) => Some(sums),
-            _ => None,
-        }
-    }
-
-    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few looks.
-    #[inline(always)]
-    fn add_to(&self, total: &mut Totals) {
-        match self {
-            Self::Unseen => {}
-            Self::Seen(sums) => add(sums, total),
-            Self::Packed(packed) => add(&packed.unpack(), total),
-            Self::Settled => {
-                for total in total {
-                    *total += (STEPS * SETTLED_COUNTS) as i32;
-                }
-            }
-        }
-    }
-
-    /// Holds the sums in fewer bytes.
-    fn lay_away(&mut self) {
-        if let Self::Seen(sums) = self {
-            *self = Self::Packed(Packed::of(sums));
-        }
-    }
-
-    /// Lets go of the sums when no place is left that could be anything.
-    fn settle(&mut self, below: f32) {
-        if let Self::Seen(sums) = self
-            && sums.iter().all(|&sum| sum < (STEPS * below) as i16)
-        {
-            *self = Self::Settled;
-        }
-    }
-}
-
-#[inline(always)]
-fn add(sums: &SideSums, total: &mut Totals) {
-    for (total, sum) in total.iter_mut().zip(sums) {
-        *total += i32::from(*sum);
-    }
 }
 
 /// The side a look comes from, by the direction towards its sensor.

@@ -9,6 +9,7 @@
 
 mod block;
 mod packed;
+mod side;
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;

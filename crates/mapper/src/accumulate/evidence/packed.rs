@@ -6,7 +6,7 @@
 use echosplat_acoustics::lanes::LANES;
 
 use super::VOXELS;
-use super::block::SideSums;
+use super::side::SideSums;
 
 /// A row is read as one number of so many bytes.
 const READ: usize = size_of::<u128>();
@@ -58,10 +58,18 @@ impl Packed {
             let mut read = [0; READ];
             read.copy_from_slice(&bytes[..READ]);
             bytes = &bytes[width as usize..];
-            let (bits, mask) = (u128::from_le_bytes(read), (1_u32 << width) - 1);
-            for (place, sum) in sums[row..row + LANES].iter_mut().enumerate() {
-                let above = (bits >> (place as u32 * width)) as u32 & mask;
-                *sum = least.wrapping_add(above as i16);
+            // In halves, which the processor's wide registers take whole.
+            let bits = u128::from_le_bytes(read);
+            let halves = [bits as u64, (bits >> (4 * width)) as u64];
+            let mask = (1_u64 << width) - 1;
+            for (half, sums) in halves
+                .into_iter()
+                .zip(sums[row..row + LANES].chunks_exact_mut(4))
+            {
+                for (place, sum) in sums.iter_mut().enumerate() {
+                    let above = half >> (place as u32 * width) & mask;
+                    *sum = least.wrapping_add(above as i16);
+                }
             }
         }
         sums
