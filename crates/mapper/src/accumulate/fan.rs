@@ -63,6 +63,37 @@ impl Fan {
     }
 }
 
+/// A box around all that some pings can see: one test in place of one for each.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Reach {
+    least_m: Vec3,
+    most_m: Vec3,
+}
+
+impl Reach {
+    pub(crate) fn of<'a>(fans: impl IntoIterator<Item = &'a Fan>) -> Self {
+        let mut reach = Self {
+            least_m: Vec3::INFINITY,
+            most_m: Vec3::NEG_INFINITY,
+        };
+        fans.into_iter().for_each(|fan| reach.add(fan));
+        reach
+    }
+
+    pub(crate) fn add(&mut self, fan: &Fan) {
+        self.least_m = self.least_m.min(fan.position_m - fan.range_max_m);
+        self.most_m = self.most_m.max(fan.position_m + fan.range_max_m);
+    }
+
+    /// Whether any of the fans may touch a sphere; errs only towards yes.
+    pub(crate) fn touches(&self, center_m: Vec3, radius_m: f32) -> bool {
+        // What single precision rounds away, wherever it is.
+        let slack_m = 1e-3 + 1e-6 * center_m.abs().max_element();
+        let away_m = center_m.distance(center_m.max(self.least_m).min(self.most_m));
+        !(away_m > radius_m + slack_m)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -90,5 +121,18 @@ mod tests {
         assert!(touches(5.0, 0.0, 0.0) && touches(5.0, 0.15, 0.0) && touches(5.0, 0.0, 2.2));
         assert!(!touches(5.0, 0.3, 0.0) && !touches(-5.0, 0.0, 0.0));
         assert!(!touches(0.8, 0.0, 0.0) && !touches(10.2, 0.0, 0.0) && !touches(3.0, 0.0, 4.0));
+        // What a fan touches is in its reach, and what is far from it is not.
+        let reach = Reach::of([&fan]);
+        for x in -30..30 {
+            for (y, z) in [(0.0, 0.0), (0.5, 2.0), (3.0, -9.9), (0.1, 10.0)] {
+                let at_m = Vec3::new(0.5 * x as f32, y, z);
+                assert!(
+                    reach.touches(at_m, 0.1) || !fan.touches(at_m, 0.1),
+                    "{at_m}"
+                );
+            }
+        }
+        assert!(reach.touches(Vec3::X * 10.0, 0.1) && !reach.touches(Vec3::X * 10.2, 0.1));
+        assert!(!Reach::of([]).touches(Vec3::ZERO, 1e6));
     }
 }

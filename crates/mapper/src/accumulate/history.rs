@@ -1,5 +1,6 @@
 //! The pings the mapper still remembers, as looks with profiles, bounded.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 
 use echosplat_acoustics::{Look, LookPose};
@@ -7,7 +8,7 @@ use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
 
 use crate::MapperConfig;
-use crate::accumulate::fan::Fan;
+use crate::accumulate::fan::{Fan, Reach};
 use crate::detect::profile::Profile;
 
 /// Slices are cut where the beam has fallen to 1 %.
@@ -15,6 +16,9 @@ pub(crate) const FAN_SIGMAS: f32 = 3.0;
 
 /// Most pings that are let go at once: with 15,000 pairs each, looked at twice, below 0.1 s.
 const MOST_AT_ONCE: usize = 256;
+
+/// Pings in a row that are looked for together.
+const GROUP_PINGS: usize = 64;
 
 /// One remembered ping.
 #[derive(Debug, Clone)]
@@ -45,6 +49,9 @@ impl Past {
 #[derive(Debug)]
 pub(crate) struct History {
     pings: Vec<Arc<Past>>,
+    /// What each [`GROUP_PINGS`] can see, counted from the first ping ever; of pings let go at most those of one group
+    /// are still in it.
+    groups: VecDeque<Reach>,
     capacity: usize,
     forgotten: u64,
 }
@@ -53,12 +60,18 @@ impl History {
     pub(crate) fn new(capacity: usize) -> Self {
         Self {
             pings: Vec::new(),
+            groups: VecDeque::new(),
             capacity,
             forgotten: 0,
         }
     }
 
     pub(crate) fn push(&mut self, past: Past) {
+        let in_group = (self.first_in_group() + self.pings.len()) % GROUP_PINGS;
+        match self.groups.back_mut() {
+            Some(group) if in_group > 0 => group.add(&past.fan),
+            _ => self.groups.push_back(Reach::of([&past.fan])),
+        }
         self.pings.push(Arc::new(past));
     }
 
@@ -71,6 +84,8 @@ impl History {
         let spare = (self.capacity / 32).min(MOST_AT_ONCE);
         let keep = (self.capacity - spare).max(recent);
         let count = self.pings.len().saturating_sub(keep);
+        let groups = (self.first_in_group() + count) / GROUP_PINGS;
+        self.groups.drain(..groups.min(self.groups.len()));
         self.forgotten += count as u64;
         self.pings.drain(..count).collect()
     }
@@ -82,6 +97,35 @@ impl History {
 
     pub(crate) fn pings(&self) -> &[Arc<Past>] {
         &self.pings
+    }
+
+    /// Those of the first `count` pings that may see a sphere, and more, in order.
+    pub(crate) fn near(
+        &self,
+        count: usize,
+        center_m: Vec3,
+        radius_m: f32,
+    ) -> impl Iterator<Item = &Arc<Past>> {
+        self.within_reach(count, move |reach| reach.touches(center_m, radius_m))
+    }
+
+    /// The first `count` pings in order, without groups of them that do not reach what is asked for.
+    pub(crate) fn within_reach(
+        &self,
+        count: usize,
+        reaches: impl Fn(&Reach) -> bool,
+    ) -> impl Iterator<Item = &Arc<Past>> {
+        let (pings, before) = (&self.pings[..count], self.first_in_group());
+        let at = move |group: usize| (group * GROUP_PINGS).saturating_sub(before).min(count);
+        let groups = self.groups.iter().enumerate();
+        groups
+            .filter(move |(_, reach)| reaches(reach))
+            .flat_map(move |(index, _)| &pings[at(index)..at(index + 1)])
+    }
+
+    /// Where in its group the oldest ping is.
+    fn first_in_group(&self) -> usize {
+        (self.forgotten % GROUP_PINGS as u64) as usize
     }
 
     /// How many pings have been let go.
@@ -211,4 +255,65 @@ pub(crate) fn novelty(look: &Look, before: Option<&Look>) -> f32 {
     let moved_m = now.position_m.distance(then.position_m);
     let width = look.beam.azimuth_width_deg.to_radians();
     (turned / width + moved_m / MOVED_M).clamp(LEAST, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::detect::profile::{Backdrop, Levels};
+    use echosplat_model::{Ping, Pose, Twist};
+
+    /// A ping that sees 5 m around `x_m`.
+    fn past(x_m: f64, sequence: u64) -> Past {
+        let settings = PingSettings {
+            range_start_m: 0.0,
+            range_length_m: 5.0,
+            bin_count: 50,
+            speed_of_sound_mps: 1500.0,
+            frequency_hz: 450e3,
+            pulse_duration_s: 5e-5,
+            gain_index: 0,
+        };
+        let ping = Ping::new(sequence, Timestamp::ZERO, settings, vec![1.0; 50]).unwrap();
+        let place_m = DVec3::new(x_m, 0.0, 0.0);
+        let posed = PosedPing {
+            ping: Arc::new(ping),
+            world_from_sensor: Pose::from_yaw_pitch_roll(0.0, 0.0, 0.0, place_m),
+            twist: Twist::default(),
+            reference_range_m: 2.5,
+            uncertainty: None,
+            jitter: None,
+        };
+        let (config, ground) = (MapperConfig::default(), Backdrop::default());
+        let look = look_of(&posed, DVec3::ZERO, &config);
+        let profile =
+            Levels::default().profile(&posed.ping, 0.05, &ground, Box::default(), &config);
+        past_of(look, pose_blur(&posed, &config), profile, 1.0, 0.0, &posed)
+    }
+
+    #[test]
+    fn pings_that_are_elsewhere_are_passed_over_and_none_that_sees_a_place_is() {
+        // 0.1 m from ping to ping, further than the fans reach in all, and let go in between.
+        let mut history = History::new(450);
+        for sequence in 0..1000 {
+            history.push(past(0.1 * sequence as f64, sequence));
+            history.forget(1);
+        }
+        assert!(history.forgotten() > 400 && history.first_in_group() > 0);
+        let (count, radius_m) = (history.pings().len() - 7, 0.3);
+        let sequences = |near: Vec<&Arc<Past>>| near.iter().map(|p| p.sequence).collect::<Vec<_>>();
+        for x in 0..110 {
+            let at_m = Vec3::new(x as f32, 0.0, 0.0);
+            let sees = |past: &&Arc<Past>| past.fan.touches(at_m, radius_m);
+            let near = sequences(history.near(count, at_m, radius_m).collect());
+            let seen = sequences(history.near(count, at_m, radius_m).filter(sees).collect());
+            let all = sequences(history.pings()[..count].iter().filter(sees).collect());
+            assert_eq!(seen, all, "{x} m");
+            assert!(
+                near.is_sorted() && near.len() <= seen.len() + 3 * GROUP_PINGS,
+                "{x} m"
+            );
+        }
+        assert_eq!(history.within_reach(count, |_| true).count(), count);
+    }
 }

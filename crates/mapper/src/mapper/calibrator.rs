@@ -181,7 +181,7 @@ fn mapped(blank: &Mapper, moving: &[Moving]) -> Option<Mapper> {
     }
     let extent = map.at_work.converged;
     let evidence = &mut map.world.as_mut()?.evidence;
-    map.status.voxel_looks = evidence.integrate(map.history.pings(), 0, extent);
+    map.status.voxel_looks = evidence.integrate(&map.history, 0, extent);
     let (spawn, strength) = (
         map.config.spawn_evidence,
         NEWBORN_STRENGTH * map.unit_strength,

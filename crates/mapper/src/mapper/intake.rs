@@ -236,12 +236,12 @@ impl Mapper {
             return InsertReport::default();
         };
         let evidence = &mut world.evidence;
-        let pings = self.history.pings();
-        let start = pings.len() - fresh;
+        let history = &self.history;
+        let start = history.pings().len() - fresh;
         let extent = self.at_work.converged;
         self.status.voxel_looks += self
             .pool
-            .install(|| evidence.integrate(pings, start, extent));
+            .install(|| evidence.integrate(history, start, extent));
         let strength = NEWBORN_STRENGTH * self.unit_strength;
         let spawn = self.config.spawn_evidence;
         let (added, pruned) =

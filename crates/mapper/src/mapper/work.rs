@@ -70,9 +70,11 @@ impl Mapper {
         if self.history.forgotten() > 0 {
             return;
         }
-        let (pings, extent) = (self.history.pings(), self.at_work.converged);
+        let (history, extent) = (&self.history, self.at_work.converged);
         let evidence: &mut Evidence = &mut world.evidence;
-        self.status.voxel_looks += self.pool.install(|| evidence.integrate_anew(pings, extent));
+        self.status.voxel_looks += self
+            .pool
+            .install(|| evidence.integrate_anew(history, extent));
         evidence.doubt_all();
     }
 
@@ -91,8 +93,8 @@ impl Mapper {
         let Some(world) = &self.world else {
             return false;
         };
-        let (map, pings, left_out) = (&self.gaussians, self.history.pings(), &mut self.left_out);
-        let begin = || Workout::begin(world, map, pings, due, terms, left_out);
+        let (map, history, left_out) = (&self.gaussians, &self.history, &mut self.left_out);
+        let begin = || Workout::begin(world, map, history, due, terms, left_out);
         self.workout = Some(self.pool.install(begin));
         self.status.workouts += 1;
         true

@@ -317,7 +317,7 @@ mod tests {
     use super::*;
     use crate::MapperConfig;
     use crate::accumulate::evidence::BlockIndex;
-    use crate::accumulate::history::{look_of, past_of, pose_blur};
+    use crate::accumulate::history::{History, look_of, past_of, pose_blur};
     use crate::detect::profile::{Backdrop, Levels};
     use crate::parts::{Cues, MapCues, Parts, decide};
     use echosplat_model::glam::DVec3;
@@ -400,7 +400,11 @@ mod tests {
             });
             let mut evidence = Evidence::new(0.05);
             let pings = bright.to_vec();
-            evidence.integrate(&pings, 0, crate::parts::Extent::All);
+            let mut history = History::new(pings.len());
+            pings
+                .iter()
+                .for_each(|past| history.push(Past::clone(past)));
+            evidence.integrate(&history, 0, crate::parts::Extent::All);
             Self {
                 evidence,
                 pings,

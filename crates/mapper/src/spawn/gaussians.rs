@@ -28,6 +28,11 @@ pub(crate) enum Stage {
     Background,
 }
 
+/// Of the slots there are, the part that there is room for more: twice as many would leave half of the memory of a large
+/// map unused.
+const SPARE_PART: usize = 8;
+const LEAST_SPARE: usize = 64;
+
 /// Arrays indexed by slot. A slot is used again after its Gaussian is gone, an id never.
 #[derive(Debug, Default)]
 pub(crate) struct Gaussians {
@@ -137,7 +142,38 @@ impl Gaussians {
         self.covariance_m2[slot] = SymmetricMat3::of(axes * axes.transpose());
     }
 
+    /// None yet, with room for so many.
+    pub(crate) fn with_room(count: usize) -> Self {
+        let mut gaussians = Self::default();
+        gaussians.reserve(count);
+        gaussians
+    }
+
+    /// Room for so many more slots and no more than that.
+    pub(crate) fn reserve(&mut self, count: usize) {
+        self.id.reserve_exact(count);
+        self.alive.reserve_exact(count);
+        self.home_m.reserve_exact(count);
+        self.home.reserve_exact(count);
+        self.mean_m.reserve_exact(count);
+        self.rotation.reserve_exact(count);
+        self.scale_m.reserve_exact(count);
+        self.covariance_m2.reserve_exact(count);
+        self.strength.reserve_exact(count);
+        self.known.reserve_exact(count);
+        self.part.reserve_exact(count);
+        self.sigma_m.reserve_exact(count);
+        self.position_covariance_m2.reserve_exact(count);
+        self.probability.reserve_exact(count);
+        self.verdict.reserve_exact(count);
+        self.stage.reserve_exact(count);
+        self.kept.reserve_exact(count);
+    }
+
     fn grow(&mut self) -> u32 {
+        if self.id.len() == self.id.capacity() {
+            self.reserve(self.id.len() / SPARE_PART + LEAST_SPARE);
+        }
         self.id.push(0);
         self.alive.push(false);
         self.home_m.push(Vec3::ZERO);

@@ -7,8 +7,9 @@ use echosplat_model::glam::{IVec3, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8, i32x8};
 
+use super::side::{STEPS, Side, SideSums, Totals};
 use super::{BLOCK_EDGE, VOXELS};
-use crate::accumulate::history::Past;
+use crate::accumulate::history::{History, Past};
 use crate::parts::Extent;
 
 /// Sides of a block that looks come from: eighths of the horizon, each from above and from below.
@@ -59,20 +60,11 @@ pub(crate) enum Horizon {
 /// A block whose best voxel is this deep in darkness from a side needs no more looks from there: it
 /// would take eight clear ones to bring it back to nothing.
 const SETTLED_EVIDENCE: f32 = -4.0;
-/// What a settled side counts with the other half of its quarter.
-const SETTLED_COUNTS: f32 = -8.0;
 /// The same if every ping is looked at about once at most.
 const SOON_SETTLED_EVIDENCE: f32 = -3.0;
 
 /// Sums per voxel, x fastest.
 pub(crate) type Sums = [f32; VOXELS];
-/// The same of one side, in steps of 1/64 up to 512: small, since there are many, and exact enough
-/// for looks of ½.
-type SideSums = [i16; VOXELS];
-const STEPS: f32 = 64.0;
-/// Of all sides together, in steps.
-type Totals = [i32; VOXELS];
-
 /// 8 × 8 × 8 voxels.
 #[derive(Debug, Default)]
 pub(crate) struct Block {
@@ -80,6 +72,8 @@ pub(crate) struct Block {
     pub(crate) key: IVec3,
     /// What was seen from each side.
     sides: [Side; SIDES],
+    /// Those that were looked from since [`Self::lay_away`], a bit each.
+    looked_from: u16,
     /// Slots of the Gaussians born here, by voxel.
     pub(crate) gaussians: Vec<(u16, u32)>,
     /// Voxels that were candidates when the block was last worked out and hold nothing, a bit each: none is
@@ -91,64 +85,17 @@ pub(crate) struct Block {
     left: Vec<(u16, f32)>,
 }
 
-/// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
-/// that glints do not contradict their front.
-#[derive(Debug, Default)]
-enum Side {
-    #[default]
-    Unseen,
-    /// Sum of log likelihood ratios per voxel.
-    Seen(Box<SideSums>),
-    /// So dark everywhere that no more looks are needed and nothing need be remembered.
-    Settled,
-}
-
-impl Side {
-    /// From nothing if it was unseen; `None` if settled.
-    fn sums(&mut self) -> Option<&mut SideSums> {
-        if let Self::Unseen = self {
-            *self = Self::Seen(Box::new([0; VOXELS]));
-        }
-        match self {
-            Self::Seen(sums) => Some(sums),
-            _ => None,
-        }
-    }
-
-    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few looks.
-    #[inline(always)]
-    fn add_to(&self, total: &mut Totals) {
-        match self {
-            Self::Unseen => {}
-            Self::Seen(sums) => {
-                for (total, sum) in total.iter_mut().zip(sums.iter()) {
-                    *total += i32::from(*sum);
-                }
-            }
-            Self::Settled => {
-                for total in total {
-                    *total += (STEPS * SETTLED_COUNTS) as i32;
-                }
-            }
-        }
-    }
-
-    /// Lets go of the sums when no place is left that could be anything.
-    fn settle(&mut self, below: f32) {
-        if let Self::Seen(sums) = self
-            && sums.iter().all(|&sum| sum < (STEPS * below) as i16)
-        {
-            *self = Self::Settled;
-        }
-    }
-}
-
 /// The side a look comes from, by the direction towards its sensor.
 fn side_of(towards_m: Vec3) -> usize {
     let (west, south, below) = (towards_m.x < 0.0, towards_m.y < 0.0, towards_m.z < 0.0);
     let is_steep = towards_m.y.abs() > towards_m.x.abs();
     let eighth = usize::from(west) + 2 * usize::from(south) + 4 * usize::from(is_steep);
     eighth + 8 * usize::from(below)
+}
+
+/// Of the sphere around a block.
+pub(super) fn radius_m(voxel_m: f32) -> f32 {
+    0.5 * 3f32.sqrt() * voxel_m * BLOCK_EDGE as f32
 }
 
 impl Block {
@@ -180,15 +127,29 @@ impl Block {
         self.gaussians.shrink_to_fit();
     }
 
+    /// Holds sides in fewer bytes that nobody looked from since it was asked to last.
+    pub(super) fn lay_away(&mut self) {
+        let looked_from = std::mem::take(&mut self.looked_from);
+        for (index, side) in self.sides.iter_mut().enumerate() {
+            if looked_from >> index & 1 == 0 {
+                side.lay_away();
+            }
+        }
+    }
+
     pub(super) fn center_m(&self, voxel_m: f32) -> Vec3 {
         (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
     }
 
     /// Adds the evidence of `pings` in their order, and lets go of sides settled to the `extent` of
     /// looking on. Returns voxel looks done.
-    pub(super) fn integrate(&mut self, pings: &[Arc<Past>], voxel_m: f32, extent: Extent) -> u64 {
-        let center_m = self.center_m(voxel_m);
-        let radius_m = 0.5 * 3f32.sqrt() * voxel_m * BLOCK_EDGE as f32;
+    pub(super) fn integrate<'a>(
+        &mut self,
+        pings: impl IntoIterator<Item = &'a Arc<Past>>,
+        voxel_m: f32,
+        extent: Extent,
+    ) -> u64 {
+        let (center_m, radius_m) = (self.center_m(voxel_m), radius_m(voxel_m));
         let (mut work, mut looked_from) = (0, [false; SIDES]);
         for past in pings {
             if past.fan.touches(center_m, radius_m) {
@@ -206,12 +167,22 @@ impl Block {
                 Extent::Useful => SETTLED_EVIDENCE,
                 Extent::None => SOON_SETTLED_EVIDENCE,
             };
-            for (side, _) in self.sides.iter_mut().zip(looked_from).filter(|s| s.1) {
-                side.settle(below);
+            for (index, side) in self.sides.iter_mut().enumerate() {
+                if looked_from[index] {
+                    side.settle(below);
+                    self.looked_from |= 1 << index;
+                }
             }
             self.weigh();
         }
         work
+    }
+
+    /// Adds the evidence of all pings remembered.
+    pub(super) fn integrate_all(&mut self, history: &History, voxel_m: f32, extent: Extent) -> u64 {
+        let (center_m, radius_m) = (self.center_m(voxel_m), radius_m(voxel_m));
+        let near = history.near(history.pings().len(), center_m, radius_m);
+        self.integrate(near, voxel_m, extent)
     }
 
     /// Works out its best evidence.
@@ -386,6 +357,31 @@ mod tests {
         assert!((first(&block) - 18.0).abs() < 1e-6);
         block.sides[0] = seen_as(1.0);
         assert!(first(&block) < 0.0);
+    }
+
+    #[test]
+    fn what_is_laid_away_says_the_same_and_is_taken_up_again() {
+        let mut block = Block::new(IVec3::ZERO);
+        let sums = |factor: i16| std::array::from_fn(|voxel| factor * (voxel as i16 % 100 - 60));
+        for (index, factor) in [(0, 3), (4, -50), (9, 7)] {
+            block.sides[index] = Side::Seen(Box::new(sums(factor)));
+        }
+        block.looked_from = 1 << 4;
+        let said = |block: &Block| [Horizon::Eighths, Horizon::Quarters].map(|h| block.totals(h));
+        let before = said(&block);
+        let packed = |block: &Block| {
+            block
+                .sides
+                .iter()
+                .filter(|s| matches!(s, Side::Packed(_)))
+                .count()
+        };
+        block.lay_away();
+        assert_eq!((packed(&block), said(&block)), (2, before));
+        block.lay_away();
+        assert_eq!((packed(&block), said(&block)), (3, before));
+        assert_eq!(block.sides[4].sums(), Some(&mut sums(-50)));
+        assert_eq!((packed(&block), said(&block)), (2, before));
     }
 
     #[test]

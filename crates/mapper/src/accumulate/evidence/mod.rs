@@ -8,6 +8,8 @@
 //! which rows off the beam are passed over: 63,000 voxel looks a ping on the fence's survey.
 
 mod block;
+mod packed;
+mod side;
 
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
@@ -16,7 +18,8 @@ use echosplat_acoustics::Look;
 use echosplat_model::glam::{IVec3, Vec3};
 use rayon::prelude::*;
 
-use crate::accumulate::history::Past;
+use crate::accumulate::fan::Reach;
+use crate::accumulate::history::{History, Past};
 use crate::parts::Extent;
 pub(crate) use block::{Block, Horizon, Sums};
 
@@ -24,6 +27,11 @@ pub(crate) use block::{Block, Horizon, Sums};
 pub(crate) const BLOCK_EDGE: i32 = 8;
 pub(crate) const VOXELS: usize = 512;
 const TILE_EDGE: i32 = 8;
+/// Blocks that each slice lays away what nobody looked at of: few, so that sides are not taken up again the next moment.
+const LAID_AWAY: usize = 16;
+/// Of the blocks there are, the part that there is room for more.
+const SPARE_PART: usize = 8;
+const LEAST_SPARE: usize = 64;
 /// Index of a block in [`Evidence`].
 pub(crate) type BlockIndex = u32;
 /// Index of a tile in [`Evidence`].
@@ -50,7 +58,11 @@ pub(crate) struct Tile {
 
 impl Tile {
     /// Counts the looks of some pings; whether any may see it.
-    fn count_looks(&mut self, pings: &[Arc<Past>], radius_m: f32) -> bool {
+    fn count_looks<'a>(
+        &mut self,
+        pings: impl IntoIterator<Item = &'a Arc<Past>>,
+        radius_m: f32,
+    ) -> bool {
         let mut is_near = false;
         for past in pings {
             if !past.fan.touches(self.center_m, radius_m) {
@@ -81,6 +93,8 @@ pub(crate) struct Evidence {
     tile_at: HashMap<IVec3, usize>,
     /// Indices of blocks that are no more.
     free: Vec<BlockIndex>,
+    /// The next of the blocks that is asked to lay away sides, in turn.
+    next_laid_away: usize,
 }
 
 impl Evidence {
@@ -94,6 +108,7 @@ impl Evidence {
             tiles: Vec::new(),
             tile_at: HashMap::new(),
             free: Vec::new(),
+            next_laid_away: 0,
         }
     }
 
@@ -135,15 +150,15 @@ impl Evidence {
     /// looks done, the work.
     pub(crate) fn integrate(
         &mut self,
-        history: &[Arc<Past>],
+        history: &History,
         slice_start: usize,
         extent: Extent,
     ) -> u64 {
-        let (before, slice) = history.split_at(slice_start);
+        let slice = &history.pings()[slice_start..];
         let known = self.tiles.len();
         let wanted = self.wanted(slice).into_iter();
         let fresh: BTreeSet<BlockIndex> = wanted.map(|key| self.create(key)).collect();
-        self.count_looks(known, before);
+        self.count_looks(known, history, slice_start);
         let mut near = self.near(slice);
         near.extend(&fresh);
         near.sort_unstable();
@@ -152,12 +167,9 @@ impl Evidence {
         let take = |index: BlockIndex| (index, std::mem::take(&mut self.blocks[index as usize]));
         let mut taken: Vec<(BlockIndex, Block)> = near.into_iter().map(take).collect();
         let voxel_m = self.voxel_m;
-        let tell = |(index, block): &mut (BlockIndex, Block)| {
-            let pings = match fresh.contains(index) {
-                true => history,
-                false => slice,
-            };
-            block.integrate(pings, voxel_m, extent)
+        let tell = |(index, block): &mut (BlockIndex, Block)| match fresh.contains(index) {
+            true => block.integrate_all(history, voxel_m, extent),
+            false => block.integrate(slice, voxel_m, extent),
         };
         let looks: Vec<u64> = taken.par_iter_mut().with_min_len(16).map(tell).collect();
         for ((index, block), &looks) in taken.into_iter().zip(&looks) {
@@ -166,23 +178,37 @@ impl Evidence {
                 self.touched.insert(index);
             }
         }
+        self.lay_away();
         looks.iter().sum()
     }
 
+    /// Some of the blocks in turn hold sides in fewer bytes that were not looked from since it was their turn last.
+    fn lay_away(&mut self) {
+        let count = self.blocks.len();
+        for _ in 0..LAID_AWAY.min(count) {
+            self.next_laid_away = (self.next_laid_away + 1) % count;
+            self.blocks[self.next_laid_away].lay_away();
+        }
+    }
+
     /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
-    pub(crate) fn integrate_anew(&mut self, history: &[Arc<Past>], extent: Extent) -> u64 {
+    pub(crate) fn integrate_anew(&mut self, history: &History, extent: Extent) -> u64 {
         let known = self.tiles.len();
-        for key in self.wanted(history) {
+        for key in self.wanted(history.pings()) {
             self.create(key);
         }
-        self.count_looks(known, history);
+        self.count_looks(known, history, history.pings().len());
         let voxel_m = self.voxel_m;
         self.touched.extend(0..self.blocks.len() as BlockIndex);
         let blocks = self.blocks.par_iter_mut().with_min_len(16);
         blocks
             .map(|block| {
                 block.forget();
-                block.integrate(history, voxel_m, extent)
+                let looks = block.integrate_all(history, voxel_m, extent);
+                // Once for what was looked from, and once for good.
+                block.lay_away();
+                block.lay_away();
+                looks
             })
             .sum()
     }
@@ -191,33 +217,55 @@ impl Evidence {
     fn near(&mut self, slice: &[Arc<Past>]) -> Vec<BlockIndex> {
         let radius_m = self.tile_radius_m();
         let mut near = Vec::new();
+        let reach = Reach::of(slice.iter().map(|past| &past.fan));
         for tile in &mut self.tiles {
-            if tile.count_looks(slice, radius_m) {
+            if reach.touches(tile.center_m, radius_m) && tile.count_looks(slice, radius_m) {
                 near.extend(&tile.blocks);
             }
         }
         near
     }
 
-    /// Counts what pings saw of tiles that are new, from `first` on.
-    fn count_looks(&mut self, first: usize, pings: &[Arc<Past>]) {
+    /// Counts what the first `count` pings saw of tiles that are new, from `first` on.
+    fn count_looks(&mut self, first: usize, history: &History, count: usize) {
         let radius_m = self.tile_radius_m();
         for tile in &mut self.tiles[first..] {
-            tile.count_looks(pings, radius_m);
+            tile.count_looks(history.near(count, tile.center_m, radius_m), radius_m);
         }
     }
 
     /// Pings that are no longer remembered.
     pub(crate) fn forget(&mut self, pings: &[Arc<Past>]) {
         let radius_m = self.tile_radius_m();
-        for past in pings.iter().filter(|past| !past.profile.echoes.is_empty()) {
-            for tile in &mut self.tiles {
+        let has_echoes = |past: &&Arc<Past>| !past.profile.echoes.is_empty();
+        let pings: Vec<&Arc<Past>> = pings.iter().filter(has_echoes).collect();
+        let reach = Reach::of(pings.iter().map(|past| &past.fan));
+        for tile in &mut self.tiles {
+            if !reach.touches(tile.center_m, radius_m) {
+                continue;
+            }
+            for past in &pings {
                 if past.fan.touches(tile.center_m, radius_m) {
                     tile.forgotten_looks += past.weight;
                     tile.remembered_pings = tile.remembered_pings.saturating_sub(1);
                 }
             }
         }
+    }
+
+    /// Slots of the Gaussians of all tiles that any of the pings may see, in order.
+    pub(crate) fn gaussians_seen_by(&self, pings: &[Arc<Past>]) -> Vec<u32> {
+        let radius_m = self.tile_radius_m();
+        let reach = Reach::of(pings.iter().map(|past| &past.fan));
+        let is_seen = |tile: &&Tile| {
+            let touches = |past: &Arc<Past>| past.fan.touches(tile.center_m, radius_m);
+            reach.touches(tile.center_m, radius_m) && pings.iter().any(touches)
+        };
+        let blocks = self.tiles.iter().filter(is_seen).flat_map(|t| &t.blocks);
+        let gaussians = blocks.flat_map(|&block| &self.block(block).gaussians);
+        let mut slots: Vec<u32> = gaussians.map(|&(_, slot)| slot).collect();
+        slots.sort_unstable();
+        slots
     }
 
     /// Of tiles that no remembered ping sees any more, keeps only what is known of the places that hold Gaussians.
@@ -272,7 +320,7 @@ impl Evidence {
 
     /// Of the sphere around a block.
     pub(crate) fn block_radius_m(&self) -> f32 {
-        0.5 * 3f32.sqrt() * self.voxel_m * BLOCK_EDGE as f32
+        block::radius_m(self.voxel_m)
     }
 
     /// Of the sphere around a tile.
@@ -311,6 +359,10 @@ impl Evidence {
     fn create(&mut self, [z, y, x]: [i32; 3]) -> BlockIndex {
         let key = IVec3::new(x, y, z);
         let index = self.free.pop().unwrap_or_else(|| {
+            if self.blocks.len() == self.blocks.capacity() {
+                let spare = self.blocks.len() / SPARE_PART + LEAST_SPARE;
+                self.blocks.reserve_exact(spare);
+            }
             self.blocks.push(Block::default());
             self.tile_of.push(0);
             self.blocks.len() as BlockIndex - 1

@@ -4,6 +4,7 @@ use echosplat_model::{Standing, Switch};
 
 use super::{Mask, Terms, Workout, is, set};
 use crate::accumulate::evidence::{BlockIndex, Horizon, TileIndex};
+use crate::accumulate::fan::Reach;
 use crate::mapper::schedule::Start;
 use crate::parts::LeftOut;
 use crate::spawn::births;
@@ -46,12 +47,14 @@ impl Workout {
             true => places(Horizon::Eighths, SPAWN_PART_OF_GLINTS * spawn),
             false => places(Horizon::Quarters, spawn),
         };
-        let count: usize = found.iter().map(|(_, voxels)| voxels.len()).sum();
+        let mut count: usize = found.iter().map(|(_, voxels)| voxels.len()).sum();
         if terms.at_work.glints && count > MOST_PLACES && terms.config.parts.glints == Switch::Auto
         {
             left_out.push(LeftOut::glints_of_crowd(count));
             found = places(Horizon::Quarters, spawn);
+            count = found.iter().map(|(_, voxels)| voxels.len()).sum();
         }
+        self.draft.reserve(count);
         let (scale_m, strength) = (0.5 * self.voxel_m, EVEN_STRENGTH * terms.unit_strength);
         for (index, voxels) in found {
             let (block, mut mask) = (evidence.block(index), Mask::default());
@@ -98,10 +101,12 @@ impl Workout {
     pub(super) fn take_background(&mut self, world: &World, map: &Gaussians, tiles: &[TileIndex]) {
         let evidence = &world.evidence;
         let radius_m = evidence.tile_radius_m();
+        let reach = Reach::of(self.pings.iter().map(|past| &past.fan));
         for (index, tile) in evidence.tiles().iter().enumerate() {
             let is_seen = || {
                 let mut pings = self.pings.iter();
-                pings.any(|past| past.fan.touches(tile.center_m, radius_m))
+                reach.touches(tile.center_m, radius_m)
+                    && pings.any(|past| past.fan.touches(tile.center_m, radius_m))
             };
             if tile.worked_looks <= 0.0 || tiles.contains(&(index as TileIndex)) || !is_seen() {
                 continue;

@@ -12,12 +12,17 @@ use crate::spawn::gaussians::{Gaussians, Stage};
 use crate::world::World;
 
 /// Adds what pings tell of each Gaussian that was worked out to what it keeps, before they are forgotten.
+///
+/// Cost: that of the Gaussians of the tiles they see, however large the map.
 pub(crate) fn keep(
     world: &World,
     map: &mut Gaussians,
     pings: &[Arc<Past>],
     terms: Terms<'_>,
 ) -> u64 {
+    // In the map's order, so that sums are those of the whole map.
+    let slots = world.evidence.gaussians_seen_by(pings);
+    let seen = &copies(map, &slots);
     let scene = |gaussians, is_blurred| Scene {
         evidence: &world.evidence,
         gaussians,
@@ -26,24 +31,33 @@ pub(crate) fn keep(
         at_work: terms.at_work,
     };
     let count = pings.len();
-    let mut pass = Pass::over(pings.to_vec(), &world.evidence, map);
-    pass.advance(scene(map, false), count, strengths_of_ping);
+    let mut pass = Pass::over(pings.to_vec(), &world.evidence, seen);
+    pass.advance(scene(seen, false), count, strengths_of_ping);
     let (sums, pairs, _) = pass.finish();
     let rule = Rule::of(&scene(map, true), Demand::of(terms.config, terms.at_work));
-    let mut pass = Pass::over(pings.to_vec(), &world.evidence, map);
+    let mut pass = Pass::over(pings.to_vec(), &world.evidence, seen);
     let each = |tally: &mut _, desk: &mut Desk, past: &_, sight: &_| {
-        findings_of_ping(tally, desk, past, sight, map, rule);
+        findings_of_ping(tally, desk, past, sight, seen, rule);
     };
-    pass.advance(scene(map, true), count, each);
+    pass.advance(scene(seen, true), count, each);
     let (findings, more_pairs, _) = pass.finish();
     let whole = whole_area(world.evidence.voxel_m());
-    for slot in 0..map.slot_count() {
-        let is_told = sums[slot].weight.sum() > 0.0 || findings[slot].account.looks > 0.0;
-        if map.alive[slot] && map.stage[slot] == Stage::Worked && is_told {
+    for ((slot, sums), finding) in slots.into_iter().zip(&sums).zip(&findings) {
+        let slot = slot as usize;
+        let is_told = sums.weight.sum() > 0.0 || finding.account.looks > 0.0;
+        if map.stage[slot] == Stage::Worked && is_told {
             let (area, part) = (area_of(map, slot) / whole, map.part[slot]);
             let kept = map.kept[slot].get_or_insert_default();
-            kept.add(sums[slot].weight, &findings[slot], area, part);
+            kept.add(sums.weight, finding, area, part);
         }
     }
     pairs + more_pairs
+}
+
+fn copies(map: &Gaussians, slots: &[u32]) -> Gaussians {
+    let mut copies = Gaussians::with_room(slots.len());
+    for &slot in slots {
+        copies.adopt(map, slot as usize, map.stage[slot as usize]);
+    }
+    copies
 }

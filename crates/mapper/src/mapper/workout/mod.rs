@@ -18,8 +18,9 @@ use echosplat_model::glam::Vec3;
 
 use crate::MapperConfig;
 use crate::accumulate::evidence::{BlockIndex, TileIndex, VOXELS};
+use crate::accumulate::fan::Reach;
 use crate::accumulate::finding::Finding;
-use crate::accumulate::history::{Past, every};
+use crate::accumulate::history::{History, Past, every};
 use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, judge, tails};
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::parts::{AtWork, Extent, LeftOut};
@@ -124,7 +125,7 @@ impl Workout {
     pub(crate) fn begin(
         world: &World,
         map: &Gaussians,
-        pings: &[Arc<Past>],
+        history: &History,
         due: Due,
         terms: Terms<'_>,
         left_out: &mut Vec<LeftOut>,
@@ -147,7 +148,9 @@ impl Workout {
                     .iter()
                     .any(|&at_m| past.fan.touches(at_m, radius_m))
         };
-        let pings: Vec<Arc<Past>> = pings.iter().filter(sees).map(Arc::clone).collect();
+        let reaches = |reach: &Reach| centers_m.iter().any(|&at_m| reach.touches(at_m, radius_m));
+        let remembered = history.within_reach(history.pings().len(), reaches);
+        let pings: Vec<Arc<Past>> = remembered.filter(sees).map(Arc::clone).collect();
         let mut workout = Self {
             tiles: Vec::new(),
             start,
@@ -326,7 +329,7 @@ impl Workout {
                 pairs = pass.advance(self.scene(world, true), count, each);
                 if pass.is_done() {
                     let (findings, ..) = pass.finish();
-                    self.judge(&findings, stride, seabed);
+                    self.judge(findings, stride, seabed);
                 } else {
                     self.doing = Some(Doing::Assess(pass, rule, stride));
                 }
@@ -341,20 +344,17 @@ impl Workout {
         }
     }
 
-    fn judge(&mut self, findings: &[Finding], stride: f32, seabed: &Seabed) {
+    fn judge(&mut self, mut findings: Vec<Finding>, stride: f32, seabed: &Seabed) {
         let is_worked_on: Vec<bool> = (0..self.draft.slot_count())
             .map(|slot| self.draft.is_worked_on(slot))
             .collect();
-        let told: Vec<Finding> = (0..self.draft.slot_count())
-            .map(|slot| {
-                let mut finding = findings[slot].times(stride);
-                if let Some(kept) = &self.draft.kept[slot] {
-                    finding.add(&kept.finding_of(self.draft.part[slot]));
-                }
-                finding
-            })
-            .collect();
-        let finding_of = |slot: usize| is_worked_on[slot].then(|| told[slot]);
+        for (slot, finding) in findings.iter_mut().enumerate() {
+            *finding = finding.times(stride);
+            if let Some(kept) = &self.draft.kept[slot] {
+                finding.add(&kept.finding_of(self.draft.part[slot]));
+            }
+        }
+        let finding_of = |slot: usize| is_worked_on[slot].then(|| findings[slot]);
         judge(&mut self.draft, finding_of, self.voxel_m, self.demand);
         // Nothing is seen through the ground.
         for slot in 0..self.draft.slot_count() {

@@ -1,0 +1,82 @@
+//! What looks from one side say of a block.
+
+use super::VOXELS;
+use super::packed::Packed;
+
+/// What a settled side counts with the other half of its quarter.
+const SETTLED_COUNTS: f32 = -8.0;
+
+/// Sums of one side per voxel, x fastest, in steps of 1/64 up to 512: small, since there are many, and exact enough
+/// for looks of ½.
+pub(super) type SideSums = [i16; VOXELS];
+pub(super) const STEPS: f32 = 64.0;
+/// Of all sides together, in steps.
+pub(super) type Totals = [i32; VOXELS];
+
+/// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
+/// that glints do not contradict their front.
+#[derive(Debug, Default)]
+pub(super) enum Side {
+    #[default]
+    Unseen,
+    /// Sum of log likelihood ratios per voxel.
+    Seen(Box<SideSums>),
+    /// The same, laid away.
+    Packed(Packed),
+    /// So dark everywhere that no more looks are needed and nothing need be remembered.
+    Settled,
+}
+
+impl Side {
+    /// From nothing if it was unseen; `None` if settled.
+    pub(super) fn sums(&mut self) -> Option<&mut SideSums> {
+        if let Self::Unseen = self {
+            *self = Self::Seen(Box::new([0; VOXELS]));
+        }
+        if let Self::Packed(packed) = self {
+            *self = Self::Seen(Box::new(packed.unpack()));
+        }
+        match self {
+            Self::Seen(sums) => Some(sums),
+            _ => None,
+        }
+    }
+
+    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few looks.
+    #[inline(always)]
+    pub(super) fn add_to(&self, total: &mut Totals) {
+        match self {
+            Self::Unseen => {}
+            Self::Seen(sums) => add(sums, total),
+            Self::Packed(packed) => add(&packed.unpack(), total),
+            Self::Settled => {
+                for total in total {
+                    *total += (STEPS * SETTLED_COUNTS) as i32;
+                }
+            }
+        }
+    }
+
+    /// Holds the sums in fewer bytes.
+    pub(super) fn lay_away(&mut self) {
+        if let Self::Seen(sums) = self {
+            *self = Self::Packed(Packed::of(sums));
+        }
+    }
+
+    /// Lets go of the sums when no place is left that could be anything.
+    pub(super) fn settle(&mut self, below: f32) {
+        if let Self::Seen(sums) = self
+            && sums.iter().all(|&sum| sum < (STEPS * below) as i16)
+        {
+            *self = Self::Settled;
+        }
+    }
+}
+
+#[inline(always)]
+fn add(sums: &SideSums, total: &mut Totals) {
+    for (total, sum) in total.iter_mut().zip(sums) {
+        *total += i32::from(*sum);
+    }
+}
