@@ -25,7 +25,7 @@ const SURFACE_VOXELS: f32 = 1.5;
 pub(crate) const NEAR_M: f32 = 0.10;
 /// Of places that the map says nothing for, this part has surface so near by chance: those it holds lie about the
 /// structure.
-const BY_CHANCE: f32 = 0.065;
+const BY_CHANCE: f32 = 0.10;
 /// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M`; what they grow by
 /// with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by with the logarithm
 /// of sigma. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
