@@ -446,7 +446,7 @@ mod tests {
         };
         assert!(!unlikely.fixes(0.5, demand) && !rivalled.fixes(0.5, demand));
         let beside_another = Account {
-            compactness: 20.0,
+            compactness: 15.0,
             ..weak
         };
         assert!(!beside_another.fixes(0.5, demand));
