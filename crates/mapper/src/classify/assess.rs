@@ -304,7 +304,7 @@ impl Desk {
         rule: Rule,
     ) {
         let Self { arcs, shade, .. } = self;
-        arcs.fill(sight, past, 0.5 * rule.radius_m);
+        arcs.fill(sight, past, rule.radius_m / AROUND_STEPS as f32);
         let solid = |row: &Row| match gaussians.verdict[row.slot as usize] {
             CONFIDENT => gaussians.layers(row.slot as usize),
             Verdict::Published(_) => (row.strength / rule.whole_strength).min(1.0),
@@ -363,7 +363,7 @@ impl Arcs {
         let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
         self.steps_per_m = step_m.recip();
         let width_rad = 2.0 * FAN_REACH * look.beam.elevation_half_width_rad();
-        self.steps = (width_rad.min(PI) * end_m * self.steps_per_m) as usize + 5;
+        self.steps = (width_rad.min(PI) * end_m * self.steps_per_m) as usize + 2 * AROUND_STEPS + 1;
         self.energy.clear();
         self.energy
             .resize(self.steps * look.bin_count as usize, 0.0);

@@ -4,7 +4,7 @@ use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::{Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
-use crate::accumulate::evidence::BlockIndex;
+use crate::accumulate::evidence::{BlockIndex, spare};
 use crate::spawn::kept::Kept;
 use crate::spawn::lobes::{Lobes, Sides};
 
@@ -27,11 +27,6 @@ pub(crate) enum Stage {
     /// Held still beside those that are being worked out.
     Background,
 }
-
-/// Of the slots there are, the part that there is room for more: twice as many would leave half of the memory of a large
-/// map unused.
-const SPARE_PART: usize = 8;
-const LEAST_SPARE: usize = 64;
 
 /// Arrays indexed by slot. A slot is used again after its Gaussian is gone, an id never.
 #[derive(Debug, Default)]
@@ -172,7 +167,7 @@ impl Gaussians {
 
     fn grow(&mut self) -> u32 {
         if self.id.len() == self.id.capacity() {
-            self.reserve(self.id.len() / SPARE_PART + LEAST_SPARE);
+            self.reserve(spare(self.id.len()));
         }
         self.id.push(0);
         self.alive.push(false);

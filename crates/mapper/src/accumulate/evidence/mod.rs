@@ -29,13 +29,19 @@ pub(crate) const VOXELS: usize = 512;
 const TILE_EDGE: i32 = 8;
 /// Blocks that each slice lays away what nobody looked at of: few, so that sides are not taken up again the next moment.
 const LAID_AWAY: usize = 16;
-/// Of the blocks there are, the part that there is room for more.
+/// Of what there is, the part that there is room for more: twice as much would leave half of the memory of a large map
+/// unused.
 const SPARE_PART: usize = 8;
 const LEAST_SPARE: usize = 64;
 /// Index of a block in [`Evidence`].
 pub(crate) type BlockIndex = u32;
 /// Index of a tile in [`Evidence`].
 pub(crate) type TileIndex = u32;
+
+/// Room for so many more once `count` of something fill theirs.
+pub(crate) fn spare(count: usize) -> usize {
+    count / SPARE_PART + LEAST_SPARE
+}
 
 /// A cube of blocks, which is worked out as a whole.
 #[derive(Debug)]
@@ -360,8 +366,7 @@ impl Evidence {
         let key = IVec3::new(x, y, z);
         let index = self.free.pop().unwrap_or_else(|| {
             if self.blocks.len() == self.blocks.capacity() {
-                let spare = self.blocks.len() / SPARE_PART + LEAST_SPARE;
-                self.blocks.reserve_exact(spare);
+                self.blocks.reserve_exact(spare(self.blocks.len()));
             }
             self.blocks.push(Block::default());
             self.tile_of.push(0);
