@@ -4,6 +4,7 @@ use std::collections::VecDeque;
 
 use crate::accumulate::evidence::TileIndex;
 use crate::parts::AtWork;
+use crate::refine::expectation::Pace;
 
 /// A step looks at every so many-th ping.
 pub(crate) const INTERLEAVE: f64 = 8.0;
@@ -11,6 +12,8 @@ pub(crate) const INTERLEAVE: f64 = 8.0;
 const LAST_STRIDE: f64 = 3.0;
 /// Steps after which tails are let go.
 const ROUND_STEPS: usize = 4;
+/// Times the steps that sort out candidates, after which strengths have converged.
+const CONVERGED: usize = 2;
 
 /// One thing to do.
 #[derive(Debug, Clone, Copy)]
@@ -19,8 +22,11 @@ pub(crate) enum Action {
     Strengthen {
         step: usize,
         interleave: f64,
+        pace: Pace,
     },
     DropTails,
+    /// What stayed gives way to the candidates around it.
+    Refill,
     /// Means are moved to where their echoes are.
     Localise,
     /// Verdicts by every so many-th ping.
@@ -51,36 +57,36 @@ pub(crate) struct Due {
     pub(crate) is_live: bool,
 }
 
-/// Few looks sort out most candidates; the rest is worth all of them.
+/// Few looks sort out most candidates; the rest is worth all of them. From an even start strengths converge, on few
+/// places of a surface, before the surface is filled again.
 pub(crate) fn actions(passes: usize, start: Start, at_work: AtWork) -> VecDeque<Action> {
-    let (few, more, moves) = match start {
-        Start::Even => (passes, passes, 2),
-        Start::Map => (passes / 4, passes / 2, 1),
-    };
     let mut actions = VecDeque::new();
-    let steps = |actions: &mut VecDeque<Action>, count: usize, interleave: f64| {
-        actions.extend((0..count).map(|step| Action::Strengthen { step, interleave }));
-    };
-    for (mut left, interleave) in [(few, 4.0 * INTERLEAVE), (more, INTERLEAVE)] {
-        while left > 0 {
-            let round = left.min(ROUND_STEPS);
-            steps(&mut actions, round, interleave);
-            actions.push_back(Action::DropTails);
-            left -= round;
+    let moves = match start {
+        Start::Even => {
+            rounds(&mut actions, passes, 4.0 * INTERLEAVE, Pace::Fast);
+            rounds(&mut actions, CONVERGED * passes, INTERLEAVE, Pace::Fast);
+            actions.push_back(Action::Refill);
+            rounds(&mut actions, passes / 4, INTERLEAVE, Pace::Full);
+            2
         }
-    }
+        Start::Map => {
+            rounds(&mut actions, passes / 4, 4.0 * INTERLEAVE, Pace::Full);
+            rounds(&mut actions, passes / 2, INTERLEAVE, Pace::Full);
+            1
+        }
+    };
     for _ in 0..moves {
         actions.push_back(Action::Localise);
-        steps(&mut actions, passes / 3, INTERLEAVE);
+        steps(&mut actions, passes / 3, INTERLEAVE, Pace::Full);
     }
     actions.push_back(Action::Assess { stride: 2.0 });
     if at_work.splitting {
         actions.push_back(Action::Split);
-        steps(&mut actions, passes / 5, INTERLEAVE);
+        steps(&mut actions, passes / 5, INTERLEAVE, Pace::Full);
         actions.push_back(Action::DropTails);
         actions.push_back(Action::Localise);
     }
-    steps(&mut actions, passes / 8, INTERLEAVE);
+    steps(&mut actions, passes / 8, INTERLEAVE, Pace::Full);
     actions.push_back(Action::Assess {
         stride: LAST_STRIDE,
     });
@@ -88,6 +94,28 @@ pub(crate) fn actions(passes: usize, start: Start, at_work: AtWork) -> VecDeque<
         actions.push_back(Action::Align);
     }
     actions
+}
+
+fn steps(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pace) {
+    actions.extend((0..count).map(|step| Action::Strengthen {
+        step,
+        interleave,
+        pace,
+    }));
+}
+
+/// Steps, with tails let go after every [`ROUND_STEPS`].
+fn rounds(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pace) {
+    for step in 0..count {
+        actions.push_back(Action::Strengthen {
+            step,
+            interleave,
+            pace,
+        });
+        if (step + 1) % ROUND_STEPS == 0 || step + 1 == count {
+            actions.push_back(Action::DropTails);
+        }
+    }
 }
 
 #[cfg(test)]
@@ -104,7 +132,14 @@ mod tests {
             (actions.iter().filter(is_step).count(), actions.len())
         };
         let ((even, _), (map, _)) = (count(Start::Even), count(Start::Map));
-        assert_eq!((even, map), (16 + 16 + 2 * 5 + 3 + 2, 4 + 8 + 5 + 3 + 2));
+        let even_steps = 16 + 32 + 4 + 2 * 5 + 3 + 2;
+        assert_eq!((even, map), (even_steps, 4 + 8 + 5 + 3 + 2));
+        let refills = |start: Start| {
+            let actions = actions(16, start, at_work);
+            let is_refill = |action: &&Action| matches!(action, Action::Refill);
+            actions.iter().filter(is_refill).count()
+        };
+        assert_eq!((refills(Start::Even), refills(Start::Map)), (1, 0));
         let last = actions(16, Start::Map, at_work).pop_back();
         assert!(matches!(last, Some(Action::Align | Action::Assess { .. })));
     }

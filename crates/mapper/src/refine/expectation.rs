@@ -29,11 +29,21 @@ const CHUNK: usize = 32;
 const CHUNKS_AT_ONCE: usize = 8;
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
+/// A fast step over a full one: over-relaxed, below the 2 up to which it converges.
+const FAST: f32 = 1.8;
 /// Of what a pass tells of all sides, what it counts for each that it is like the mean of them. Looks along a surface
 /// face one of its sides by a few per cent, and what they leave over would make it many times the others.
 const ALIKE: f32 = 0.005;
 /// Exponent for counts over that for gamma speckle.
 const COUNTS_STEP: f32 = 2.0;
+
+/// How far a multiplicative step goes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Pace {
+    Full,
+    /// Nearly twice as far: fewer steps to converge, and more noise in what they end with.
+    Fast,
+}
 
 /// What is summed over pings for a Gaussian.
 pub(crate) trait Sum: Default + Clone + Send {
@@ -143,10 +153,20 @@ pub(crate) fn strengths_of_ping(
 
 /// One multiplicative step: for gamma speckle on power, `ρ ← ρ·(Σ A I/Î² / Σ A/Î)^½`. Each of the pings stands for
 /// `stride` that are remembered; what forgotten ones told of a whole Gaussian counts as it was last summed up.
-pub(crate) fn maximise(gaussians: &mut Gaussians, sums: &[StepSums], stride: f32, at_work: AtWork) {
-    let exponent = match at_work.speckle {
+pub(crate) fn maximise(
+    gaussians: &mut Gaussians,
+    sums: &[StepSums],
+    stride: f32,
+    pace: Pace,
+    at_work: AtWork,
+) {
+    let full = match at_work.speckle {
         true => FULL_STEP,
         false => COUNTS_STEP * FULL_STEP,
+    };
+    let exponent = match pace {
+        Pace::Full => full,
+        Pace::Fast => FAST * full,
     };
     let strengths = gaussians.strength.par_iter_mut().with_min_len(1024);
     let sides = strengths.zip(&mut gaussians.known).zip(&gaussians.stage);
@@ -450,7 +470,7 @@ mod tests {
         fn step(&mut self) {
             let sums = self.sums(strengths_of_ping);
             let at_work = self.scene().at_work;
-            maximise(&mut self.gaussians, &sums, 1.0, at_work);
+            maximise(&mut self.gaussians, &sums, 1.0, Pace::Full, at_work);
         }
 
         /// Log likelihood of gamma speckle, up to a constant.

@@ -5,15 +5,13 @@
 use std::collections::HashMap;
 
 use echosplat_model::Standing;
-use echosplat_model::glam::{IVec3, Vec3};
+use echosplat_model::glam::Vec3;
 
+use crate::refine::places::Places;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::spawn::kept::Kept;
 use crate::spawn::lobes::Lobes;
 
-/// A confident surface goes on beside itself: its Gaussians share their strength with the places around, by a
-/// normal distribution of this standard deviation, in voxels.
-const SPREAD_VOXELS: f32 = 0.8;
 /// All other places begin with this part of the middle strength of the tiles: what tails have when they are let
 /// go, so that a few steps let go of them or raise them.
 const LEAST_PART: f32 = 0.05;
@@ -30,34 +28,23 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
     }
     let middle = strengths.len() / 2;
     let middle = *strengths.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let cell_of = |at_m: Vec3| (at_m / voxel_m).floor().as_ivec3();
-    let mut place_of: HashMap<IVec3, usize> = HashMap::new();
     let candidates: Vec<usize> = draft.slots().filter(|&s| draft.is_worked_on(s)).collect();
-    for slot in candidates {
-        place_of.insert(cell_of(draft.home_m[slot]), slot);
+    let centers = candidates.iter().map(|&slot| (slot, draft.home_m[slot]));
+    let places = Places::of(centers, voxel_m);
+    for &slot in &candidates {
         draft.strength[slot] = Lobes::default();
     }
     for slot in known() {
         let whole = whole_of(map, slot, voxel_m);
         if map.verdict[slot] != Verdict::Published(Standing::Confident) {
-            if let Some(&place) = place_of.get(&cell_of(map.home_m[slot])) {
+            if let Some(place) = places.at(map.home_m[slot]) {
                 draft.strength[place].add(&whole);
             }
             continue;
         }
-        let (at_m, cell) = (map.mean_m[slot], cell_of(map.mean_m[slot]));
-        let cells = (0..27).map(|i| cell + IVec3::new(i % 3, i / 3 % 3, i / 9) - IVec3::ONE);
-        let near = cells.filter_map(|cell| place_of.get(&cell));
-        let near: Vec<(usize, f32)> = near
-            .map(|&place| {
-                let away = draft.home_m[place].distance(at_m) / (SPREAD_VOXELS * voxel_m);
-                (place, (-0.5 * away * away).exp())
-            })
-            .collect();
-        let all: f32 = near.iter().map(|(_, part)| part).sum();
-        for (place, part) in near {
+        for (place, part) in places.shares(map.mean_m[slot]) {
             let mut share = whole;
-            share.scale(part / all);
+            share.scale(part);
             draft.strength[place].add(&share);
         }
     }
@@ -65,7 +52,7 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
     let mut strength_of: HashMap<usize, Lobes> = HashMap::new();
     for slot in known() {
         if let Some(told) = &map.kept[slot]
-            && let Some(&place) = place_of.get(&cell_of(map.home_m[slot]))
+            && let Some(place) = places.at(map.home_m[slot])
         {
             kept.entry(place).or_default().push(told);
             strength_of
@@ -84,7 +71,7 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
         });
     }
     let least = Vec3::splat(LEAST_PART * middle);
-    for &slot in place_of.values() {
+    for slot in candidates {
         let Lobes { ahead, behind } = draft.strength[slot];
         draft.strength[slot] = Lobes {
             ahead: ahead.max(least),
@@ -119,6 +106,7 @@ pub(crate) fn whole_area(voxel_m: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use echosplat_model::glam::IVec3;
 
     const VOXEL_M: f32 = 0.1;
 

@@ -3,6 +3,8 @@
 pub(crate) mod expectation;
 pub(crate) mod field;
 pub(crate) mod inherit;
+pub(crate) mod places;
+pub(crate) mod refill;
 pub(crate) mod scene;
 pub(crate) mod shape;
 pub(crate) mod step;

@@ -73,3 +73,11 @@ pub(crate) struct Sides {
     /// −x, −y, −z.
     pub(crate) behind: BVec3,
 }
+
+impl Sides {
+    /// Adds those of another.
+    pub(crate) fn join(&mut self, other: Self) {
+        self.ahead |= other.ahead;
+        self.behind |= other.behind;
+    }
+}

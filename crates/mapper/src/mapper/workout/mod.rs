@@ -4,8 +4,8 @@
 //! The one process of estimation. Work is done in portions, on a draft; the map shows the tiles as they were until
 //! the draft is done.
 //!
-//! Cost: about seven looks at each ping that sees the tiles, four where it starts from the map, fewer where more
-//! would say nothing new.
+//! Cost: about nine looks at each ping that sees the tiles, four of them at few Gaussians; four where it starts from the
+//! map, fewer where more would say nothing new.
 
 mod draft;
 mod keep;
@@ -25,9 +25,10 @@ use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, judge, tails
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
-    Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
+    Pace, Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
 };
 use crate::refine::inherit::inherit;
+use crate::refine::refill::{Candidate, refill};
 use crate::refine::scene::Scene;
 use crate::refine::shape::align;
 use crate::seabed::Seabed;
@@ -41,7 +42,7 @@ const TAIL_PART: f32 = 0.05;
 /// While the dive goes on a work-out takes at most this part of the pairs that its pings allowed, since what it shows is
 /// as old when it is done.
 const LAG: f64 = 0.5;
-/// Looks made at each ping, all steps together.
+/// Looks made at each ping, all steps together, by how many Gaussians there are then.
 const LOOKS_PER_PING: f64 = 7.5;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
 const ENOUGH_PAIRS: f64 = 12_000.0;
@@ -70,7 +71,7 @@ fn set(mask: &mut Mask, voxel: u16) {
 /// What is going on.
 #[derive(Debug)]
 enum Doing {
-    Strengthen(Pass<StepSums>, f32),
+    Strengthen(Pass<StepSums>, f32, Pace),
     Localise(Pass<Pull>),
     Assess(Pass<Finding>, Rule, f32),
 }
@@ -83,6 +84,8 @@ pub(crate) struct Workout {
     start: Start,
     /// Blocks in them, and the voxels that are worked out: candidates, and what was one before.
     blocks: Vec<(BlockIndex, Mask)>,
+    /// Until the draft is filled again from them.
+    candidates: Vec<Candidate>,
     pings: Vec<Arc<Past>>,
     draft: Gaussians,
     at_work: AtWork,
@@ -155,6 +158,7 @@ impl Workout {
             tiles: Vec::new(),
             start,
             blocks: Vec::new(),
+            candidates: Vec::new(),
             draft: Gaussians::default(),
             at_work: terms.at_work,
             demand: Demand::of(terms.config, terms.at_work),
@@ -170,11 +174,18 @@ impl Workout {
             is_hurried: false,
         };
         workout.take_candidates(world, map, &tiles, terms, left_out);
-        if start == Start::Map {
-            let blocks = workout.blocks.iter();
-            let known = blocks.flat_map(|&(block, _)| evidence.block(block).gaussians.iter());
-            let known: Vec<u32> = known.map(|&(_, slot)| slot).collect();
-            inherit(&mut workout.draft, map, &known, voxel_m);
+        match start {
+            Start::Even => {
+                let draft = &workout.draft;
+                let candidate = |slot: usize| (draft.home_m[slot], draft.home[slot]);
+                workout.candidates = draft.slots().map(candidate).collect();
+            }
+            Start::Map => {
+                let blocks = workout.blocks.iter();
+                let known = blocks.flat_map(|&(block, _)| evidence.block(block).gaussians.iter());
+                let known: Vec<u32> = known.map(|&(_, slot)| slot).collect();
+                inherit(&mut workout.draft, map, &known, voxel_m);
+            }
         }
         workout.take_background(world, map, &tiles);
         let looks = |tile: TileIndex| (tile, evidence.tiles()[tile as usize].looks);
@@ -262,12 +273,16 @@ impl Workout {
     fn begin_action(&mut self, action: Action, world: &World) {
         let over = |offset: f64, stride: f64| every(&self.pings, offset, stride);
         match action {
-            Action::Strengthen { step, interleave } => {
+            Action::Strengthen {
+                step,
+                interleave,
+                pace,
+            } => {
                 let interleave = interleave * self.thinning(self.most_pairs);
                 // A stride through the offsets keeps neighbouring steps on different sweeps.
                 let pings = over((step as f64 * OFFSET_STRIDE) % interleave, interleave);
                 let pass = Pass::over(pings, &world.evidence, &self.draft);
-                self.doing = Some(Doing::Strengthen(pass, interleave as f32));
+                self.doing = Some(Doing::Strengthen(pass, interleave as f32, pace));
             }
             Action::Localise => {
                 let pings = over(0.0, 2.0 * self.thinning(self.most_pairs));
@@ -284,31 +299,40 @@ impl Workout {
                 let rule = Rule::of(&self.scene(world, true), self.demand);
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
             }
-            Action::DropTails => {
-                let before = self.draft.alive_count().max(1) as f64;
-                for slot in tails(&self.draft, self.voxel_m, TAIL_PART) {
-                    self.draft.remove(slot as u32);
+            Action::DropTails => self.change(|draft, voxel_m| {
+                for slot in tails(draft, voxel_m, TAIL_PART) {
+                    draft.remove(slot as u32);
                 }
-                self.pairs_per_ping *= self.draft.alive_count() as f64 / before;
+            }),
+            Action::Refill => {
+                let candidates = std::mem::take(&mut self.candidates);
+                self.change(|draft, voxel_m| refill(draft, &candidates, voxel_m));
             }
             Action::Split => split_confident(&mut self.draft, self.voxel_m),
             Action::Align => align(&mut self.draft, self.voxel_m),
         }
     }
 
+    /// Changes which Gaussians there are, and how many pairs a ping has with them.
+    fn change(&mut self, change: impl FnOnce(&mut Gaussians, f32)) {
+        let before = self.draft.alive_count().max(1) as f64;
+        change(&mut self.draft, self.voxel_m);
+        self.pairs_per_ping *= self.draft.alive_count() as f64 / before;
+    }
+
     fn go_on(&mut self, doing: Doing, world: &World, seabed: &Seabed) -> u64 {
         let count = (PORTION_PAIRS / self.pairs_per_ping.max(1.0)) as usize + 1;
         let pairs;
         match doing {
-            Doing::Strengthen(mut pass, stride) => {
+            Doing::Strengthen(mut pass, stride, pace) => {
                 pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
                 if pass.is_done() {
                     let (sums, all, looks) = pass.finish();
                     self.worked(all, looks);
-                    maximise(&mut self.draft, &sums, stride, self.at_work);
+                    maximise(&mut self.draft, &sums, stride, pace, self.at_work);
                     self.iterations += 1;
                 } else {
-                    self.doing = Some(Doing::Strengthen(pass, stride));
+                    self.doing = Some(Doing::Strengthen(pass, stride, pace));
                 }
             }
             Doing::Localise(mut pass) => {

@@ -1,0 +1,86 @@
+//! Places on the grid of voxels, found by where they are.
+
+use std::collections::HashMap;
+
+use echosplat_model::glam::{IVec3, Vec3};
+
+/// A surface goes on beside itself: what a Gaussian shares with the places around it falls by a normal distribution
+/// of this standard deviation, in voxels.
+const SPREAD_VOXELS: f32 = 0.8;
+
+/// At most one place a voxel, each with a number of the caller's.
+#[derive(Debug)]
+pub(crate) struct Places {
+    voxel_m: f32,
+    place_of: HashMap<IVec3, (usize, Vec3)>,
+}
+
+impl Places {
+    /// Places by number and centre, in metres.
+    pub(crate) fn of(centers: impl Iterator<Item = (usize, Vec3)>, voxel_m: f32) -> Self {
+        let mut places = Self {
+            voxel_m,
+            place_of: HashMap::new(),
+        };
+        for (place, center_m) in centers {
+            let cell = places.cell(center_m);
+            places.place_of.insert(cell, (place, center_m));
+        }
+        places
+    }
+
+    fn cell(&self, at_m: Vec3) -> IVec3 {
+        (at_m / self.voxel_m).floor().as_ivec3()
+    }
+
+    /// The place in whose voxel this is.
+    pub(crate) fn at(&self, at_m: Vec3) -> Option<usize> {
+        self.place_of.get(&self.cell(at_m)).map(|&(place, _)| place)
+    }
+
+    /// The places within one voxel of the one that this is in, and the part that each has of what is here; together
+    /// 1. None if there is no place.
+    pub(crate) fn shares(&self, at_m: Vec3) -> Vec<(usize, f32)> {
+        let cell = self.cell(at_m);
+        let cells = (0..27).map(|i| cell + IVec3::new(i % 3, i / 3 % 3, i / 9) - IVec3::ONE);
+        let near = cells.filter_map(|cell| self.place_of.get(&cell));
+        let mut shares: Vec<(usize, f32)> = near
+            .map(|&(place, center_m)| {
+                let away = center_m.distance(at_m) / (SPREAD_VOXELS * self.voxel_m);
+                (place, (-0.5 * away * away).exp())
+            })
+            .collect();
+        let all: f32 = shares.iter().map(|(_, part)| part).sum();
+        for (_, part) in &mut shares {
+            *part /= all;
+        }
+        shares
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn center_m(x: i32) -> Vec3 {
+        (IVec3::new(x, 0, 0).as_vec3() + 0.5) * 0.1
+    }
+
+    #[test]
+    fn what_is_shared_is_whole_and_nearer_places_have_more() {
+        let places = Places::of((0..5).map(|x| (x as usize, center_m(x))), 0.1);
+        let shares = places.shares(center_m(2) + Vec3::X * 0.02);
+        let part: HashMap<usize, f32> = shares.iter().copied().collect();
+        assert_eq!(part.len(), 3);
+        assert!((part.values().sum::<f32>() - 1.0).abs() < 1e-6, "{part:?}");
+        assert!(part[&2] > part[&3] && part[&3] > part[&1], "{part:?}");
+    }
+
+    #[test]
+    fn a_place_is_found_by_its_voxel_and_none_has_shares_of_what_is_far() {
+        let places = Places::of([(7, center_m(-1))].into_iter(), 0.1);
+        assert_eq!(places.at(center_m(-1) + Vec3::X * 0.04), Some(7));
+        assert_eq!(places.at(center_m(0)), None);
+        assert!(places.shares(center_m(1)).is_empty());
+    }
+}
