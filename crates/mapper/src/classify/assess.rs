@@ -20,6 +20,9 @@ use crate::refine::visibility::{Moments, Sight};
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 
+/// A Gaussian that explains less than this part of one bin, of all pings together, is let go: others explain what it
+/// was born of.
+const LEAST_EXPLAINED: f32 = 0.1;
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
 /// Least number of clear looks. At the rim of what a dive saw, a handful agree by chance.
@@ -419,12 +422,37 @@ pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize
     tails.map(|(slot, _)| slot).collect()
 }
 
+/// Slots that explain next to nothing of any echo, however strong they are beside their neighbours. `explained` is in
+/// bins by slot; what forgotten pings told is not in it, so that Gaussians they told of stay.
+pub(crate) fn idle(gaussians: &Gaussians, explained: &[f32]) -> Vec<usize> {
+    let is_idle = |&slot: &usize| {
+        let is_judged = gaussians.is_worked_on(slot) && gaussians.kept[slot].is_none();
+        is_judged && explained[slot] < LEAST_EXPLAINED
+    };
+    gaussians.slots().filter(is_idle).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use echosplat_model::glam::Vec3;
 
     use super::*;
     use crate::parts::{Cues, MapCues, Parts, decide};
+    use crate::spawn::gaussians::Stage;
+
+    #[test]
+    fn what_explains_no_echo_is_idle_and_what_forgotten_pings_told_of_is_not() {
+        let mut gaussians = Gaussians::default();
+        for x in 0..4 {
+            gaussians.spawn(Vec3::X * f32::from(x), (0, x), 0.05, 1.0);
+        }
+        gaussians.stage[1] = Stage::Background;
+        gaussians.kept[2] = Some(Box::default());
+        let explained = [0.001, 0.0, 0.0, 5.0];
+        assert_eq!(idle(&gaussians, &explained), [0]);
+        gaussians.remove(0);
+        assert!(idle(&gaussians, &explained).is_empty());
+    }
 
     #[test]
     fn few_clear_looks_do_where_all_looks_together_are_likely_and_poses_do_not_smear_them() {

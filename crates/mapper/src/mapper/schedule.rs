@@ -25,6 +25,8 @@ pub(crate) enum Action {
         pace: Pace,
     },
     DropTails,
+    /// What explains next to nothing goes.
+    DropIdle,
     /// What stayed gives way to the candidates around it.
     Refill,
     /// Means are moved to where their echoes are.
@@ -104,7 +106,8 @@ fn steps(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pa
     }));
 }
 
-/// Steps, with tails let go after every [`ROUND_STEPS`].
+/// Steps, with tails let go after every [`ROUND_STEPS`], and what is idle once candidates are sorted out: before, each
+/// explains little.
 fn rounds(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pace) {
     for step in 0..count {
         actions.push_back(Action::Strengthen {
@@ -113,6 +116,9 @@ fn rounds(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: P
             pace,
         });
         if (step + 1) % ROUND_STEPS == 0 || step + 1 == count {
+            if interleave <= INTERLEAVE {
+                actions.push_back(Action::DropIdle);
+            }
             actions.push_back(Action::DropTails);
         }
     }

@@ -151,6 +151,16 @@ pub(crate) fn strengths_of_ping(
     }
 }
 
+/// How many bins' power each slot explains, parts of bins added up; each of the pings stands for `stride`.
+pub(crate) fn explained(gaussians: &Gaussians, sums: &[StepSums], stride: f32) -> Vec<f32> {
+    let strengths = gaussians.strength.iter().zip(sums);
+    let of = |(strength, sums): (&Lobes, &StepSums)| {
+        let share = strength.ahead.dot(sums.weight.ahead) + strength.behind.dot(sums.weight.behind);
+        stride * share
+    };
+    strengths.map(of).collect()
+}
+
 /// One multiplicative step: for gamma speckle on power, `ρ ← ρ·(Σ A I/Î² / Σ A/Î)^½`. Each of the pings stands for
 /// `stride` that are remembered; what forgotten ones told of a whole Gaussian counts as it was last summed up.
 pub(crate) fn maximise(

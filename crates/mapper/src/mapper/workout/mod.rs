@@ -21,11 +21,11 @@ use crate::accumulate::evidence::{BlockIndex, TileIndex, VOXELS};
 use crate::accumulate::fan::Reach;
 use crate::accumulate::finding::Finding;
 use crate::accumulate::history::{History, Past, every};
-use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, judge, tails};
+use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, idle, judge, tails};
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
-    Pace, Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
+    Pace, Pass, Pull, StepSums, explained, localise, maximise, pulls_of_ping, strengths_of_ping,
 };
 use crate::refine::inherit::inherit;
 use crate::refine::refill::{Candidate, refill};
@@ -98,6 +98,8 @@ pub(crate) struct Workout {
     pairs_per_ping: f64,
     actions: VecDeque<Action>,
     doing: Option<Doing>,
+    /// How many bins' power each slot explained in the last step.
+    explained: Vec<f32>,
     iterations: u64,
     /// Whether it looks less often than it would if there were time.
     is_hurried: bool,
@@ -170,6 +172,7 @@ impl Workout {
             pairs_per_ping: 0.0,
             actions: actions(terms.config.workout_passes, start, terms.at_work),
             doing: None,
+            explained: Vec::new(),
             iterations: 0,
             is_hurried: false,
         };
@@ -304,6 +307,14 @@ impl Workout {
                     draft.remove(slot as u32);
                 }
             }),
+            Action::DropIdle => {
+                let explained = std::mem::take(&mut self.explained);
+                self.change(|draft, _| {
+                    for slot in idle(draft, &explained) {
+                        draft.remove(slot as u32);
+                    }
+                });
+            }
             Action::Refill => {
                 let candidates = std::mem::take(&mut self.candidates);
                 self.change(|draft, voxel_m| refill(draft, &candidates, voxel_m));
@@ -329,6 +340,7 @@ impl Workout {
                 if pass.is_done() {
                     let (sums, all, looks) = pass.finish();
                     self.worked(all, looks);
+                    self.explained = explained(&self.draft, &sums, stride);
                     maximise(&mut self.draft, &sums, stride, pace, self.at_work);
                     self.iterations += 1;
                 } else {
