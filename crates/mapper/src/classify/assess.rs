@@ -20,8 +20,8 @@ use crate::refine::visibility::{Moments, Sight};
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 
-/// A Gaussian that explains less than this part of one bin, of all pings together, is let go: others explain what it
-/// was born of.
+/// A Gaussian is let go if what it explains of all pings together is less than this part of one bin: others explain
+/// the echoes that it was born of.
 const LEAST_EXPLAINED: f32 = 0.1;
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;

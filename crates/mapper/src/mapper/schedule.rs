@@ -12,7 +12,7 @@ pub(crate) const INTERLEAVE: f64 = 8.0;
 const LAST_STRIDE: f64 = 3.0;
 /// Steps after which tails are let go.
 const ROUND_STEPS: usize = 4;
-/// Times the steps that sort out candidates, after which strengths have converged.
+/// Strengths have converged after this many times as many steps as sort out candidates.
 const CONVERGED: usize = 2;
 
 /// One thing to do.

@@ -38,8 +38,8 @@ impl Places {
         self.place_of.get(&self.cell(at_m)).map(|&(place, _)| place)
     }
 
-    /// The places within one voxel of the one that this is in, and the part that each has of what is here; together
-    /// 1. None if there is no place.
+    /// The places in this voxel and the 26 around it, each with its part of what is here. The parts add up to 1; the list
+    /// is empty where there is no place.
     pub(crate) fn shares(&self, at_m: Vec3) -> Vec<(usize, f32)> {
         let cell = self.cell(at_m);
         let cells = (0..27).map(|i| cell + IVec3::new(i % 3, i / 3 % 3, i / 9) - IVec3::ONE);
