@@ -1,5 +1,5 @@
 //! What is systematically wrong with poses and ranges: time offset, mount and speed of sound, told by how
-//! well the looks at landmarks of the map agree.
+//! well the looks at landmarks of the map agree, and by how likely maps make pings that they were not made of.
 //!
 //! The method is in `docs/algorithm.md`, section "Clock, mount and sound". Nothing of it changes the map.
 
@@ -9,9 +9,10 @@ mod linear;
 mod moving;
 mod parameters;
 mod point;
+pub(crate) mod sound;
 mod sums;
 
 pub(crate) use landmarks::Landmarks;
 pub(crate) use moving::{Moving, corrected, moving};
 pub use parameters::{Calibration, Estimate};
-pub(crate) use parameters::{Difference, Verdict};
+pub(crate) use parameters::{Difference, RANGE, Verdict};

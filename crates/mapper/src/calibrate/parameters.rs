@@ -9,7 +9,7 @@ pub(crate) const PARAMETERS: usize = 7;
 pub(super) const TIME: usize = 0;
 pub(super) const TURN: usize = 1;
 pub(super) const LEVER: usize = 4;
-pub(super) const RANGE: usize = 6;
+pub(crate) const RANGE: usize = 6;
 
 pub(crate) type Values = [f64; PARAMETERS];
 
@@ -80,13 +80,12 @@ pub(crate) struct Difference {
 const TRIED_SIGMAS: f64 = 4.0;
 /// Another value is believed if it makes pings likelier by so many standard errors.
 const LIKELIER_SIGMAS: f64 = 4.0;
-/// Another speed of sound is tried from here on, whatever the residual: maps take up nearly all of its error.
-const TRIED_SOUND: f64 = 0.005;
-/// What part of an error a map made with it leaves to see, as on the survey of a fence.
-const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 0.4];
+/// What part of an error a map made with it leaves to see, as on the survey of a fence; of ranges that is not asked.
+const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 1.0];
+/// Least part that one is taken for.
+const SEEN_AT_LEAST: f64 = 0.4;
 /// What part of the step has to vanish from the residual where it is right, and at most does.
 const LEAST_SEEN: f64 = 0.2;
-const LEAST_SEEN_SOUND: f64 = 0.05;
 const MOST_SEEN: f64 = 1.3;
 
 /// What trials brought.
@@ -120,18 +119,13 @@ impl Verdict {
         gain_sigmas: f64,
     ) -> bool {
         let seen = (before.residual()[which] - after.residual()[which]) / step;
-        let least = if which == RANGE {
-            LEAST_SEEN_SOUND
-        } else {
-            LEAST_SEEN
-        };
-        let is_seen = (least..MOST_SEEN).contains(&seen);
+        let is_seen = (LEAST_SEEN..MOST_SEEN).contains(&seen);
         let is_believed = is_seen && gain_sigmas > LIKELIER_SIGMAS;
         self.tried[which] = true;
         self.believed[which] = is_believed;
         if is_believed {
             self.values[which] += step;
-            self.seen[which] = seen.clamp(SEEN[RANGE], 1.0);
+            self.seen[which] = seen.clamp(SEEN_AT_LEAST, 1.0);
         }
         is_believed
     }
@@ -164,7 +158,8 @@ impl Difference {
         std::array::from_fn(|i| covariance[i][i].max(0.0).sqrt())
     }
 
-    /// The parameter not yet tried that alone explains most of the residual, if any is more than chance makes it.
+    /// The parameter not yet tried that alone explains most of the residual, if any is more than chance makes it; the
+    /// speed of sound is never one.
     pub(crate) fn most_off(&self, verdict: &Verdict) -> Option<usize> {
         let factor = cholesky(&self.covariance())?;
         let scaled = solve(&factor, &self.residual());
@@ -174,15 +169,13 @@ impl Difference {
         };
         let (residual, sigmas) = (self.residual(), self.sigmas());
         let is_off = |&i: &usize| residual[i].abs() > TRIED_SIGMAS * sigmas[i] && !verdict.tried[i];
-        let off = (0..PARAMETERS).filter(is_off);
-        let most = off.max_by(|&a, &b| gain(a).total_cmp(&gain(b)));
-        let is_sound_open = !verdict.tried[RANGE] && self.raw()[RANGE].abs() > TRIED_SOUND;
-        most.or(is_sound_open.then_some(RANGE))
+        let off = (0..PARAMETERS).filter(|&i| i != RANGE).filter(is_off);
+        off.max_by(|&a, &b| gain(a).total_cmp(&gain(b)))
     }
 
     /// What is left over, added to what was believed. What was tried and not believed is an error of the method, and
-    /// counts as such.
-    pub(crate) fn told(&self, verdict: &Verdict) -> Calibration {
+    /// counts as such. `sound` is what is told of the speed of sound, in parts of it.
+    pub(crate) fn told(&self, verdict: &Verdict, sound: Estimate) -> Calibration {
         let (residual, sigmas) = (self.residual(), self.sigmas());
         let at = |i: usize, unit: f64| {
             let is_refuted = verdict.tried[i] && !verdict.believed[i];
@@ -201,7 +194,11 @@ impl Difference {
             mount_yaw_deg: at(TURN + 2, degrees),
             lever_left_m: at(LEVER, 1.0),
             lever_up_m: at(LEVER + 1, 1.0),
-            sound_speed_percent: at(RANGE, 100.0),
+            sound_speed_percent: Estimate {
+                value: 100.0 * sound.value,
+                sigma: 100.0 * sound.sigma,
+                ..sound
+            },
             landmarks: self.heard.landmarks,
             looks: self.heard.looks,
         }
@@ -239,7 +236,7 @@ mod tests {
         let after = difference(TIME, 0.0008);
         assert!(verdict.judge(TIME, 0.029, &before, &after, 6.0));
         assert_eq!(after.most_off(&verdict), None);
-        let told = after.told(&verdict).time_offset_ms;
+        let told = after.told(&verdict, Estimate::default()).time_offset_ms;
         assert!(
             told.is_believed && (told.value - 30.0).abs() < 0.1,
             "{told:?}"
@@ -254,7 +251,7 @@ mod tests {
             let after = difference(TIME, after);
             assert!(!verdict.judge(TIME, 0.029, &before, &after, gain));
             assert_eq!(before.most_off(&verdict), None);
-            let told = before.told(&verdict).time_offset_ms;
+            let told = before.told(&verdict, Estimate::default()).time_offset_ms;
             assert!(
                 !told.is_believed && told.value.abs() < 1.01 * told.sigma,
                 "{told:?}"
@@ -263,10 +260,18 @@ mod tests {
     }
 
     #[test]
-    fn another_speed_of_sound_is_tried_though_the_map_took_it_up() {
-        let same = Difference::of(&found(RANGE, 0.015), &found(RANGE, 0.015));
-        assert_eq!(same.most_off(&Verdict::default()), Some(RANGE));
-        let small = Difference::of(&found(RANGE, 0.002), &found(RANGE, 0.002));
-        assert_eq!(small.most_off(&Verdict::default()), None);
+    fn the_speed_of_sound_is_told_as_it_was_found_and_not_tried_by_landmarks() {
+        let off = difference(RANGE, 0.015);
+        assert_eq!(off.most_off(&Verdict::default()), None);
+        let sound = Estimate {
+            value: 0.012,
+            sigma: 0.003,
+            is_believed: true,
+        };
+        let told = off.told(&Verdict::default(), sound).sound_speed_percent;
+        assert!(
+            told.is_believed && (told.value - 1.2).abs() < 1e-6,
+            "{told:?}"
+        );
     }
 }

@@ -1,6 +1,5 @@
 //! Clock, mount and sound by the dive so far: maps of it as it is and as it would be with other ones.
 
-use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use rayon::prelude::*;
@@ -8,7 +7,10 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use super::{Mapper, NEWBORN_STRENGTH};
 use crate::accumulate::history::{History, Past};
-use crate::calibrate::{Calibration, Difference, Landmarks, Moving, Verdict, corrected, moving};
+use crate::calibrate::sound::{self, Blocks};
+use crate::calibrate::{
+    Calibration, Difference, Estimate, Landmarks, Moving, RANGE, Verdict, corrected, moving,
+};
 use crate::mapper::work::due_at_end;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
@@ -79,9 +81,10 @@ impl Mapper {
 }
 
 impl Calibrator {
-    /// What is wrong, one thing after the other, the surest first; `None` if the dive does not tell.
+    /// What is wrong, one thing after the other, the surest first, and then the speed of sound; `None` if the dive does
+    /// not tell.
     ///
-    /// Cost: one map of at most 2,048 pings, and one for each value tried.
+    /// Cost: three maps of at most 2,048 pings where nothing is off, one more for each value tried.
     #[must_use]
     pub fn run(&self) -> Option<Calibration> {
         let pool = Arc::clone(&self.blank.pool);
@@ -100,56 +103,114 @@ impl Calibrator {
             let mut values = verdict.values;
             values[most] += step;
             let trial = Trial::of(&self.blank, corrected(&told, &values))?;
-            let gain = trial.likelier(&best);
+            let gain = trial.mapped.likelier(&best.mapped);
             if verdict.judge(most, step, &best.difference, &trial.difference, gain) {
                 best = trial;
             }
         }
-        Some(best.difference.told(&verdict))
+        let sound = self.sound(&told, &verdict, &best.mapped);
+        if let Some(sound) = sound.filter(|sound| sound.is_believed) {
+            verdict.values[RANGE] = sound.value;
+            best = Trial::of(&self.blank, corrected(&told, &verdict.values))?;
+        }
+        Some(best.difference.told(&verdict, sound.unwrap_or(NO_SOUND)))
+    }
+
+    /// The likeliest speed of sound with what else was believed; `found` is the map with the configured one. A map of few
+    /// pings may be better than another by chance, so that what is off is asked once more of maps of other pings.
+    fn sound(&self, told: &[Moving], verdict: &Verdict, found: &Mapped) -> Option<Estimate> {
+        let range_m = mean_range_m(told)?;
+        let blocks = |told: &[Moving], part: f64| {
+            let mut values = verdict.values;
+            values[RANGE] = part;
+            Some(Mapped::of(&self.blank, corrected(told, &values))?.blocks())
+        };
+        let first = sound::likeliest(range_m, |part| match part == 0.0 {
+            true => Some(found.blocks()),
+            false => blocks(told, part),
+        })?;
+        // Where poses smear echoes the likelihood is not that of the echoes.
+        let is_likelihood = !self.blank.at_work.smeared;
+        if !first.is_off() {
+            return Some(first.told(is_likelihood));
+        }
+        // Those that the first maps were made of are held back now, and most of the others were.
+        let others = told.get(1..)?;
+        let second = sound::likeliest(range_m, |part| blocks(others, part))?;
+        Some(first.and(second).told(is_likelihood))
     }
 }
 
-/// A map of the dive with some poses and ranges, and what it leaves to see.
-struct Trial {
+/// Nothing is known of the speed of sound beyond what any water has.
+const NO_SOUND: Estimate = Estimate {
+    value: 0.0,
+    sigma: 0.02,
+    is_believed: false,
+};
+
+/// Of all bins that hold echoes; `None` if there are none.
+fn mean_range_m(moving: &[Moving]) -> Option<f64> {
+    let (mut sum_m, mut count) = (0.0, 0.0);
+    for moving in moving {
+        let look = &moving.past.look;
+        for &(start, end) in &moving.past.profile.echoes {
+            let (bins, middle) = (f64::from(end - start), 0.5 * f64::from(start + end));
+            sum_m += bins * (f64::from(look.range_start_m) + middle * f64::from(look.bin_length_m));
+            count += bins;
+        }
+    }
+    (sum_m > 0.0).then(|| sum_m / count)
+}
+
+/// A map of the dive with some poses and ranges.
+struct Mapped {
     map: Mapper,
     moving: Vec<Moving>,
+}
+
+/// Such a map, and what it leaves to see.
+struct Trial {
+    mapped: Mapped,
     difference: Difference,
 }
 
 impl Trial {
     fn of(blank: &Mapper, moving: Vec<Moving>) -> Option<Self> {
-        let map = mapped(blank, &moving)?;
-        let world = map.world.as_ref()?;
-        let scene = map.scene(world);
-        let heard = Landmarks::find(&moving, scene, false).estimate()?;
-        let predicted = Landmarks::find(&moving, scene, true).estimate()?;
+        let mapped = Mapped::of(blank, moving)?;
+        let Mapped { map, moving } = &mapped;
+        let scene = map.scene(map.world.as_ref()?);
+        let heard = Landmarks::find(moving, scene, false).estimate()?;
+        let predicted = Landmarks::find(moving, scene, true).estimate()?;
         Some(Self {
             difference: Difference::of(&heard, &predicted),
-            map,
-            moving,
+            mapped,
         })
+    }
+}
+
+impl Mapped {
+    fn of(blank: &Mapper, moving: Vec<Moving>) -> Option<Self> {
+        let map = mapped(blank, &moving)?;
+        Some(Self { map, moving })
     }
 
     /// By how many standard errors over blocks of time the pings held back are likelier than with another.
     fn likelier(&self, other: &Self) -> f64 {
-        let mut blocks: BTreeMap<u32, f64> = BTreeMap::new();
-        let pairs = self.likelihoods().into_iter().zip(other.likelihoods());
-        for ((block, mine), (_, theirs)) in pairs {
-            *blocks.entry(block).or_default() += mine - theirs;
-        }
-        let count = blocks.len() as f64;
-        let mean = blocks.values().sum::<f64>() / count;
-        let square = blocks
-            .values()
-            .map(|gain| (gain - mean).powi(2))
-            .sum::<f64>();
+        let theirs = other.blocks();
+        let gains = self.blocks().into_iter();
+        let gains: Vec<f64> = gains
+            .map(|(block, mine)| mine - theirs.get(&block).copied().unwrap_or(0.0))
+            .collect();
+        let count = gains.len() as f64;
+        let mean = gains.iter().sum::<f64>() / count;
+        let square = gains.iter().map(|gain| (gain - mean).powi(2)).sum::<f64>();
         mean / (square / (count * (count - 1.0))).sqrt()
     }
 
-    /// Block of time and log likelihood of each ping held back.
-    fn likelihoods(&self) -> Vec<(u32, f64)> {
+    /// Log likelihood of the pings held back.
+    fn blocks(&self) -> Blocks {
         let Some(world) = &self.map.world else {
-            return Vec::new();
+            return Blocks::new();
         };
         let scene = self.map.scene(world);
         let field = Field::of(&world.evidence, &self.map.gaussians);
@@ -158,9 +219,15 @@ impl Trial {
             sight.look(&moving.past, scene, &field);
             (moving.block, sight.log_likelihood())
         };
-        held.par_iter()
+        let likelihoods: Vec<(u32, f64)> = held
+            .par_iter()
             .map_init(Sight::default, |sight, moving| of_ping(sight, moving))
-            .collect()
+            .collect();
+        let mut blocks = Blocks::new();
+        for (block, likelihood) in likelihoods {
+            *blocks.entry(block).or_default() += likelihood;
+        }
+        blocks
     }
 }
 

@@ -59,8 +59,8 @@ impl Workout {
         for (index, voxels) in found {
             let (block, mut mask) = (evidence.block(index), Mask::default());
             let (key, is_held) = (block.key, self.hold(world, map, index));
-            for &(voxel, slot) in &block.gaussians {
-                if map.stage[slot as usize] == Stage::Worked && !is(&is_held, voxel) {
+            for &(voxel, _) in &block.gaussians {
+                if !is(&is_held, voxel) {
                     set(&mut mask, voxel);
                 }
             }

@@ -1,0 +1,184 @@
+//! The speed of sound that makes pings likeliest.
+//!
+//! A map takes up an error of ranges in its landmarks, so that they tell little of it. How likely it makes pings that it was not
+//! made of does tell: ranges that are wrong alike put the same structure elsewhere from each place it is seen from.
+
+use std::collections::BTreeMap;
+
+use super::parameters::Estimate;
+
+/// Log likelihoods of pings held back, by block of time.
+pub(crate) type Blocks = BTreeMap<u32, f64>;
+
+/// From one speed of sound that is tried to the next, as a part of it: at 6 m what a beam of 0.8° is wide.
+const STEP: f64 = 0.015;
+/// Steps either way at most: fresh water near freezing has 1,402 m/s, warm salt water 1,560 m/s, and units reckon with 1,500.
+const MOST_STEPS: i32 = 5;
+/// An echo comes from the near side of what it is taken for the middle of, and ranges that are a little short are as likely as a
+/// faster sound. Rods and pipes are up to 8 cm thick, so this much, metres; one sigma is that of any thickness up to
+/// there and 1.5 cm of a lever arm along the beam. Thicker piles are beyond it.
+const NEARER_M: f64 = 0.02;
+const NEARER_SIGMA_M: f64 = 0.019;
+/// Another speed of sound is asked for once more, of other pings, so many sigmas away, and believed so many.
+const ASKED_AGAIN_SIGMAS: f64 = 2.0;
+const BELIEVED_SIGMAS: f64 = 4.0;
+
+/// The top of a likelihood, as a part of the speed of sound, less 1.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Top {
+    value: f64,
+    /// One sigma of what pings tell.
+    own_sigma: f64,
+    /// One sigma of what no ping tells.
+    common_sigma: f64,
+}
+
+impl Top {
+    fn sigma(&self) -> f64 {
+        self.own_sigma.hypot(self.common_sigma)
+    }
+
+    /// Whether more pings are worth asking.
+    pub(crate) fn is_off(&self) -> bool {
+        self.value.abs() > ASKED_AGAIN_SIGMAS * self.sigma()
+    }
+
+    /// With one that other maps have: what they differ by is an error of both.
+    pub(crate) fn and(self, other: Self) -> Self {
+        let apart = (self.value - other.value).abs();
+        Self {
+            value: 0.5 * (self.value + other.value),
+            own_sigma: self.own_sigma.max(other.own_sigma).hypot(apart),
+            ..self
+        }
+    }
+
+    /// As parts of the speed of sound; believed at most if the likelihood is to be.
+    pub(crate) fn told(self, is_likelihood: bool) -> Estimate {
+        Estimate {
+            value: self.value,
+            sigma: self.sigma(),
+            is_believed: is_likelihood && self.value.abs() > BELIEVED_SIGMAS * self.sigma(),
+        }
+    }
+}
+
+/// Looks for the speed of sound with the most of `of`, log likelihoods with ranges so many times as long, less 1, from the
+/// configured one outwards until the best is between two others. `range_m` is the mean range of echoes.
+///
+/// `None` if pings do not tell, or only that it is further off than was tried.
+pub(crate) fn likeliest(range_m: f64, mut of: impl FnMut(f64) -> Option<Blocks>) -> Option<Top> {
+    let mut tried: BTreeMap<i32, Blocks> = BTreeMap::new();
+    let mut middle = 0_i32;
+    loop {
+        for step in middle - 1..=middle + 1 {
+            if !tried.contains_key(&step) {
+                tried.insert(step, of(f64::from(step) * STEP)?);
+            }
+        }
+        let all = |step: i32| tried[&step].values().sum::<f64>();
+        let best = [middle - 1, middle + 1]
+            .into_iter()
+            .fold(
+                middle,
+                |best, step| {
+                    if all(step) > all(best) { step } else { best }
+                },
+            );
+        if best == middle {
+            break;
+        }
+        if best.abs() >= MOST_STEPS {
+            return None;
+        }
+        middle = best;
+    }
+    let [below, here, above] = [-1, 0, 1].map(|step| &tried[&(middle + step)]);
+    let (offset, error) = vertex(below, here, above)?;
+    let top = Top {
+        value: STEP * (f64::from(middle) + offset) - NEARER_M / range_m,
+        own_sigma: STEP * error,
+        common_sigma: NEARER_SIGMA_M / range_m,
+    };
+    (top.value.is_finite() && top.sigma().is_finite()).then_some(top)
+}
+
+/// Where the parabola through three sums over blocks has its top, in steps from the middle, and its standard error by
+/// leaving out each block in turn.
+fn vertex(below: &Blocks, here: &Blocks, above: &Blocks) -> Option<(f64, f64)> {
+    let blocks: Vec<[f64; 2]> = here
+        .iter()
+        .filter_map(|(block, here)| Some([below.get(block)? - here, above.get(block)? - here]))
+        .collect();
+    let top = |[below, above]: [f64; 2]| {
+        let bend = -(below + above);
+        (bend > 0.0).then(|| 0.5 * (above - below) / bend)
+    };
+    let all = blocks
+        .iter()
+        .fold([0.0; 2], |sum, b| [sum[0] + b[0], sum[1] + b[1]]);
+    let without = blocks.iter().map(|b| top([all[0] - b[0], all[1] - b[1]]));
+    let without: Vec<f64> = without.collect::<Option<_>>()?;
+    let count = without.len() as f64;
+    let mean = without.iter().sum::<f64>() / count;
+    let square: f64 = without.iter().map(|top| (top - mean).powi(2)).sum();
+    Some((top(all)?, (square * (count - 1.0) / count).sqrt()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RANGE_M: f64 = 6.0;
+
+    /// Twelve blocks of a dive whose sound is faster by `truth`, each with its own error, and a common one of `map` by
+    /// the number of steps.
+    fn blocks(part: f64, truth: f64, map: impl Fn(i32) -> f64) -> Blocks {
+        let block = |number: u32| {
+            let own = truth + 1e-3 * (f64::from(number) - 5.5);
+            let off = (part - own - NEARER_M / RANGE_M) / STEP;
+            (
+                number,
+                -1000.0 * off * off + map((part / STEP).round() as i32),
+            )
+        };
+        (0..12).map(block).collect()
+    }
+
+    fn found(truth: f64, map: impl Fn(i32) -> f64) -> Option<Top> {
+        likeliest(RANGE_M, |part| Some(blocks(part, truth, &map)))
+    }
+
+    #[test]
+    fn the_speed_of_sound_is_found_however_far_off_it_is_within_what_water_has() {
+        for truth in [-0.06, -0.01, 0.0, 0.004, 0.02, 0.05] {
+            let top = found(truth, |_| 0.0).unwrap();
+            assert!((top.value - truth).abs() < 1e-6, "{truth}: {top:?}");
+            // Blocks are off by 3.6 parts in a thousand each.
+            assert!(
+                (top.own_sigma - 3.6e-3 / 12f64.sqrt()).abs() < 1e-4,
+                "{top:?}"
+            );
+            assert_eq!(top.told(true).is_believed, truth.abs() > 0.015, "{truth}");
+        }
+        assert!(found(0.2, |_| 0.0).is_none());
+    }
+
+    #[test]
+    fn what_maps_of_other_pings_do_not_say_too_is_not_believed() {
+        let good_by_chance = found(0.0, |step| 6e3 * f64::from(step)).unwrap();
+        let other = found(0.0, |_| 0.0).unwrap();
+        assert!(good_by_chance.is_off() && !other.is_off());
+        assert!(good_by_chance.told(true).is_believed);
+        assert!(!good_by_chance.told(false).is_believed);
+        let both = good_by_chance.and(other).told(true);
+        assert!(!both.is_believed && both.sigma > 0.02, "{both:?}");
+    }
+
+    #[test]
+    fn pings_that_are_likelier_at_no_speed_tell_nothing() {
+        let even = likeliest(RANGE_M, |_| Some(Blocks::from([(0, 1.0), (1, 2.0)])));
+        assert!(even.is_none());
+        assert!(likeliest(RANGE_M, |_| None).is_none());
+    }
+}
