@@ -4,6 +4,7 @@
 //! made of does tell: ranges that are wrong alike put the same structure elsewhere from each place it is seen from.
 
 use std::collections::BTreeMap;
+use std::collections::btree_map::Entry;
 
 use super::parameters::Estimate;
 
@@ -72,8 +73,8 @@ pub(crate) fn likeliest(range_m: f64, mut of: impl FnMut(f64) -> Option<Blocks>)
     let mut middle = 0_i32;
     loop {
         for step in middle - 1..=middle + 1 {
-            if !tried.contains_key(&step) {
-                tried.insert(step, of(f64::from(step) * STEP)?);
+            if let Entry::Vacant(untried) = tried.entry(step) {
+                untried.insert(of(f64::from(step) * STEP)?);
             }
         }
         let all = |step: i32| tried[&step].values().sum::<f64>();

@@ -25,12 +25,12 @@ const SURFACE_VOXELS: f32 = 1.5;
 pub(crate) const NEAR_M: f32 = 0.10;
 /// Of places that the map says nothing for, this part has surface so near by chance: those it holds lie about the
 /// structure.
-const BY_CHANCE: f32 = 0.10;
+pub(crate) const BY_CHANCE: f32 = 0.05;
 /// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M`; what they grow by
 /// with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by with the logarithm
 /// of sigma. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
-const EVEN_ODDS: f32 = 0.75;
-const PER_RIVALRY: f32 = 1.7;
+const EVEN_ODDS: f32 = 1.05;
+const PER_RIVALRY: f32 = 1.4;
 const PER_SIGMA: f32 = 0.8;
 const LEAST_TOLD: f32 = -3.0;
 const MOST_TOLD: f32 = 1.5;

@@ -210,3 +210,67 @@ fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {
         repeats.doubt(&past.look, &intensity, &ground, &mut past.profile);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::glam::{DQuat, DVec3};
+    use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
+
+    use super::*;
+    use crate::MapperConfig;
+    use crate::accumulate::evidence::Horizon;
+
+    /// Of a vehicle that goes by something 4 m away.
+    fn going_by(number: u32) -> PosedPing {
+        let settings = PingSettings {
+            range_start_m: 0.0,
+            range_length_m: 6.0,
+            bin_count: 300,
+            speed_of_sound_mps: 1500.0,
+            frequency_hz: 450e3,
+            pulse_duration_s: 2e-5,
+            gain_index: 0,
+        };
+        let power = |bin: u32| match bin {
+            198..202 => 1000.0,
+            _ => -((f64::from((bin * 97 + number * 31) % 300) + 0.5) / 300.0).ln() as f32,
+        };
+        let time = Timestamp::from_nanos(i64::from(number) * 50_000_000);
+        let ping = Ping::new(number.into(), time, settings, (0..300).map(power).collect());
+        PosedPing {
+            ping: ping.unwrap().into(),
+            world_from_sensor: Pose {
+                translation_m: DVec3::Y * 0.05 * f64::from(number),
+                rotation: DQuat::IDENTITY,
+            },
+            twist: Twist::default(),
+            reference_range_m: 3.0,
+            uncertainty: None,
+            jitter: None,
+        }
+    }
+
+    #[test]
+    fn a_dive_ends_with_nothing_that_was_not_assessed() {
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        for number in 0..40 {
+            mapper.insert(&going_by(number));
+        }
+        // Where nothing speaks for a place any more although it was born there.
+        let evidence = &mut mapper.world.as_mut().unwrap().evidence;
+        let index = evidence.tiles()[0].blocks[0];
+        let sums = evidence.of(evidence.block(index), Horizon::Eighths).0;
+        let voxel = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b]));
+        let voxel = voxel.unwrap() as u16;
+        let center_m = evidence.center_m(evidence.block(index).key, voxel.into());
+        let home = (index, voxel);
+        let slot = mapper.gaussians.spawn(center_m, home, 0.05, 1.0);
+        evidence.block_mut(index).gaussians.push((voxel, slot));
+        let id = mapper.gaussians.id[slot as usize];
+        let before = mapper.snapshot();
+        assert!(before.gaussians.iter().any(|gaussian| gaussian.id == id));
+        let after = mapper.finish();
+        assert!(after.gaussians.iter().all(|gaussian| gaussian.id != id));
+        assert!(after.gaussians.iter().all(|g| g.sigma_m.is_finite()));
+    }
+}

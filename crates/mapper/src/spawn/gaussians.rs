@@ -5,6 +5,7 @@ use echosplat_model::glam::{Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
 use crate::accumulate::evidence::{BlockIndex, spare};
+use crate::classify::certainty::BY_CHANCE;
 use crate::spawn::kept::Kept;
 use crate::spawn::lobes::{Lobes, Sides};
 
@@ -92,7 +93,7 @@ impl Gaussians {
         self.part[s] = 1.0;
         self.sigma_m[s] = f32::INFINITY;
         self.position_covariance_m2[s] = SymmetricMat3::isotropic(f32::INFINITY);
-        self.probability[s] = 0.0;
+        self.probability[s] = BY_CHANCE;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
         self.stage[s] = Stage::Newborn;
         self.kept[s] = None;
