@@ -149,7 +149,7 @@ impl Dive {
         })
     }
 
-    /// What the landmarks of the dive's own map say of the rest, the speed of sound first.
+    /// What the dive's own map and others beside it say of the rest, the speed of sound first.
     pub(super) fn landmarks(&self, config: &Config) -> anyhow::Result<Option<Calibration>> {
         let mut mapper = Mapper::new(config.mapper.clone())?;
         for ping in &self.posed(config)? {
