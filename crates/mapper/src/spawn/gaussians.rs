@@ -119,16 +119,25 @@ impl Gaussians {
         copy
     }
 
-    /// Whether a slot is being worked out, rather than held still.
+    /// Whether a slot is in use and being worked out, rather than held still.
     pub(crate) fn is_worked_on(&self, slot: usize) -> bool {
-        self.stage[slot] != Stage::Background
+        self.alive[slot] && self.stage[slot] != Stage::Background
     }
 
+    /// Lets one go; one that is gone stays so, and its slot is free once.
     pub(crate) fn remove(&mut self, slot: u32) {
-        self.alive[slot as usize] = false;
+        if !std::mem::take(&mut self.alive[slot as usize]) {
+            return;
+        }
         self.strength[slot as usize] = Lobes::default();
         self.kept[slot as usize] = None;
         self.free.push(slot);
+    }
+
+    pub(crate) fn remove_all(&mut self, slots: &[usize]) {
+        for &slot in slots {
+            self.remove(slot as u32);
+        }
     }
 
     pub(crate) fn set_shape(&mut self, slot: usize, rotation: Quat, scale_m: Vec3) {
@@ -205,5 +214,29 @@ impl Gaussians {
     /// Slots in use, in order.
     pub(crate) fn slots(&self) -> impl Iterator<Item = usize> + '_ {
         (0..self.id.len()).filter(|&slot| self.alive[slot])
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_slot_is_used_again_once_and_its_id_never() {
+        let mut gaussians = Gaussians::default();
+        let mut spawn = |gone: Option<u32>| {
+            if let Some(slot) = gone {
+                gaussians.remove_all(&[slot as usize, slot as usize]);
+                assert!(!gaussians.is_worked_on(slot as usize));
+            }
+            let slot = gaussians.spawn(Vec3::ZERO, (0, 0), 0.1, 1.0);
+            (slot, gaussians.id[slot as usize], gaussians.alive_count())
+        };
+        let (first, second) = (spawn(None), spawn(None));
+        let third = spawn(Some(first.0));
+        let fourth = spawn(None);
+        assert_eq!([first.0, second.0, third.0, fourth.0], [0, 1, 0, 2]);
+        assert_eq!([first.1, second.1, third.1, fourth.1], [0, 1, 2, 3]);
+        assert_eq!((third.2, fourth.2), (2, 3));
     }
 }

@@ -303,17 +303,11 @@ impl Workout {
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
             }
             Action::DropTails => self.change(|draft, voxel_m| {
-                for slot in tails(draft, voxel_m, TAIL_PART) {
-                    draft.remove(slot as u32);
-                }
+                draft.remove_all(&tails(draft, voxel_m, TAIL_PART));
             }),
             Action::DropIdle => {
                 let explained = std::mem::take(&mut self.explained);
-                self.change(|draft, _| {
-                    for slot in idle(draft, &explained) {
-                        draft.remove(slot as u32);
-                    }
-                });
+                self.change(|draft, _| draft.remove_all(&idle(draft, &explained)));
             }
             Action::Refill => {
                 let candidates = std::mem::take(&mut self.candidates);
