@@ -13,7 +13,7 @@ use echosplat_model::glam::{DMat3, DVec3, Mat3};
 use crate::accumulate::finding::{Account, Finding};
 use crate::accumulate::history::PoseBlur;
 use crate::refine::shape::{eigen, scatter_of};
-use crate::spawn::gaussians::{Gaussians, Verdict};
+use crate::spawn::gaussians::{BY_CHANCE, Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 
 /// A place that nothing is known of is within a ping's range, of which this is a usual one, metres.
@@ -23,9 +23,6 @@ const SURFACE_VOXELS: f32 = 1.5;
 
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
-/// Of places that the map says nothing for, this part has surface so near by chance: those it holds lie about the
-/// structure.
-pub(crate) const BY_CHANCE: f32 = 0.05;
 /// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M`; what they grow by
 /// with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by with the logarithm
 /// of sigma. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.

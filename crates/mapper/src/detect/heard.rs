@@ -1,4 +1,4 @@
-//! Pings with given echoes, for the tests of what is told from echoes alone.
+//! Pings with given echoes, for tests.
 
 use echosplat_acoustics::Look;
 use echosplat_model::glam::{DQuat, DVec3};
@@ -21,28 +21,11 @@ pub(crate) fn heard(heading_deg: f64, echoes: &[(f64, f32)]) -> (Look, Vec<f32>,
         let bin = (range_m / BIN_M) as usize;
         power[bin - 1..=bin + 1].fill(strength);
     }
-    let settings = PingSettings {
-        range_start_m: 0.0,
-        range_length_m: BIN_M * BINS as f64,
-        bin_count: BINS,
-        speed_of_sound_mps: 1500.0,
-        frequency_hz: 450e3,
-        pulse_duration_s: 2e-5,
-        gain_index: 0,
+    let pose = Pose {
+        rotation: DQuat::from_rotation_z(heading_deg.to_radians()),
+        ..Pose::IDENTITY
     };
-    let posed = PosedPing {
-        ping: Ping::new(0, Timestamp::ZERO, settings, power.clone())
-            .unwrap()
-            .into(),
-        world_from_sensor: Pose {
-            rotation: DQuat::from_rotation_z(heading_deg.to_radians()),
-            ..Pose::IDENTITY
-        },
-        twist: Twist::default(),
-        reference_range_m: 6.0,
-        uncertainty: None,
-        jitter: None,
-    };
+    let posed = posed(0, power.clone(), pose);
     let config = MapperConfig::default();
     let mut levels = Levels::default();
     let profile = levels.profile(
@@ -54,4 +37,28 @@ pub(crate) fn heard(heading_deg: f64, echoes: &[(f64, f32)]) -> (Look, Vec<f32>,
     );
     let look = look_of(&posed, DVec3::ZERO, &config);
     (look, power, profile, levels.strongest())
+}
+
+/// A ping of these powers, 50 ms after the one of the number before.
+pub(crate) fn posed(number: u32, power: Vec<f32>, world_from_sensor: Pose) -> PosedPing {
+    let range_length_m = BIN_M * power.len() as f64;
+    let settings = PingSettings {
+        range_start_m: 0.0,
+        range_length_m,
+        bin_count: power.len(),
+        speed_of_sound_mps: 1500.0,
+        frequency_hz: 450e3,
+        pulse_duration_s: 2e-5,
+        gain_index: 0,
+    };
+    let time = Timestamp::from_nanos(i64::from(number) * 50_000_000);
+    let ping = Ping::new(number.into(), time, settings, power).unwrap();
+    PosedPing {
+        ping: ping.into(),
+        world_from_sensor,
+        twist: Twist::default(),
+        reference_range_m: 0.5 * range_length_m,
+        uncertainty: None,
+        jitter: None,
+    }
 }

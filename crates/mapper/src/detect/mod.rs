@@ -12,3 +12,6 @@ pub(crate) mod profile;
 pub(crate) mod receiver;
 pub(crate) mod repeats;
 pub(crate) mod walkers;
+
+#[cfg(test)]
+pub(crate) use heard::posed;

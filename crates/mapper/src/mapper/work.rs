@@ -213,41 +213,25 @@ fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {
 
 #[cfg(test)]
 mod tests {
-    use echosplat_model::glam::{DQuat, DVec3};
-    use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
+    use echosplat_model::glam::DVec3;
+    use echosplat_model::{Pose, PosedPing};
 
     use super::*;
     use crate::MapperConfig;
     use crate::accumulate::evidence::Horizon;
+    use crate::detect::posed;
 
     /// Of a vehicle that goes by something 4 m away.
     fn going_by(number: u32) -> PosedPing {
-        let settings = PingSettings {
-            range_start_m: 0.0,
-            range_length_m: 6.0,
-            bin_count: 300,
-            speed_of_sound_mps: 1500.0,
-            frequency_hz: 450e3,
-            pulse_duration_s: 2e-5,
-            gain_index: 0,
-        };
         let power = |bin: u32| match bin {
             198..202 => 1000.0,
             _ => -((f64::from((bin * 97 + number * 31) % 300) + 0.5) / 300.0).ln() as f32,
         };
-        let time = Timestamp::from_nanos(i64::from(number) * 50_000_000);
-        let ping = Ping::new(number.into(), time, settings, (0..300).map(power).collect());
-        PosedPing {
-            ping: ping.unwrap().into(),
-            world_from_sensor: Pose {
-                translation_m: DVec3::Y * 0.05 * f64::from(number),
-                rotation: DQuat::IDENTITY,
-            },
-            twist: Twist::default(),
-            reference_range_m: 3.0,
-            uncertainty: None,
-            jitter: None,
-        }
+        let pose = Pose {
+            translation_m: DVec3::Y * 0.05 * f64::from(number),
+            ..Pose::IDENTITY
+        };
+        posed(number, (0..300).map(power).collect(), pose)
     }
 
     #[test]

@@ -5,10 +5,12 @@ use echosplat_model::glam::{Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
 use crate::accumulate::evidence::{BlockIndex, spare};
-use crate::classify::certainty::BY_CHANCE;
 use crate::spawn::kept::Kept;
 use crate::spawn::lobes::{Lobes, Sides};
 
+/// Of places that the map says nothing for, this part has surface within 0.10 m by chance: those it holds lie about the
+/// structure.
+pub(crate) const BY_CHANCE: f32 = 0.05;
 /// What the last assessment found of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Verdict {
@@ -134,6 +136,7 @@ impl Gaussians {
         self.free.push(slot);
     }
 
+    /// Lets all of them go.
     pub(crate) fn remove_all(&mut self, slots: &[usize]) {
         for &slot in slots {
             self.remove(slot as u32);
