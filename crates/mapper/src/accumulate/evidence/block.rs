@@ -79,7 +79,7 @@ pub(crate) struct Block {
     /// Voxels that were candidates when the block was last worked out and hold nothing, a bit each: none is
     /// born there until then again.
     pub(crate) barred: [u64; VOXELS / 64],
-    /// The most evidence of any voxel.
+    /// The most evidence of any voxel; where it is none, at least as much.
     pub(crate) best: f32,
     /// Evidence of looks that are not in `sides` any more, where there are Gaussians.
     left: Vec<(u16, f32)>,
@@ -151,13 +151,17 @@ impl Block {
     ) -> u64 {
         let (center_m, radius_m) = (self.center_m(voxel_m), radius_m(voxel_m));
         let (mut work, mut looked_from) = (0, [false; SIDES]);
+        // Darkness alone leaves nothing where nothing was.
+        let mut may_be_more = self.best > 0.0;
         for past in pings {
             if past.fan.touches(center_m, radius_m) {
                 let side = side_of(past.look.pose.position_m - center_m);
                 looked_from[side] = true;
                 if let Some(sums) = self.sides[side].sums() {
                     let glance = Glance::of(past, self.key, voxel_m);
-                    work += dispatch!(Level::new(), simd => glance.add(simd, sums));
+                    let (looks, is_lit) = dispatch!(Level::new(), simd => glance.add(simd, sums));
+                    work += looks;
+                    may_be_more |= is_lit;
                 }
             }
         }
@@ -169,11 +173,13 @@ impl Block {
             };
             for (index, side) in self.sides.iter_mut().enumerate() {
                 if looked_from[index] {
-                    side.settle(below);
+                    may_be_more |= side.settle(below);
                     self.looked_from |= 1 << index;
                 }
             }
-            self.weigh();
+            if may_be_more {
+                self.weigh();
+            }
         }
         work
     }
@@ -265,9 +271,9 @@ impl<'a> Glance<'a> {
         }
     }
 
-    /// Adds the look to every voxel in its beam. Returns voxel looks done.
+    /// Adds the look to every voxel in its beam. Returns voxel looks done, and whether any was lit.
     #[inline(always)]
-    fn add<S: Simd>(&self, simd: S, sums: &mut SideSums) -> u64 {
+    fn add<S: Simd>(&self, simd: S, sums: &mut SideSums) -> (u64, bool) {
         let look = &self.past.look;
         let [step, along_y, along_z] = self.steps_m;
         let voxel_variance_m2 = self.voxel_m * self.voxel_m / 12.0;
@@ -281,7 +287,7 @@ impl<'a> Glance<'a> {
         // Beyond this the beam's middle says nothing of a row, its drift included.
         let margin_m = 3.5 * step.y.abs() + ROW_MARGIN_VOXELS * self.voxel_m;
         let reach = (LOOK_SIGMAS_SQUARED * self.beam_variance).sqrt();
-        let mut work = 0;
+        let (mut work, mut most) = (0, none);
         for (row, sums) in sums.chunks_exact_mut(LANES).enumerate() {
             let start = self.first_m + along_y * (row % 8) as f32 + along_z * (row / 8) as f32;
             let middle = start + step * 3.5;
@@ -315,18 +321,25 @@ impl<'a> Glance<'a> {
                 *ratio = self.ratios[states.at(bin as usize) as usize];
             }
             let ratio = f32x8::simd_from(simd, ratio);
+            most = most.max(ratio);
             let told: i32x8<S> = (clear * ratio * STEPS).round_ties_even().to_int();
             for (sum, told) in sums.iter_mut().zip(told.to_array()) {
                 *sum = sum.saturating_add(told as i16);
             }
         }
-        work
+        (work, most.simd_gt(none).to_bitmask() != 0)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::MapperConfig;
+    use crate::accumulate::history::{look_of, past_of, pose_blur};
+    use crate::detect::posed;
+    use crate::detect::profile::{Backdrop, Levels};
+    use echosplat_model::Pose;
+    use echosplat_model::glam::DVec3;
 
     #[test]
     fn what_is_left_remembers_the_places_of_its_gaussians() {
@@ -348,15 +361,54 @@ mod tests {
         block.sides[0] = seen_as(20.0);
         block.sides[1] = seen_as(-50.0);
         assert!((first(&block) - 18.0).abs() < 1e-6);
-        block
-            .sides
-            .iter_mut()
-            .for_each(|side| side.settle(SETTLED_EVIDENCE));
+        let settled: Vec<usize> = (0..SIDES)
+            .filter(|&side| block.sides[side].settle(SETTLED_EVIDENCE))
+            .collect();
+        assert_eq!(settled, [1]);
         let is_settled = |side: &Side| matches!(side, Side::Settled);
         assert!(is_settled(&block.sides[1]) && !is_settled(&block.sides[0]));
         assert!((first(&block) - 18.0).abs() < 1e-6);
         block.sides[0] = seen_as(1.0);
         assert!(first(&block) < 0.0);
+    }
+
+    /// From the origin, towards 3 m where there may be an echo.
+    fn past(number: u32, is_lit: bool) -> Arc<Past> {
+        let power = |bin: u32| if is_lit && bin == 150 { 1e4 } else { 1.0 };
+        let pose = Pose::from_yaw_pitch_roll(0.002 * f64::from(number), 0.0, 0.0, DVec3::ZERO);
+        let posed = posed(number, (0..300).map(power).collect(), pose);
+        let config = MapperConfig::default();
+        let (look, blur) = (
+            look_of(&posed, DVec3::ZERO, &config),
+            pose_blur(&posed, &config),
+        );
+        let (ground, bursts) = (Backdrop::default(), Box::default());
+        let profile = Levels::default().profile(&posed.ping, 0.04, &ground, bursts, &config);
+        Arc::new(past_of(look, blur, profile, 1.0, 0.0, &posed))
+    }
+
+    #[test]
+    fn the_most_evidence_is_known_wherever_there_is_any() {
+        let (voxel_m, mut counts) = (0.05, [0; 2]);
+        let mut blocks = [6, 7, 8].map(|x| Block::new(IVec3::new(x, 0, 0)));
+        for number in 0..120 {
+            let past = past(number, number % 40 < 10);
+            for block in &mut blocks {
+                block.integrate([&past], voxel_m, Extent::Useful);
+                let most = block
+                    .evidence(Horizon::Quarters)
+                    .into_iter()
+                    .fold(f32::MIN, f32::max);
+                let is_any = block.best > 0.0;
+                counts[usize::from(is_any)] += 1;
+                assert!(if is_any {
+                    block.best == most
+                } else {
+                    block.best >= most
+                });
+            }
+        }
+        assert!(counts.iter().all(|&count| count > 20), "{counts:?}");
     }
 
     #[test]

@@ -64,13 +64,14 @@ impl Side {
         }
     }
 
-    /// Lets go of the sums when no place is left that could be anything.
-    pub(super) fn settle(&mut self, below: f32) {
-        if let Self::Seen(sums) = self
-            && sums.iter().all(|&sum| sum < (STEPS * below) as i16)
-        {
+    /// Lets go of the sums when no place is left that could be anything; whether it does.
+    pub(super) fn settle(&mut self, below: f32) -> bool {
+        let is_dark = |sums: &SideSums| sums.iter().all(|&sum| sum < (STEPS * below) as i16);
+        let settles = matches!(self, Self::Seen(sums) if is_dark(sums));
+        if settles {
             *self = Self::Settled;
         }
+        settles
     }
 }
 

@@ -7,7 +7,7 @@
 //! A log that has come to its end is looked at once more, and waited for: read as fast as can be, it may
 //! have left no time before.
 //!
-//! Cost: at most one check in 15 s of the dive, one in 60 s once poses were found right, and a fifth of the
+//! Cost: at most one check in 15 s of the dive, one in 60 s once poses were found right, and a tenth of the
 //! thread's time unless one has just been found wrong.
 
 mod watch;
@@ -30,7 +30,7 @@ const THREAD_NAME: &str = "frame-check";
 /// Pings that wait.
 const QUEUE: usize = 1024;
 /// After a check that found nothing wrong, so many times its own length without one.
-const REST: u32 = 4;
+const REST: u32 = 9;
 /// The last check of a log is waited for so long.
 const LAST_CHECK: Duration = Duration::from_secs(10);
 
