@@ -4,11 +4,10 @@ use std::fs::File;
 use std::io;
 use std::path::Path;
 use std::thread;
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_liveness::Heartbeat;
-use echosplat_model::Timestamp;
 use tokio::runtime::Handle;
 
 use crate::config::{DriverConfig, DriverError};
@@ -247,13 +246,4 @@ impl DriverHandle {
         let _ = self.ended.recv_timeout(STOP_WAIT);
         self.status.read()
     }
-}
-
-/// The host's clock.
-pub(crate) fn host_time() -> Timestamp {
-    let nanos = match SystemTime::now().duration_since(UNIX_EPOCH) {
-        Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
-        Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |n| -n),
-    };
-    Timestamp::from_nanos(nanos)
 }

@@ -3,8 +3,8 @@
 
 use bytes::{Bytes, BytesMut};
 
-use crate::transport::READ_BYTES;
-
+/// Bytes read at once at most: one full UDP datagram.
+const READ_BYTES: usize = 65_536;
 /// Room for the longest read so many times: pieces that somebody keeps hold on to all of it.
 const READS: usize = 4;
 

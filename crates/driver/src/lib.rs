@@ -8,6 +8,7 @@
 //! This crate deliberately knows nothing of poses, maps, recordings or the bus, decodes nothing
 //! itself, and has no simulated sonar in its own thread: `sim://` is the caller's to resolve.
 
+mod clock;
 mod config;
 mod driver;
 mod event;

@@ -10,8 +10,8 @@ use tokio::select;
 use tokio::task::block_in_place;
 use tokio::time::{Instant, sleep, timeout};
 
+use crate::clock::host_time;
 use crate::config::DriverConfig;
-use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
 use crate::outlet::{Flow, Outlet};
 use crate::tap::{RawTap, Tapped};

@@ -7,8 +7,8 @@ use std::time::Instant;
 use bytes::Bytes;
 use echosplat_session::{Session, SessionEvent};
 
+use crate::clock::host_time;
 use crate::config::DriverConfig;
-use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
 use crate::intake::Intake;
 use crate::outlet::{Flow, Outlet};

@@ -6,8 +6,8 @@ use std::time::Instant;
 use echosplat_model::Timestamp;
 use echosplat_session::{Session, SessionConfig, SessionEvent};
 
+use crate::clock::host_time;
 use crate::config::DriverConfig;
-use crate::driver::host_time;
 use crate::event::{DriverEvent, LinkState};
 use crate::outlet::{Flow, Outlet};
 use crate::pace::Pace;

@@ -4,7 +4,7 @@ use std::sync::LazyLock;
 
 use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
 
-use crate::method::retain;
+use crate::retain::retain;
 
 const FIRST_DECAY: f32 = 0.9;
 const SECOND_DECAY: f32 = 0.999;

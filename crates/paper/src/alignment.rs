@@ -1,7 +1,7 @@
 //! (43) to (46): opacity follows the gradient of the reconstruction loss, multiplicatively.
 
 use crate::Choices;
-use crate::method::retain;
+use crate::retain::retain;
 
 /// The moving average of harm (45), one per Gaussian.
 #[derive(Debug, Clone, Default)]

@@ -38,6 +38,7 @@ mod pruning;
 mod random;
 mod regularisers;
 pub mod rendering;
+mod retain;
 #[cfg(test)]
 mod sample;
 pub mod scenes;

@@ -1,6 +1,7 @@
 //! The method in the paper's order.
 
 use crate::rendering::PaperRenderer;
+use crate::retain::retain;
 use echosplat_acoustics::{GaussianArrays, GradientArrays, opacity_of, opacity_slope};
 use echosplat_model::{Gaussian, GaussianId, Snapshot};
 use glam::Vec3;
@@ -352,12 +353,6 @@ impl PaperMethod {
         self.gradients = GradientArrays::zeros(self.gaussians.len());
         self.impact = vec![0.0; self.gaussians.len()];
     }
-}
-
-/// Keeps the values whose place in `keep` is true.
-pub(crate) fn retain<T>(values: &mut Vec<T>, keep: &[bool]) {
-    let mut keep = keep.iter();
-    values.retain(|_| *keep.next().unwrap_or(&false));
 }
 
 #[cfg(test)]

@@ -26,5 +26,6 @@ mod scene_files;
 pub mod signals;
 mod split;
 mod supervisor;
+mod thinned;
 pub mod truth;
 mod web;

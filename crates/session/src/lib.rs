@@ -14,6 +14,7 @@ mod clock;
 mod config;
 mod continuity;
 mod counters;
+mod event;
 mod handshake;
 mod iso8601;
 mod log_header;
@@ -25,4 +26,5 @@ mod words;
 
 pub use config::{ClockSource, SessionConfig, SessionConfigError, Spreading};
 pub use counters::{ProfilesRejected, SessionCounters};
-pub use session::{Session, SessionEvent};
+pub use event::SessionEvent;
+pub use session::Session;

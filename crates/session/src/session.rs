@@ -1,17 +1,16 @@
 //! The session: frames to messages, messages to events, time-outs to requests.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
 
-use bytes::Bytes;
 use echosplat_firmware_protocol::{
     Decoder, DeviceInformation, Event, Frame, Message, OsMonoProfile, ParseError, SkipReason,
     Skipped, id,
 };
-use echosplat_model::{Ping, RateLimit, Timestamp};
+use echosplat_model::{RateLimit, Timestamp};
 
 use crate::config::SessionConfig;
 use crate::counters::SessionCounters;
+use crate::event::SessionEvent;
 use crate::handshake::{Confirmation, Handshake};
 use crate::log_header::{self, LogJson};
 use crate::stream::Stream;
@@ -23,43 +22,6 @@ const HALF_FRAME_S: f64 = 0.25;
 const MAX_OUTGOING: usize = 16;
 /// Device types seen on real units and in the vendor's list.
 const KNOWN_DEVICE_TYPES: [u8; 2] = [101, 104];
-
-/// What happened.
-#[derive(Debug, Clone, PartialEq)]
-pub enum SessionEvent {
-    /// The device said what it is.
-    Identified {
-        /// 101 in the vendor's list, 104 on a real `OmniScan` 450 FS.
-        device_type: u8,
-        /// Hardware revision.
-        device_revision: u8,
-        /// Firmware version: major, minor, patch.
-        firmware: [u8; 3],
-    },
-    /// Profiles show the settings asked for.
-    Configured,
-    /// One ping.
-    Ping {
-        /// Checked, on the clock asked for.
-        ping: Arc<Ping>,
-        /// The whole Ping frame it was made of.
-        frame: Bytes,
-    },
-    /// The device was restarted: its numbers and its clock begin anew, sequence and time go on.
-    Rebooted,
-    /// The clock that pings are on stepped by more than a second: those that follow are on another
-    /// time than those before.
-    ClockStepped,
-    /// The device refused a request. Of many only some are told; the counters have them all.
-    Nack {
-        /// Message id of the request.
-        id: u16,
-        /// The device's words, at most 200 characters, with control characters escaped.
-        text: String,
-    },
-    /// Something a person should know, said once, or the device's own words, said rarely.
-    Warning(String),
-}
 
 /// Where the bytes of a session come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -10,8 +10,8 @@ use crate::clock::{DeviceClock, DeviceTime, HostClock};
 use crate::config::{ClockSource, SessionConfig};
 use crate::continuity::{Advance, Break, Continuity, Fate, HeldFate};
 use crate::counters::SessionCounters;
+use crate::event::SessionEvent;
 use crate::profile::{self, Implausible};
-use crate::session::SessionEvent;
 
 /// The profiles of one device, or of one log.
 #[derive(Debug)]

@@ -21,6 +21,7 @@
 //! Deliberately absent: TLS, users, compression, any file of another host, settings that could be
 //! changed from the page, and any control of the sonar.
 
+mod about;
 mod access;
 mod address;
 mod assets;
@@ -38,9 +39,10 @@ mod track;
 pub mod wire;
 mod workers;
 
+pub use about::About;
 pub use address::{AddressError, WebAddress};
 pub use config::WebConfig;
 pub use control::{Control, LogFile, MapPart};
 pub use feed::Feed;
-pub use server::{About, WebError, WebServer};
+pub use server::{WebError, WebServer};
 pub use track::{Track, TrackPoint};

@@ -16,6 +16,7 @@ use tokio::runtime::Handle;
 use tokio::sync::Semaphore;
 use tokio::task;
 
+use crate::about::About;
 use crate::access::Access;
 use crate::address::is_loopback;
 use crate::control::Control;
@@ -39,19 +40,6 @@ const END_LIMIT: Duration = Duration::from_millis(500);
 const END_TICK: Duration = Duration::from_millis(5);
 /// What live deltas take of loopback, bits per second; elsewhere the bus's bandwidth.
 const LOOPBACK_BANDWIDTH_BPS: u64 = 100_000_000;
-
-/// What the page says of the service.
-#[derive(Debug, Clone, Default)]
-pub struct About {
-    /// The vehicle's name.
-    pub node: String,
-    /// Of the program.
-    pub version: String,
-    /// Full width of the fan across.
-    pub azimuth_width_deg: f64,
-    /// Full width of the fan along.
-    pub elevation_width_deg: f64,
-}
 
 /// Why there is no page.
 #[derive(Debug, thiserror::Error)]

@@ -14,8 +14,8 @@ use serde_json::json;
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
+use crate::about::About;
 use crate::hub::{Hub, Live, count, lock};
-use crate::server::About;
 use crate::wire::{self, Kind};
 use crate::workers::pose_of;
 

@@ -3,7 +3,7 @@
 use echosplat_simulator::{DiveKind, NoiseLevel};
 use serde::Serialize;
 
-use super::report::Omission;
+use super::omission::Omission;
 use crate::runs::{Method, Outcome, Outcomes, Spec, dive_name};
 use echosplat_metrics::curve::{Curve, Sample};
 

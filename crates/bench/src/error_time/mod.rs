@@ -5,11 +5,11 @@
 //! [`omissions`]. Deliberately absent: making the runs.
 
 mod cases;
+mod omission;
 mod report;
 mod sweeps;
 
 pub(crate) use cases::{Case, cases, omissions};
-pub(crate) use report::{
-    Endings, Omission, case_section, endings, omissions_section, sweep_section, text,
-};
+pub(crate) use omission::Omission;
+pub(crate) use report::{Endings, case_section, endings, omissions_section, sweep_section, text};
 pub(crate) use sweeps::{Sweep, sweeps};

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::cases::{Case, Line};
+use super::omission::Omission;
 use super::sweeps::{Point, Sweep};
 use crate::runs::{Ending, Outcome, Outcomes};
 use echosplat_metrics::curve::Spread;
@@ -33,26 +34,6 @@ const SWEEP_COLUMNS: [&str; 7] = [
     "false",
     "front",
 ];
-
-/// What was not run, and why.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
-pub(crate) struct Omission {
-    /// In words.
-    pub(crate) what: String,
-    /// In words.
-    pub(crate) why: String,
-}
-
-impl Omission {
-    /// From words.
-    #[must_use]
-    pub(crate) fn new(what: impl Into<String>, why: impl Into<String>) -> Self {
-        Self {
-            what: what.into(),
-            why: why.into(),
-        }
-    }
-}
 
 /// How the runs of one line of a case ended, and what their finished maps came to.
 #[derive(Debug, Clone, Serialize)]

@@ -18,9 +18,6 @@ pub(crate) use serial::{in_words, what_else_than_a_line};
 use crate::config::DriverConfig;
 use crate::url::SonarUrl;
 
-/// Bytes read at once at most: one full UDP datagram.
-pub(crate) const READ_BYTES: usize = 65_536;
-
 /// A name server that does not answer is waited for so long.
 const RESOLVING: Duration = Duration::from_secs(30);
 

@@ -38,36 +38,39 @@ struct Total {
     curvature: Square<PARAMETERS>,
 }
 
-pub(super) fn estimate(landmarks: &Landmarks) -> Option<Found> {
-    if landmarks.of.len() < LEAST_LANDMARKS || landmarks.blocks < LEAST_BLOCKS {
-        return None;
-    }
-    let mut state = State {
-        landmarks,
-        values: [0.0; PARAMETERS],
-        free: vec![[0.0; FREE]; landmarks.of.len()],
-        dispersion: 1.0,
-    };
-    let mut covariance = None;
-    for (range_m, beams) in KERNELS {
-        let kernel = Kernel {
-            range_m,
-            azimuth_rad: beams * landmarks.beam_sigma_rad.max(LEAST_BEAM_RAD),
+impl Landmarks {
+    /// `None` if they are too few.
+    pub(crate) fn estimate(&self) -> Option<Found> {
+        if self.of.len() < LEAST_LANDMARKS || self.blocks < LEAST_BLOCKS {
+            return None;
+        }
+        let mut state = State {
+            landmarks: self,
+            values: [0.0; PARAMETERS],
+            free: vec![[0.0; FREE]; self.of.len()],
+            dispersion: 1.0,
         };
-        for round in 0..ROUNDS {
-            let total = state.total(kernel);
-            state.step(&total);
-            if round == FIRST_LOOK || round + 1 == ROUNDS {
-                covariance = state.covariance(&total, kernel).or(covariance);
+        let mut covariance = None;
+        for (range_m, beams) in KERNELS {
+            let kernel = Kernel {
+                range_m,
+                azimuth_rad: beams * self.beam_sigma_rad.max(LEAST_BEAM_RAD),
+            };
+            for round in 0..ROUNDS {
+                let total = state.total(kernel);
+                state.step(&total);
+                if round == FIRST_LOOK || round + 1 == ROUNDS {
+                    covariance = state.covariance(&total, kernel).or(covariance);
+                }
             }
         }
+        Some(Found {
+            values: state.values,
+            covariance: covariance?,
+            landmarks: self.of.len() as u64,
+            looks: self.look_count() as u64,
+        })
     }
-    Some(Found {
-        values: state.values,
-        covariance: covariance?,
-        landmarks: landmarks.of.len() as u64,
-        looks: landmarks.look_count() as u64,
-    })
 }
 
 impl State<'_> {
@@ -243,7 +246,7 @@ mod tests {
         ] {
             let mut values = [0.0; PARAMETERS];
             values[which] = value;
-            let found = estimate(&landmarks(&values)).unwrap();
+            let found = landmarks(&values).estimate().unwrap();
             let off = found.values[which] - value;
             assert!(
                 off.abs() < tolerance,
@@ -255,7 +258,7 @@ mod tests {
 
     #[test]
     fn nothing_is_found_where_nothing_is_off_and_little_said_of_what_is_not_seen() {
-        let found = estimate(&landmarks(&[0.0; PARAMETERS])).unwrap();
+        let found = landmarks(&[0.0; PARAMETERS]).estimate().unwrap();
         assert!(found.values[TIME].abs() < 1e-3, "{:?}", found.values);
         assert!(found.values[TURN + 2].abs() < 2e-3, "{:?}", found.values);
         assert!(found.values[RANGE].abs() < 2e-3, "{:?}", found.values);
@@ -268,7 +271,7 @@ mod tests {
     fn too_few_landmarks_say_nothing() {
         let mut few = landmarks(&[0.0; PARAMETERS]);
         few.of.truncate(LEAST_LANDMARKS - 1);
-        assert!(estimate(&few).is_none());
-        assert!(estimate(&Landmarks::default()).is_none());
+        assert!(few.estimate().is_none());
+        assert!(Landmarks::default().estimate().is_none());
     }
 }

@@ -6,9 +6,7 @@ use echosplat_model::Standing;
 use echosplat_model::glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
-use super::adjust;
 use super::moving::Moving;
-use super::parameters::Found;
 use crate::accumulate::evidence::BlockIndex;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
@@ -91,11 +89,6 @@ impl Landmarks {
                 .unwrap_or(0),
             beam_sigma_rad: first.past.look.beam.azimuth_width_deg.to_radians() / 2.354_82,
         }
-    }
-
-    /// `None` if they are too few.
-    pub(crate) fn estimate(&self) -> Option<Found> {
-        adjust::estimate(self)
     }
 
     pub(super) fn look_count(&self) -> usize {

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use echosplat_simulator::{DiveKind, NoiseLevel};
 
-use super::live::BusArguments;
+use super::bus::BusArguments;
 use super::values::{dive_kind, noise_level, not_negative, positive};
 
 const LISTEN_HELP: &str =

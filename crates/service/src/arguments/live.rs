@@ -5,9 +5,10 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 use echosplat_pose::PoseUrl;
 
+use super::bus::BusArguments;
 use super::dives::DiveArguments;
-use super::values::{finite, key_and_value, not_negative, positive};
-use crate::recorder::RecordFormat;
+use super::values::{finite, not_negative, positive};
+use crate::config::RecordFormat;
 
 const SONAR_HELP: &str = "The sonar: tcp://HOST:PORT, udp://HOST:PORT, \
      serial:///DEVICE?baudrate=N, sim://SCENE or file://LOG.svlog";
@@ -56,23 +57,6 @@ pub(crate) struct ServiceArguments {
     pub(crate) web: Option<String>,
     #[command(flatten)]
     pub(crate) bus: BusArguments,
-}
-
-/// How to reach other programs.
-#[derive(Debug, Clone, Default, Args)]
-pub(crate) struct BusArguments {
-    /// First part of every key
-    #[arg(long, value_name = "NAME")]
-    pub(crate) prefix: Option<String>,
-    /// The vehicle's name, second part of every key
-    #[arg(long, value_name = "NAME")]
-    pub(crate) node: Option<String>,
-    /// zenoh configuration file in place of the safe default
-    #[arg(long, value_name = "FILE")]
-    pub(crate) zenoh_config: Option<PathBuf>,
-    /// One zenoh setting, as key=json5; repeatable
-    #[arg(long, value_name = "KEY=JSON5", value_parser = key_and_value)]
-    pub(crate) zenoh: Vec<(String, String)>,
 }
 
 #[derive(Debug, Args)]

@@ -1,5 +1,6 @@
 //! The command line. Names and values only; what they mean is with the commands.
 
+mod bus;
 mod dives;
 mod files;
 mod live;
@@ -9,6 +10,7 @@ use std::path::PathBuf;
 
 use clap::{Args, Subcommand, ValueEnum};
 
+pub(crate) use bus::BusArguments;
 pub use dives::DiveArguments;
 pub(crate) use dives::{EmulateArguments, PoseClock, SimulateArguments};
 pub(crate) use files::{
@@ -16,8 +18,8 @@ pub(crate) use files::{
     RecoverArguments, RenderArguments,
 };
 pub(crate) use live::{
-    BusArguments, DemoArguments, ProbeArguments, ReplayArguments, Role, RunArguments,
-    ServiceArguments, WatchArguments,
+    DemoArguments, ProbeArguments, ReplayArguments, Role, RunArguments, ServiceArguments,
+    WatchArguments,
 };
 pub use values::positive;
 

@@ -15,7 +15,8 @@ use crate::arguments::EvaluateArguments;
 use crate::commands::render::write_picture;
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
-use crate::logs::{self, Thinned};
+use crate::logs;
+use crate::thinned::Thinned;
 use crate::{logging, maps, truth};
 
 /// Most held-back pings scored, and most others the fit is made on.

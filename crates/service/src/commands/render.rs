@@ -17,7 +17,8 @@ use serde_json::{Value, json};
 use crate::arguments::RenderArguments;
 use crate::config::Config;
 use crate::exit::{Finish, Usage};
-use crate::logs::{self, Thinned};
+use crate::logs;
+use crate::thinned::Thinned;
 use crate::{files, inputs, logging, maps};
 
 /// Most pings of one image.

@@ -1,6 +1,7 @@
 //! The configuration: one struct per table of the TOML file, defaults in code, all checked before
 //! anything starts.
 
+mod choices;
 mod errors;
 mod faults;
 mod keys;
@@ -20,8 +21,7 @@ use echosplat_web::WebConfig;
 use serde::{Deserialize, Serialize};
 
 use crate::exit::Usage;
-use crate::pipeline::calibration::Calibrate;
-use crate::recorder::RecordFormat;
+pub(crate) use choices::{Calibrate, RecordFormat};
 use errors::BadSetting;
 pub(crate) use overrides::Overrides;
 

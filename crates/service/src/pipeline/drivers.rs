@@ -1,18 +1,18 @@
 //! The sonar's task, or one thread per log, one after another.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
 
 use crossbeam_channel::Sender;
 use echosplat_driver::{
-    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, Pause, RawTap,
-    SonarUrl, Tape,
+    DriverConfig, DriverError, DriverEvent, DriverHandle, DriverStatus, LinkState, Pause, SonarUrl,
+    Tape,
 };
 use echosplat_liveness::Heartbeat;
 use echosplat_session::{ProfilesRejected, SessionCounters};
 use tokio::runtime::Handle;
 
 use crate::exit::Usage;
+use crate::recorder::MakeTap;
 use crate::runtime;
 
 /// Where pings come from: a link, a log, a recording, or a driver elsewhere.
@@ -25,9 +25,6 @@ pub(crate) struct Input {
     /// What it gives is recorded by whoever opened it.
     pub(crate) records_itself: bool,
 }
-
-/// Makes what is shown a link's bytes before they are decoded, for each link that reads them.
-pub(crate) type MakeTap = Arc<dyn Fn() -> RawTap + Send + Sync>;
 
 pub(crate) type OpenTape = Box<dyn FnOnce() -> anyhow::Result<Tape>>;
 

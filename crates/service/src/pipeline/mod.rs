@@ -49,7 +49,7 @@ use crate::split::{TapeReport, TapeState};
 
 pub(crate) use album::Album;
 pub(crate) use diagnosis::{Diagnosis, Expectations};
-pub(crate) use drivers::{Drivers, Input, MakeTap};
+pub(crate) use drivers::{Drivers, Input};
 use earlier::EarlierMaps;
 use ending::Ending;
 use frame_check::FrameCheck;

@@ -17,7 +17,7 @@ use echosplat_prediction::held_back::{Pair, is_fitted_on, is_held_back, score};
 use echosplat_prediction::{MapRenderer, pair_of};
 use serde::Serialize;
 
-use crate::logs::Thinned;
+use crate::thinned::Thinned;
 
 /// Time between two maps that are asked for predictions, on the pings' clock.
 const ASKED_EVERY_S: f64 = 10.0;

@@ -18,19 +18,18 @@ use std::time::Duration;
 
 use anyhow::anyhow;
 use bytes::Bytes;
-use clap::ValueEnum;
 use echosplat_driver::{RawTap, Tapped};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
 use echosplat_recording::mcap::Record;
 use echosplat_recording::svlog::LogClock;
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 use serde_json::Value;
 
 use crate::clock;
+use crate::config::RecordFormat;
 use crate::decided::pings_shed;
 use crate::exit::Usage;
-use crate::pipeline::MakeTap;
 use progress::Progress;
 use queue::Queue;
 use storage::Folder;
@@ -42,18 +41,8 @@ const FINISH_LIMIT: Duration = Duration::from_secs(3);
 /// A longer piece of raw bytes is recorded in several.
 const MAX_RAW_BYTES: usize = 512 << 10;
 
-/// What a recording is written as.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ValueEnum)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum RecordFormat {
-    /// Everything: replays by itself, read by Foxglove, Rerun and ROS
-    #[default]
-    Mcap,
-    /// The sonar's frames only, read by `SonarView` and `PINGVerter`
-    Svlog,
-    /// Both, side by side
-    Both,
-}
+/// Makes what is shown a link's bytes before they are decoded, for each link that reads them.
+pub(crate) type MakeTap = Arc<dyn Fn() -> RawTap + Send + Sync>;
 
 /// How it is written.
 #[derive(Debug, Clone, Copy)]

@@ -8,8 +8,8 @@ use echosplat_model::Timestamp;
 use echosplat_recording::mcap::{Record, RecordingError, RecordingFile};
 use echosplat_recording::svlog::{LiveSvlog, LogClock};
 
-use super::RecordFormat;
 use crate::clock;
+use crate::config::RecordFormat;
 
 /// Two services that begin in one second, many times over.
 const MAX_NAMES: u32 = 1000;

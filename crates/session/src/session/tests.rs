@@ -2,7 +2,10 @@
 
 mod recorded;
 
+use std::sync::Arc;
+
 use echosplat_firmware_protocol::{OsPingParams, PowerResults, ProtocolVersion, Text};
+use echosplat_model::Ping;
 
 use super::*;
 use crate::config::ClockSource;

@@ -2,7 +2,7 @@
 
 use glam::{DQuat, DVec3};
 
-use super::shape::{Closest, Crossing};
+use super::meeting::{Closest, Crossing};
 use super::tree::Bounds;
 
 /// Steps of halving the search for the nearest place: down to the last bit of a length.

@@ -4,6 +4,7 @@ mod ellipsoid;
 mod error;
 mod file;
 mod load;
+mod meeting;
 mod mesh;
 mod sample;
 mod shape;
@@ -15,8 +16,9 @@ pub use error::SceneError;
 pub use file::SurveyPath;
 pub(crate) use file::{SurveyHints, ViewpointHints};
 pub use load::BUILT_IN_SCENES;
+use meeting::Closest;
 pub use sample::SurfacePoint;
-use shape::{Closest, Shape};
+use shape::Shape;
 use tree::{Bounds, Tree, union};
 
 /// Deeper than this in another solid a surface is no surface.

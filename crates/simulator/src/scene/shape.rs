@@ -3,6 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::ellipsoid::Ellipsoid;
+use super::meeting::{Closest, Crossing};
 use super::tree::Bounds;
 
 /// A bounded surface in the world.
@@ -36,21 +37,6 @@ pub(crate) struct Rod {
     pub(crate) axis: DVec3,
     pub(crate) length: f64,
     pub(crate) radius: f64,
-}
-
-/// Where a ray meets a surface; `normal` points outward.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Crossing {
-    pub(crate) distance: f64,
-    pub(crate) normal: DVec3,
-}
-
-/// The place of a surface nearest to a point. `signed` is negative inside.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Closest {
-    pub(crate) signed: f64,
-    pub(crate) place: DVec3,
-    pub(crate) normal: DVec3,
 }
 
 impl Rod {

@@ -5,7 +5,7 @@ use std::time::{Duration, Instant};
 
 use super::outcome::Outcome;
 use super::sonar::SonarFault;
-use super::trial::{Link, Plan, Setup, Trial};
+use super::trial::{Link, Plan, Setup, Spoil, Trial};
 use super::vehicle::PoseFault;
 
 const FAMILY: &str = "grid";
@@ -17,13 +17,6 @@ const BACK_WITHIN_S: f64 = 3.0;
 const BACK_LIMIT: Duration = Duration::from_secs(8);
 /// How long a fault lasts if not longer, seconds.
 const LASTS_S: f64 = 6.0;
-
-/// What is spoilt.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Spoil {
-    Sonar(SonarFault),
-    Poses(PoseFault),
-}
 
 /// One fault.
 #[derive(Debug, Clone, Copy)]

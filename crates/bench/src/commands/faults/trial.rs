@@ -12,10 +12,9 @@ use echosplat_driver::{ListenUrl, ServeOptions, Server, serve};
 use echosplat_simulator::SimulatedSonar;
 
 use super::disk::Disk;
-use super::grid::Spoil;
 use super::outcome::Outcome;
 use super::program::{LOOK_AGAIN, Program};
-use super::sonar::Sonar;
+use super::sonar::{Sonar, SonarFault};
 use super::status::Statuses;
 use super::vehicle::{PoseFault, Vehicle};
 use echosplat_service::clock;
@@ -46,6 +45,13 @@ pub(super) enum Link {
     Tcp,
     Udp,
     Pty,
+}
+
+/// What is spoilt.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Spoil {
+    Sonar(SonarFault),
+    Poses(PoseFault),
 }
 
 /// What differs between runs.

@@ -5,6 +5,7 @@
 mod batch;
 mod clock;
 mod held_out;
+mod job;
 mod one;
 mod online;
 mod queue;
@@ -19,8 +20,8 @@ use serde_json::{Value, json};
 use crate::arguments::{BenchOptions, QueueOptions};
 pub(super) use clock::Clock;
 use echosplat_service::signals::Stop;
+pub(super) use job::Job;
 pub(super) use one::{run_one, sonar};
-pub(super) use queue::Job;
 use queue::Queue;
 pub(super) use store::Store;
 

@@ -2,15 +2,15 @@
 
 use std::collections::{BTreeMap, VecDeque};
 use std::io::Read;
-use std::path::PathBuf;
 use std::process::{Child, Command, Stdio};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
-use crate::runs::{Outcome, Spec, run_line};
+use crate::runs::{Outcome, run_line};
 use anyhow::{Context, anyhow};
 use indicatif::ProgressBar;
 
+use super::job::Job;
 use super::store::Store;
 use echosplat_service::signals::Stop;
 use echosplat_service::{logging, processor};
@@ -19,14 +19,6 @@ use echosplat_service::{logging, processor};
 const TICK: Duration = Duration::from_millis(50);
 /// Most of what a process says that is read.
 const MOST_BYTES: u64 = 1 << 20;
-
-/// A run to be made.
-#[derive(Debug, Clone)]
-pub(in crate::commands) struct Job {
-    pub(in crate::commands) spec: Spec,
-    /// Where its map is to be kept.
-    pub(in crate::commands) map: Option<PathBuf>,
-}
 
 /// What is to be done, and how long.
 pub(super) struct Queue {

@@ -10,7 +10,7 @@ use anyhow::Context;
 use echosplat_service::arguments::COMMIT;
 use serde::{Deserialize, Serialize};
 
-use super::queue::Job;
+use super::job::Job;
 use crate::fingerprint::Fingerprint;
 
 const RUNS_FILE: &str = "runs.jsonl";

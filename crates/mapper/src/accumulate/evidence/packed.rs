@@ -6,7 +6,10 @@
 use echosplat_acoustics::lanes::LANES;
 
 use super::VOXELS;
-use super::side::SideSums;
+
+/// Sums of one side per voxel, x fastest, in steps of 1/64 up to 512: small, since there are many, and exact enough
+/// for looks of ½.
+pub(super) type SideSums = [i16; VOXELS];
 
 /// A row is read as one number of so many bytes.
 const READ: usize = size_of::<u128>();

@@ -1,14 +1,12 @@
 //! What looks from one side say of a block.
 
 use super::VOXELS;
-use super::packed::Packed;
+use super::packed::{Packed, SideSums};
 
 /// What a settled side counts with the other half of its quarter.
 const SETTLED_COUNTS: f32 = -8.0;
 
-/// Sums of one side per voxel, x fastest, in steps of 1/64 up to 512: small, since there are many, and exact enough
-/// for looks of ½.
-pub(super) type SideSums = [i16; VOXELS];
+/// Steps of [`SideSums`] that are 1.
 pub(super) const STEPS: f32 = 64.0;
 /// Of all sides together, in steps.
 pub(super) type Totals = [i32; VOXELS];

@@ -16,8 +16,9 @@ use serde::Serialize;
 use crate::arguments::Parameter;
 use crate::config::Config;
 use crate::exit::Usage;
-use crate::logs::{self, Thinned};
+use crate::logs;
 use crate::pipeline::Poses;
+use crate::thinned::Thinned;
 
 /// Most pings of a dive that are looked at.
 const MOST_PINGS: usize = 6144;

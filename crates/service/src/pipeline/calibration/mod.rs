@@ -10,9 +10,9 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use echosplat_mapper::{Calibration, Mapper};
-use serde::{Deserialize, Serialize};
+use serde::Serialize;
 
-use crate::config::Config;
+use crate::config::{Calibrate, Config};
 pub(crate) use advice::{Advice, Settings};
 
 /// Pings of the first look, two minutes at 40 a second: less tells next to nothing of small errors.
@@ -22,17 +22,6 @@ const GROWN: u64 = 3;
 /// A look that is under way when a log ends is waited for so long.
 const LAST: Duration = Duration::from_secs(60);
 const THREAD_NAME: &str = "calibration";
-
-/// Whether a dive is asked.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-pub(crate) enum Calibrate {
-    /// Nothing is estimated.
-    Off,
-    /// What is found is told.
-    #[default]
-    Tell,
-}
 
 /// What was found, and what to set.
 #[derive(Debug, Clone, PartialEq, Serialize)]
