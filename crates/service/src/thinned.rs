@@ -1,4 +1,4 @@
-//! Some of many.
+//! A stream of unknown length, thinned as it comes.
 
 /// At most some of a stream of unknown length, evenly chosen: when full, every second one goes,
 /// and from then on every second one more is passed over.

@@ -1,4 +1,4 @@
-//! What a bench leaves out is told.
+//! What a bench did not run.
 
 use serde::Serialize;
 

@@ -80,7 +80,7 @@ pub(crate) struct Block {
     /// Voxels that were candidates when the block was last worked out and hold nothing, a bit each: none is
     /// born there until then again.
     pub(crate) barred: [u64; VOXELS / 64],
-    /// The most evidence of any voxel; where it is none, at least as much.
+    /// The most evidence of any voxel if that is above 0; else no voxel has more than this.
     pub(crate) best: f32,
     /// Evidence of looks that are not in `sides` any more, where there are Gaussians.
     left: Vec<(u16, f32)>,
@@ -152,7 +152,7 @@ impl Block {
     ) -> u64 {
         let (center_m, radius_m) = (self.center_m(voxel_m), radius_m(voxel_m));
         let (mut work, mut looked_from) = (0, [false; SIDES]);
-        // Darkness alone leaves nothing where nothing was.
+        // Looks that light nothing can only lower it.
         let mut may_be_more = self.best > 0.0;
         for past in pings {
             if past.fan.touches(center_m, radius_m) {
