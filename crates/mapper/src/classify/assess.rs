@@ -12,7 +12,7 @@ use crate::accumulate::history::Past;
 use crate::classify::certainty;
 use crate::classify::shade::Shade;
 use crate::parts::AtWork;
-use crate::refine::expectation::{Pull, Sum};
+use crate::refine::expectation::{Explained, Pull, Sum};
 use crate::refine::scene::Scene;
 use crate::refine::shape::least_eigenvalue;
 use crate::refine::tally::Tally;
@@ -422,12 +422,14 @@ pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize
     tails.map(|(slot, _)| slot).collect()
 }
 
-/// Slots that explain next to nothing of any echo, however strong they are beside their neighbours. `explained` is in
-/// bins by slot; what forgotten pings told is not in it, so that Gaussians they told of stay.
-pub(crate) fn idle(gaussians: &Gaussians, explained: &[f32]) -> Vec<usize> {
+/// Slots that explain next to nothing of any echo, however strong they are beside their neighbours. What no ping of the
+/// steps saw is not known to be idle. What forgotten pings told is not in `explained`, so that Gaussians they told of
+/// stay.
+pub(crate) fn idle(gaussians: &Gaussians, explained: &Explained) -> Vec<usize> {
     let is_idle = |&slot: &usize| {
         let is_judged = gaussians.is_worked_on(slot) && gaussians.kept[slot].is_none();
-        is_judged && explained[slot] < LEAST_EXPLAINED
+        let bins = explained.mean(slot);
+        is_judged && bins.is_some_and(|bins| bins < LEAST_EXPLAINED)
     };
     gaussians.slots().filter(is_idle).collect()
 }
@@ -438,17 +440,32 @@ mod tests {
 
     use super::*;
     use crate::parts::{Cues, MapCues, Parts, decide};
+    use crate::refine::expectation::StepSums;
     use crate::spawn::gaussians::Stage;
+    use crate::spawn::lobes::Lobes;
 
     #[test]
-    fn what_explains_no_echo_is_idle_and_what_forgotten_pings_told_of_is_not() {
+    fn what_explains_no_echo_is_idle_and_what_was_not_seen_or_told_of_by_forgotten_pings_is_not() {
         let mut gaussians = Gaussians::default();
-        for x in 0..4 {
+        for x in 0..6 {
             gaussians.spawn(Vec3::X * f32::from(x), (0, x), 0.05, 1.0);
         }
         gaussians.stage[1] = Stage::Background;
         gaussians.kept[2] = Some(Box::default());
-        let explained = [0.001, 0.0, 0.0, 5.0];
+        // The last but one is seen in the second step alone, the last in none.
+        let mut explained = Explained::default();
+        for weights in [
+            [1e-3, 0.0, 1e-3, 5.0, 0.0, 0.0],
+            [1e-3, 0.0, 0.0, 0.0, 5.0, 0.0],
+        ] {
+            let sums = weights.map(|weight| StepSums {
+                weight: Lobes::even(weight),
+                ..StepSums::default()
+            });
+            explained.add(&gaussians, &sums, 2.0);
+        }
+        assert_eq!(explained.mean(5), None);
+        assert!((explained.mean(3).unwrap() - 30.0).abs() < 1e-3);
         assert_eq!(idle(&gaussians, &explained), [0]);
         gaussians.remove(0);
         assert!(idle(&gaussians, &explained).is_empty());

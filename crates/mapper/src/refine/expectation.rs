@@ -151,14 +151,34 @@ pub(crate) fn strengths_of_ping(
     }
 }
 
-/// How many bins' power each slot explains, parts of bins added up; each of the pings stands for `stride`.
-pub(crate) fn explained(gaussians: &Gaussians, sums: &[StepSums], stride: f32) -> Vec<f32> {
-    let strengths = gaussians.strength.iter().zip(sums);
-    let of = |(strength, sums): (&Lobes, &StepSums)| {
-        let share = strength.ahead.dot(sums.weight.ahead) + strength.behind.dot(sums.weight.behind);
-        stride * share
-    };
-    strengths.map(of).collect()
+/// How many bins' power each slot explained in some steps, parts of bins added up.
+#[derive(Debug, Default)]
+pub(crate) struct Explained {
+    /// By slot; none where no ping of these steps saw it.
+    bins: Vec<Option<f32>>,
+    steps: usize,
+}
+
+impl Explained {
+    /// Adds a step, each of whose pings stands for `stride`. Slots are those of the steps before.
+    pub(crate) fn add(&mut self, gaussians: &Gaussians, sums: &[StepSums], stride: f32) {
+        self.bins.resize(sums.len(), None);
+        self.steps += 1;
+        for ((bins, strength), StepSums { weight, .. }) in
+            self.bins.iter_mut().zip(&gaussians.strength).zip(sums)
+        {
+            if weight.sum() > 0.0 {
+                let share = strength.ahead.dot(weight.ahead) + strength.behind.dot(weight.behind);
+                *bins.get_or_insert_default() += stride * share;
+            }
+        }
+    }
+
+    /// In the mean of the steps, for all pings that they stand for; none where no ping saw the slot.
+    pub(crate) fn mean(&self, slot: usize) -> Option<f32> {
+        let bins = self.bins.get(slot).copied().flatten();
+        bins.map(|bins| bins / self.steps as f32)
+    }
 }
 
 /// One multiplicative step: for gamma speckle on power, `ρ ← ρ·(Σ A I/Î² / Σ A/Î)^½`. Each of the pings stands for

@@ -25,7 +25,7 @@ use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, idle, judge,
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
-    Pace, Pass, Pull, StepSums, explained, localise, maximise, pulls_of_ping, strengths_of_ping,
+    Explained, Pace, Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
 };
 use crate::refine::inherit::inherit;
 use crate::refine::refill::{Candidate, refill};
@@ -98,8 +98,8 @@ pub(crate) struct Workout {
     pairs_per_ping: f64,
     actions: VecDeque<Action>,
     doing: Option<Doing>,
-    /// How many bins' power each slot explained in the last step.
-    explained: Vec<f32>,
+    /// What each slot explained since tails were last let go.
+    explained: Explained,
     iterations: u64,
     /// Whether it looks less often than it would if there were time.
     is_hurried: bool,
@@ -172,7 +172,7 @@ impl Workout {
             pairs_per_ping: 0.0,
             actions: actions(terms.config.workout_passes, start, terms.at_work),
             doing: None,
-            explained: Vec::new(),
+            explained: Explained::default(),
             iterations: 0,
             is_hurried: false,
         };
@@ -302,9 +302,12 @@ impl Workout {
                 let rule = Rule::of(&self.scene(world, true), self.demand);
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
             }
-            Action::DropTails => self.change(|draft, voxel_m| {
-                draft.remove_all(&tails(draft, voxel_m, TAIL_PART));
-            }),
+            Action::DropTails => {
+                self.explained = Explained::default();
+                self.change(|draft, voxel_m| {
+                    draft.remove_all(&tails(draft, voxel_m, TAIL_PART));
+                });
+            }
             Action::DropIdle => {
                 let explained = std::mem::take(&mut self.explained);
                 self.change(|draft, _| draft.remove_all(&idle(draft, &explained)));
@@ -334,7 +337,7 @@ impl Workout {
                 if pass.is_done() {
                     let (sums, all, looks) = pass.finish();
                     self.worked(all, looks);
-                    self.explained = explained(&self.draft, &sums, stride);
+                    self.explained.add(&self.draft, &sums, stride);
                     maximise(&mut self.draft, &sums, stride, pace, self.at_work);
                     self.iterations += 1;
                 } else {
