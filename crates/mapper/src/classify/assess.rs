@@ -19,6 +19,7 @@ use crate::refine::tally::Tally;
 use crate::refine::visibility::{Moments, Sight};
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
+use crate::spawn::split::PART;
 
 /// A Gaussian is let go if what it explains of all pings together is less than this part of one bin: others explain
 /// the echoes that it was born of.
@@ -68,10 +69,13 @@ const PEAK_VOXELS: f32 = 2.5;
 /// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
 const FAN_REACH: f32 = 1.3;
 
-/// Least number of whole confident Gaussians within so many voxels, itself included. Wide rather
-/// than near: a glinting rod shows here and there along its whole length.
-const LEAST_COMPANY: f32 = 12.0;
-const COMPANY_VOXELS: f32 = 16.0;
+/// A surface fills the places beside it: least number of whole confident Gaussians within so many voxels, itself
+/// included, each part of a split one by its part. A rod one voxel thick has six times as many.
+const LEAST_NEAR: f32 = 2.0;
+const NEAR_VOXELS: f32 = 6.0;
+/// The same further around: a glinting rod shows here and there along its whole length.
+const LEAST_AROUND: f32 = 12.0;
+const AROUND_VOXELS: f32 = 16.0;
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
 
@@ -203,7 +207,9 @@ pub(crate) fn judge(
         };
     }
     trust_continued(gaussians, &may_continue, voxel_m);
-    doubt_strays(gaussians, voxel_m);
+    let near = support(gaussians);
+    doubt_strays(gaussians, LEAST_NEAR, NEAR_VOXELS * voxel_m, near);
+    doubt_strays(gaussians, LEAST_AROUND, AROUND_VOXELS * voxel_m, |p| p);
     certainty::tell(gaussians, finding_of, voxel_m);
 }
 
@@ -228,24 +234,39 @@ fn trust_continued(gaussians: &mut Gaussians, may_continue: &[bool], voxel_m: f3
     }
 }
 
-/// A confident Gaussian has company: a surface fills more than one place.
-fn doubt_strays(gaussians: &mut Gaussians, voxel_m: f32) {
+/// What has fewer than `least` whole confident Gaussians within `reach_m` is ambiguous: a surface fills more than one
+/// place. `counts` is how much of a whole one each is.
+fn doubt_strays(
+    gaussians: &mut Gaussians,
+    least: f32,
+    reach_m: f32,
+    counts: impl Fn(f32) -> f32 + Sync,
+) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
-    let reach_m = COMPANY_VOXELS * voxel_m;
     let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
     let is_stray = neighbours.map(|around| {
-        let mut company = 0.0;
-        let has_company = around.slots().any(|other| {
-            company += gaussians.part[other];
-            company >= LEAST_COMPANY
+        let mut wholes = 0.0;
+        let is_in_surface = around.slots().any(|other| {
+            wholes += counts(gaussians.part[other]);
+            wholes >= least
         });
-        !has_company
+        !is_in_surface
     });
     let strays = is_stray.into_iter().filter(|(_, is_stray)| *is_stray);
     let strays: Vec<usize> = strays.map(|(slot, _)| slot).collect();
     for slot in strays {
         gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
     }
+}
+
+/// How much of a whole Gaussian one counts beside others, by its part. Where surfaces are split, what is whole still was
+/// not sure before: it supports no more than a part does.
+fn support(gaussians: &Gaussians) -> impl Fn(f32) -> f32 + Sync + use<> {
+    let mut confident = gaussians
+        .slots()
+        .filter(|&slot| gaussians.verdict[slot] == CONFIDENT);
+    let is_split = confident.any(|slot| gaussians.part[slot] < 1.0);
+    move |part| if is_split { part.min(PART) } else { part }
 }
 
 /// Median strength of the confident; infinite if there are none.
@@ -458,9 +479,10 @@ mod tests {
             [1e-3, 0.0, 1e-3, 5.0, 0.0, 0.0],
             [1e-3, 0.0, 0.0, 0.0, 5.0, 0.0],
         ] {
-            let sums = weights.map(|weight| StepSums {
-                weight: Lobes::even(weight),
-                ..StepSums::default()
+            let sums = weights.map(|weight| {
+                let mut sums = StepSums::default();
+                sums.weight = Lobes::even(weight);
+                sums
             });
             explained.add(&gaussians, &sums, 2.0);
         }
@@ -514,6 +536,46 @@ mod tests {
         assert!(part(&even, 4) >= LEAST_COMPACTNESS);
         let surface = arcs(&[0.0, 0.1, 0.3, 1.0, 0.3, 0.1, 0.0, 0.0, 0.0]);
         assert!(part(&surface, 3) > LEAST_COMPACTNESS && part(&surface, 5) < LEAST_COMPACTNESS);
+    }
+
+    #[test]
+    fn a_cluster_that_is_too_small_is_doubted_and_a_rod_with_its_ends_is_not() {
+        let mut gaussians = Gaussians::default();
+        let mut place = |at_m: Vec3, part: f32| {
+            let slot = gaussians.spawn(at_m, (0, 0), 0.5, 1.0) as usize;
+            gaussians.verdict[slot] = CONFIDENT;
+            gaussians.part[slot] = part;
+            slot
+        };
+        let rod: Vec<usize> = (0..160)
+            .map(|i| place(Vec3::X * 0.125 * i as f32, PART))
+            .collect();
+        // Eight that were not sure before others were split, and fifteen parts of such.
+        let late: Vec<usize> = (0..8)
+            .map(|i| place(Vec3::new(10.0, 10.0, 0.1 * i as f32), 1.0))
+            .collect();
+        let parts: Vec<usize> = (0..15)
+            .map(|i| place(Vec3::new(10.0, -10.0, 0.1 * i as f32), PART))
+            .collect();
+        doubt_strays(&mut gaussians, LEAST_AROUND, AROUND_VOXELS, |part| part);
+        let is_sure = |gaussians: &Gaussians, slots: &[usize]| {
+            let mut slots = slots.iter();
+            slots.all(|&slot| gaussians.verdict[slot] == CONFIDENT)
+        };
+        for slots in [&rod, &late, &parts] {
+            assert!(is_sure(&gaussians, slots));
+        }
+        let near = support(&gaussians);
+        doubt_strays(&mut gaussians, LEAST_NEAR, NEAR_VOXELS, near);
+        assert!(is_sure(&gaussians, &rod));
+        for slot in late.into_iter().chain(parts) {
+            assert_ne!(gaussians.verdict[slot], CONFIDENT);
+        }
+        // Where nothing is split each counts in full.
+        for part in &mut gaussians.part {
+            *part = 1.0;
+        }
+        assert!((support(&gaussians)(1.0) - 1.0).abs() < 1e-6);
     }
 
     #[test]

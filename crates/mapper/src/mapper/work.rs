@@ -221,14 +221,15 @@ mod tests {
     use crate::accumulate::evidence::Horizon;
     use crate::detect::posed;
 
-    /// Of a vehicle that goes by something 4 m away.
-    fn going_by(number: u32) -> PosedPing {
-        let power = |bin: u32| match bin {
-            198..202 => 1000.0,
-            _ => -((f64::from((bin * 97 + number * 31) % 300) + 0.5) / 300.0).ln() as f32,
+    /// Of a vehicle that goes by a level rod 4 m away, so much above it, metres.
+    fn going_by(number: u32, above_m: f64) -> PosedPing {
+        let rod = (16.0 + above_m * above_m).sqrt() / 0.02;
+        let power = |bin: u32| match (f64::from(bin) - rod).abs() < 2.0 {
+            true => 1000.0,
+            false => -((f64::from((bin * 97 + number * 31) % 300) + 0.5) / 300.0).ln() as f32,
         };
         let pose = Pose {
-            translation_m: DVec3::Y * 0.05 * f64::from(number),
+            translation_m: DVec3::new(0.0, 0.01 * f64::from(number), above_m),
             ..Pose::IDENTITY
         };
         posed(number, (0..300).map(power).collect(), pose)
@@ -238,7 +239,7 @@ mod tests {
     fn a_dive_ends_with_nothing_that_was_not_assessed() {
         let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
         for number in 0..40 {
-            mapper.insert(&going_by(number));
+            mapper.insert(&going_by(number, 0.0));
         }
         // Where nothing speaks for a place any more although it was born there.
         let evidence = &mut mapper.world.as_mut().unwrap().evidence;
@@ -256,5 +257,33 @@ mod tests {
         let after = mapper.finish();
         assert!(after.gaussians.iter().all(|gaussian| gaussian.id != id));
         assert!(after.gaussians.iter().all(|g| g.sigma_m.is_finite()));
+    }
+
+    #[test]
+    fn what_was_let_go_is_tried_again_at_the_end_alone_unless_something_is_beside_it() {
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        for number in 0..300 {
+            mapper.insert(&going_by(number, (0.1 * f64::from(number)).sin()));
+        }
+        assert!(!mapper.finish().gaussians.is_empty());
+        let world = mapper.world.as_ref().unwrap();
+        let terms = Terms {
+            config: &mapper.config,
+            at_work: mapper.at_work,
+            floor: mapper.floor(),
+            unit_strength: mapper.unit_strength,
+        };
+        let candidates = |start, is_live| {
+            let due = Due {
+                tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
+                start,
+                is_live,
+            };
+            let (map, history) = (&mapper.gaussians, &mapper.history);
+            Workout::begin(world, map, history, due, terms, &mut Vec::new()).candidate_count()
+        };
+        let (live, at_end) = (candidates(Start::Map, true), candidates(Start::Map, false));
+        assert!(0 < live && live < at_end, "{live} of {at_end}");
+        assert_eq!(candidates(Start::Even, true), at_end);
     }
 }

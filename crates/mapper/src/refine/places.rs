@@ -38,13 +38,23 @@ impl Places {
         self.place_of.get(&self.cell(at_m)).map(|&(place, _)| place)
     }
 
+    /// Those in this voxel and the 26 around it.
+    fn near(&self, at_m: Vec3) -> impl Iterator<Item = &(usize, Vec3)> {
+        let cell = self.cell(at_m);
+        let cells = (0..27).map(move |i| cell + IVec3::new(i % 3, i / 3 % 3, i / 9) - IVec3::ONE);
+        cells.filter_map(|cell| self.place_of.get(&cell))
+    }
+
+    /// Whether there is any in this voxel or the 26 around it.
+    pub(crate) fn are_by(&self, at_m: Vec3) -> bool {
+        self.near(at_m).next().is_some()
+    }
+
     /// The places in this voxel and the 26 around it, each with its part of what is here. The parts add up to 1; the list
     /// is empty where there is no place.
     pub(crate) fn shares(&self, at_m: Vec3) -> Vec<(usize, f32)> {
-        let cell = self.cell(at_m);
-        let cells = (0..27).map(|i| cell + IVec3::new(i % 3, i / 3 % 3, i / 9) - IVec3::ONE);
-        let near = cells.filter_map(|cell| self.place_of.get(&cell));
-        let mut shares: Vec<(usize, f32)> = near
+        let mut shares: Vec<(usize, f32)> = self
+            .near(at_m)
             .map(|&(place, center_m)| {
                 let away = center_m.distance(at_m) / (SPREAD_VOXELS * self.voxel_m);
                 (place, (-0.5 * away * away).exp())
@@ -82,5 +92,6 @@ mod tests {
         assert_eq!(places.at(center_m(-1) + Vec3::X * 0.04), Some(7));
         assert_eq!(places.at(center_m(0)), None);
         assert!(places.shares(center_m(1)).is_empty());
+        assert!(places.are_by(center_m(0)) && !places.are_by(center_m(1)));
     }
 }

@@ -8,8 +8,8 @@ use crate::spawn::gaussians::{Gaussians, Verdict};
 /// Of a Gaussian's strength for each of its eight parts: half as wide, each fills a quarter of
 /// the solid angle, so eight of them at half the strength send back as much.
 const PART_OF_STRENGTH: f32 = 0.5;
-/// What one of the eight knows of where the surface is.
-const PART_OF_INFORMATION: f32 = 0.125;
+/// What each of the eight is of a whole one, and knows of where the surface is.
+pub(crate) const PART: f32 = 0.125;
 
 /// Splits every whole confident Gaussian into the eight corners of its voxel.
 pub(crate) fn split_confident(gaussians: &mut Gaussians, voxel_m: f32) {
@@ -38,7 +38,7 @@ fn split(gaussians: &mut Gaussians, slot: usize, quarter_m: f32) {
         gaussians.set_shape(part, Quat::IDENTITY, Vec3::splat(quarter_m));
         gaussians.strength[part] = strength;
         gaussians.known[part] = known;
-        gaussians.part[part] = PART_OF_INFORMATION;
+        gaussians.part[part] = PART;
         gaussians.kept[part] = kept.clone();
         gaussians.verdict[part] = Verdict::Published(Standing::Confident);
     }

@@ -1,5 +1,6 @@
 //! What a work-out begins with.
 
+use echosplat_model::glam::Vec3;
 use echosplat_model::{Standing, Switch};
 
 use super::{Mask, Terms, Workout, is, set};
@@ -7,6 +8,7 @@ use crate::accumulate::evidence::{BlockIndex, Horizon, TileIndex};
 use crate::accumulate::fan::Reach;
 use crate::mapper::schedule::Start;
 use crate::parts::LeftOut;
+use crate::refine::places::Places;
 use crate::spawn::births;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::world::World;
@@ -22,12 +24,14 @@ const MOST_PLACES: usize = 400_000;
 const HELD_PART: f32 = 0.3;
 
 impl Workout {
-    /// Every place of the tiles with enough evidence, all alike.
+    /// Every place of the tiles with enough evidence, all alike; with `but_settled`, those alone that the map has
+    /// something at or beside, and those that are new since.
     pub(super) fn take_candidates(
         &mut self,
         world: &World,
         map: &Gaussians,
         tiles: &[TileIndex],
+        but_settled: bool,
         terms: Terms<'_>,
         left_out: &mut Vec<LeftOut>,
     ) {
@@ -54,6 +58,15 @@ impl Workout {
             found = places(Horizon::Quarters, spawn);
             count = found.iter().map(|(_, voxels)| voxels.len()).sum();
         }
+        let known = but_settled.then(|| {
+            let held = found.iter();
+            let held = held.flat_map(|&(index, _)| evidence.block(index).gaussians.iter());
+            let slots = held.map(|&(_, slot)| slot as usize);
+            let worked = slots.filter(|&slot| map.stage[slot] == Stage::Worked);
+            Places::of(worked.map(|slot| (slot, map.home_m[slot])), self.voxel_m)
+        });
+        let is_settled =
+            |center_m: Vec3| known.as_ref().is_some_and(|known| !known.are_by(center_m));
         self.draft.reserve(count);
         let (scale_m, strength) = (0.5 * self.voxel_m, EVEN_STRENGTH * terms.unit_strength);
         for (index, voxels) in found {
@@ -68,12 +81,15 @@ impl Workout {
                 if is(&is_held, voxel) {
                     continue;
                 }
+                set(&mut mask, voxel);
                 let center_m = evidence.center_m(key, voxel.into());
+                if is(&block.barred, voxel) && is_settled(center_m) {
+                    continue;
+                }
                 let slot = self
                     .draft
                     .spawn(center_m, (index, voxel), scale_m, strength);
                 self.draft.verdict[slot as usize] = Verdict::ExplainedAway;
-                set(&mut mask, voxel);
             }
             self.blocks.push((index, mask));
         }

@@ -176,7 +176,8 @@ impl Workout {
             iterations: 0,
             is_hurried: false,
         };
-        workout.take_candidates(world, map, &tiles, terms, left_out);
+        let but_settled = is_live && start == Start::Map;
+        workout.take_candidates(world, map, &tiles, but_settled, terms, left_out);
         match start {
             Start::Even => {
                 let draft = &workout.draft;
@@ -253,6 +254,12 @@ impl Workout {
 
     pub(crate) fn tile_count(&self) -> u64 {
         self.tiles.len() as u64
+    }
+
+    #[cfg(test)]
+    pub(crate) fn candidate_count(&self) -> usize {
+        let slots = self.draft.slots();
+        slots.filter(|&slot| self.draft.is_worked_on(slot)).count()
     }
 
     /// Whether nothing is left to do.
