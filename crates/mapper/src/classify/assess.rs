@@ -115,6 +115,8 @@ pub(crate) struct Demand {
     likely_sigma_m: f32,
     /// Least share of an echo that makes a look clear.
     clear_share: f32,
+    /// What a whole Gaussian counts beside others where surfaces are split.
+    late: f32,
 }
 
 impl Demand {
@@ -132,7 +134,14 @@ impl Demand {
             },
             likely_sigma_m: SIGMAS_TO_CONTINUE * config.confident_sigma_m,
             clear_share: config.confident_share,
+            // It was not sure before they were: it supports no more than a part does.
+            late: PART,
         }
+    }
+
+    /// Where so few looks were made before surfaces are split that much of them is sure only after it.
+    pub(crate) fn in_haste(self) -> Self {
+        Self { late: 1.0, ..self }
     }
 
     /// Of one that continues a surface.
@@ -207,7 +216,7 @@ pub(crate) fn judge(
         };
     }
     trust_continued(gaussians, &may_continue, voxel_m);
-    let near = support(gaussians);
+    let near = support(gaussians, demand.late);
     doubt_strays(gaussians, LEAST_NEAR, NEAR_VOXELS * voxel_m, near);
     doubt_strays(gaussians, LEAST_AROUND, AROUND_VOXELS * voxel_m, |p| p);
     certainty::tell(gaussians, finding_of, voxel_m);
@@ -259,14 +268,13 @@ fn doubt_strays(
     }
 }
 
-/// How much of a whole Gaussian one counts beside others, by its part. Where surfaces are split, what is whole still was
-/// not sure before: it supports no more than a part does.
-fn support(gaussians: &Gaussians) -> impl Fn(f32) -> f32 + Sync + use<> {
+/// How much of a whole Gaussian one counts beside others, by its part; where surfaces are split at most `late`.
+fn support(gaussians: &Gaussians, late: f32) -> impl Fn(f32) -> f32 + Sync + use<> {
     let mut confident = gaussians
         .slots()
         .filter(|&slot| gaussians.verdict[slot] == CONFIDENT);
     let is_split = confident.any(|slot| gaussians.part[slot] < 1.0);
-    move |part| if is_split { part.min(PART) } else { part }
+    move |part| if is_split { part.min(late) } else { part }
 }
 
 /// Median strength of the confident; infinite if there are none.
@@ -565,17 +573,19 @@ mod tests {
         for slots in [&rod, &late, &parts] {
             assert!(is_sure(&gaussians, slots));
         }
-        let near = support(&gaussians);
+        let near = support(&gaussians, PART);
         doubt_strays(&mut gaussians, LEAST_NEAR, NEAR_VOXELS, near);
         assert!(is_sure(&gaussians, &rod));
         for slot in late.into_iter().chain(parts) {
             assert_ne!(gaussians.verdict[slot], CONFIDENT);
         }
+        let in_haste = support(&gaussians, 1.0);
+        assert!((in_haste(1.0) - 1.0).abs() < 1e-6 && (in_haste(PART) - PART).abs() < 1e-6);
         // Where nothing is split each counts in full.
         for part in &mut gaussians.part {
             *part = 1.0;
         }
-        assert!((support(&gaussians)(1.0) - 1.0).abs() < 1e-6);
+        assert!((support(&gaussians, PART)(1.0) - 1.0).abs() < 1e-6);
     }
 
     #[test]

@@ -197,6 +197,9 @@ impl Workout {
         workout.count_pairs(world);
         workout.is_hurried =
             workout.thinning(workout.most_pairs) > workout.thinning(workout.most_pairs_in_full);
+        if workout.is_hurried {
+            workout.demand = workout.demand.in_haste();
+        }
         workout
     }
 
