@@ -86,6 +86,8 @@ pub(crate) struct AtWork {
     pub(crate) splitting: bool,
     /// Whether poses jitter so much that echoes are smeared; no part, but other parts go by it.
     pub(crate) smeared: bool,
+    /// Whether another sonar's pulses were heard, which leave false places at random; no part either.
+    pub(crate) interfered: bool,
     pub(crate) converged: Extent,
     pub(crate) redundant: Extent,
     pub(crate) empty: Extent,
@@ -119,6 +121,9 @@ const ONE_SIDED: f32 = 0.98;
 const BLURRED_VOXELS: f32 = 0.8;
 /// Poses that jitter by so many voxels smear echoes: darkness from every side is needed to tell.
 const SMEARED_VOXELS: f32 = 1.0;
+/// Bins a ping that another sonar's pulses fill, from which on there is one: where there is none, noise and echoes pass for
+/// at most 0.003.
+const INTERFERED_BINS: f64 = 0.01;
 /// Share of pings left out that is worth saying.
 const WORTH_SAYING: f32 = 0.05;
 
@@ -184,6 +189,8 @@ pub(crate) struct MapCues {
     pub(crate) voxel_m: f32,
     /// Pings left out as redundant.
     pub(crate) redundant: u64,
+    /// Bins that another sonar's pulses filled, per ping.
+    pub(crate) interfered_bins: f64,
     /// Whether pings show what may be ground or reverberation.
     pub(crate) is_ground_open: bool,
 }
@@ -209,6 +216,7 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
     let smeared = known && jitter >= SMEARED_VOXELS;
     let at_work = AtWork {
         smeared,
+        interfered: map.interfered_bins >= INTERFERED_BINS,
         occlusion: use_part(
             "occlusion",
             parts.occlusion,
@@ -297,10 +305,21 @@ mod tests {
         voxel_m: 0.05,
         redundant: 0,
         is_ground_open: false,
+        interfered_bins: 0.003,
     };
 
     fn names(left_out: &[LeftOut]) -> Vec<&'static str> {
         left_out.iter().map(|out| out.part).collect()
+    }
+
+    #[test]
+    fn another_sonar_is_known_by_its_pulses() {
+        let is_interfered = |map: MapCues| decide(&Parts::default(), &dive(4, 4), map).0.interfered;
+        assert!(!is_interfered(KNOWN));
+        assert!(is_interfered(MapCues {
+            interfered_bins: 0.05,
+            ..KNOWN
+        }));
     }
 
     #[test]

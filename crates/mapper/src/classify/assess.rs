@@ -69,7 +69,7 @@ const PEAK_VOXELS: f32 = 2.5;
 /// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
 const FAN_REACH: f32 = 1.3;
 
-/// A surface fills the places beside it: least number of whole confident Gaussians within so many voxels, itself
+/// Where another sonar is heard a surface has to fill the places beside it: least number of whole confident Gaussians within so many voxels, itself
 /// included, each part of a split one by its part. A rod one voxel thick has six times as many.
 const LEAST_NEAR: f32 = 2.0;
 const NEAR_VOXELS: f32 = 6.0;
@@ -115,6 +115,8 @@ pub(crate) struct Demand {
     likely_sigma_m: f32,
     /// Least share of an echo that makes a look clear.
     clear_share: f32,
+    /// Least number of whole confident Gaussians beside one, itself included.
+    near: f32,
     /// What a whole Gaussian counts beside others where surfaces are split.
     late: f32,
 }
@@ -134,6 +136,11 @@ impl Demand {
             },
             likely_sigma_m: SIGMAS_TO_CONTINUE * config.confident_sigma_m,
             clear_share: config.confident_share,
+            // Pulses at random leave small clusters; without them a surface may show but here and there.
+            near: match at_work.interfered {
+                true => LEAST_NEAR,
+                false => 0.0,
+            },
             // It was not sure before they were: it supports no more than a part does.
             late: PART,
         }
@@ -217,7 +224,7 @@ pub(crate) fn judge(
     }
     trust_continued(gaussians, &may_continue, voxel_m);
     let near = support(gaussians, demand.late);
-    doubt_strays(gaussians, LEAST_NEAR, NEAR_VOXELS * voxel_m, near);
+    doubt_strays(gaussians, demand.near, NEAR_VOXELS * voxel_m, near);
     doubt_strays(gaussians, LEAST_AROUND, AROUND_VOXELS * voxel_m, |p| p);
     certainty::tell(gaussians, finding_of, voxel_m);
 }
@@ -581,6 +588,16 @@ mod tests {
         }
         let in_haste = support(&gaussians, 1.0);
         assert!((in_haste(1.0) - 1.0).abs() < 1e-6 && (in_haste(PART) - PART).abs() < 1e-6);
+        // It is asked for where another sonar is heard.
+        let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
+        let near = |interfered| {
+            let at_work = AtWork {
+                interfered,
+                ..at_work
+            };
+            Demand::of(&MapperConfig::default(), at_work).near
+        };
+        assert!(near(true) > 1.0 && near(false) <= 0.0);
         // Where nothing is split each counts in full.
         for part in &mut gaussians.part {
             *part = 1.0;

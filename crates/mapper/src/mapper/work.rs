@@ -143,6 +143,7 @@ impl Mapper {
         let map = MapCues {
             voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
             redundant: self.status.pings_redundant,
+            interfered_bins: self.status.bins_interfered as f64 / self.status.pings.max(1) as f64,
             is_ground_open: self.seabed.is_there() && !self.seabed.is_proven(),
         };
         (self.at_work, self.left_out) = decide(&self.config.parts, &self.cues, map);
