@@ -69,11 +69,11 @@ const PEAK_VOXELS: f32 = 2.5;
 /// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
 const FAN_REACH: f32 = 1.3;
 
-/// Where another sonar is heard a surface has to fill the places beside it: least number of whole confident Gaussians within so many voxels, itself
-/// included, each part of a split one by its part. A rod one voxel thick has six times as many.
+/// Least number of whole confident Gaussians within so many voxels, itself included, where another sonar is heard; each
+/// part of a split one counts by its part. A rod one voxel thick has six times as many.
 const LEAST_NEAR: f32 = 2.0;
 const NEAR_VOXELS: f32 = 6.0;
-/// The same further around: a glinting rod shows here and there along its whole length.
+/// The same further around, on every dive: a glinting rod shows here and there along its whole length.
 const LEAST_AROUND: f32 = 12.0;
 const AROUND_VOXELS: f32 = 16.0;
 
@@ -115,10 +115,11 @@ pub(crate) struct Demand {
     likely_sigma_m: f32,
     /// Least share of an echo that makes a look clear.
     clear_share: f32,
-    /// Least number of whole confident Gaussians beside one, itself included.
-    near: f32,
-    /// What a whole Gaussian counts beside others where surfaces are split.
-    late: f32,
+    /// Least number of whole confident Gaussians beside one, itself included; none is asked for where no other sonar
+    /// is heard.
+    near: Option<f32>,
+    /// What a Gaussian that was not split counts among them, where others were.
+    unsplit: f32,
 }
 
 impl Demand {
@@ -136,19 +137,19 @@ impl Demand {
             },
             likely_sigma_m: SIGMAS_TO_CONTINUE * config.confident_sigma_m,
             clear_share: config.confident_share,
-            // Pulses at random leave small clusters; without them a surface may show but here and there.
-            near: match at_work.interfered {
-                true => LEAST_NEAR,
-                false => 0.0,
-            },
-            // It was not sure before they were: it supports no more than a part does.
-            late: PART,
+            // Pulses at random leave small clusters; without them a surface may be heard in small parts only.
+            near: at_work.interfered.then_some(LEAST_NEAR),
+            // It was not confident when the others were split, so that it counts no more than a part of one.
+            unsplit: PART,
         }
     }
 
-    /// Where so few looks were made before surfaces are split that much of them is sure only after it.
+    /// For a work-out that makes so few looks before the split that many places are confident only after it.
     pub(crate) fn in_haste(self) -> Self {
-        Self { late: 1.0, ..self }
+        Self {
+            unsplit: 1.0,
+            ..self
+        }
     }
 
     /// Of one that continues a surface.
@@ -223,9 +224,12 @@ pub(crate) fn judge(
         };
     }
     trust_continued(gaussians, &may_continue, voxel_m);
-    let near = support(gaussians, demand.late);
-    doubt_strays(gaussians, demand.near, NEAR_VOXELS * voxel_m, near);
-    doubt_strays(gaussians, LEAST_AROUND, AROUND_VOXELS * voxel_m, |p| p);
+    if let Some(least) = demand.near {
+        let counts = counts_beside(gaussians, demand.unsplit);
+        doubt_strays(gaussians, least, NEAR_VOXELS * voxel_m, counts);
+    }
+    let reach_m = AROUND_VOXELS * voxel_m;
+    doubt_strays(gaussians, LEAST_AROUND, reach_m, |part| part);
     certainty::tell(gaussians, finding_of, voxel_m);
 }
 
@@ -251,7 +255,7 @@ fn trust_continued(gaussians: &mut Gaussians, may_continue: &[bool], voxel_m: f3
 }
 
 /// What has fewer than `least` whole confident Gaussians within `reach_m` is ambiguous: a surface fills more than one
-/// place. `counts` is how much of a whole one each is.
+/// place. `counts` is what each counts, by its part of a whole one.
 fn doubt_strays(
     gaussians: &mut Gaussians,
     least: f32,
@@ -275,13 +279,16 @@ fn doubt_strays(
     }
 }
 
-/// How much of a whole Gaussian one counts beside others, by its part; where surfaces are split at most `late`.
-fn support(gaussians: &Gaussians, late: f32) -> impl Fn(f32) -> f32 + Sync + use<> {
+/// What a Gaussian counts beside others by its part of a whole one: that part, and where there are split ones at most
+/// `unsplit`.
+fn counts_beside(gaussians: &Gaussians, unsplit: f32) -> impl Fn(f32) -> f32 + Sync + use<> {
     let mut confident = gaussians
         .slots()
         .filter(|&slot| gaussians.verdict[slot] == CONFIDENT);
     let is_split = confident.any(|slot| gaussians.part[slot] < 1.0);
-    move |part| if is_split { part.min(late) } else { part }
+    move |part| {
+        if is_split { part.min(unsplit) } else { part }
+    }
 }
 
 /// Median strength of the confident; infinite if there are none.
@@ -565,7 +572,7 @@ mod tests {
         let rod: Vec<usize> = (0..160)
             .map(|i| place(Vec3::X * 0.125 * i as f32, PART))
             .collect();
-        // Eight that were not sure before others were split, and fifteen parts of such.
+        // Eight that were not split, and fifteen parts of split ones.
         let late: Vec<usize> = (0..8)
             .map(|i| place(Vec3::new(10.0, 10.0, 0.1 * i as f32), 1.0))
             .collect();
@@ -580,13 +587,13 @@ mod tests {
         for slots in [&rod, &late, &parts] {
             assert!(is_sure(&gaussians, slots));
         }
-        let near = support(&gaussians, PART);
-        doubt_strays(&mut gaussians, LEAST_NEAR, NEAR_VOXELS, near);
+        let counts = counts_beside(&gaussians, PART);
+        doubt_strays(&mut gaussians, LEAST_NEAR, NEAR_VOXELS, counts);
         assert!(is_sure(&gaussians, &rod));
         for slot in late.into_iter().chain(parts) {
             assert_ne!(gaussians.verdict[slot], CONFIDENT);
         }
-        let in_haste = support(&gaussians, 1.0);
+        let in_haste = counts_beside(&gaussians, 1.0);
         assert!((in_haste(1.0) - 1.0).abs() < 1e-6 && (in_haste(PART) - PART).abs() < 1e-6);
         // It is asked for where another sonar is heard.
         let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
@@ -597,12 +604,12 @@ mod tests {
             };
             Demand::of(&MapperConfig::default(), at_work).near
         };
-        assert!(near(true) > 1.0 && near(false) <= 0.0);
+        assert!(near(true).is_some() && near(false).is_none());
         // Where nothing is split each counts in full.
         for part in &mut gaussians.part {
             *part = 1.0;
         }
-        assert!((support(&gaussians, PART)(1.0) - 1.0).abs() < 1e-6);
+        assert!((counts_beside(&gaussians, PART)(1.0) - 1.0).abs() < 1e-6);
     }
 
     #[test]

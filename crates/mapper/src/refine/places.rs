@@ -38,15 +38,15 @@ impl Places {
         self.place_of.get(&self.cell(at_m)).map(|&(place, _)| place)
     }
 
-    /// Those in this voxel and the 26 around it.
+    /// Places in this voxel and the 26 around it.
     fn near(&self, at_m: Vec3) -> impl Iterator<Item = &(usize, Vec3)> {
         let cell = self.cell(at_m);
         let cells = (0..27).map(move |i| cell + IVec3::new(i % 3, i / 3 % 3, i / 9) - IVec3::ONE);
         cells.filter_map(|cell| self.place_of.get(&cell))
     }
 
-    /// Whether there is any in this voxel or the 26 around it.
-    pub(crate) fn are_by(&self, at_m: Vec3) -> bool {
+    /// Whether there is a place in this voxel or the 26 around it.
+    pub(crate) fn any_near(&self, at_m: Vec3) -> bool {
         self.near(at_m).next().is_some()
     }
 
@@ -92,6 +92,6 @@ mod tests {
         assert_eq!(places.at(center_m(-1) + Vec3::X * 0.04), Some(7));
         assert_eq!(places.at(center_m(0)), None);
         assert!(places.shares(center_m(1)).is_empty());
-        assert!(places.are_by(center_m(0)) && !places.are_by(center_m(1)));
+        assert!(places.any_near(center_m(0)) && !places.any_near(center_m(1)));
     }
 }

@@ -24,14 +24,14 @@ const MOST_PLACES: usize = 400_000;
 const HELD_PART: f32 = 0.3;
 
 impl Workout {
-    /// Every place of the tiles with enough evidence, all alike; with `but_settled`, those alone that the map has
-    /// something at or beside, and those that are new since.
+    /// Every place of the tiles with enough evidence, all alike. With `skips_barred`, what the last work-out let go is
+    /// left out unless the map has something within a voxel of it.
     pub(super) fn take_candidates(
         &mut self,
         world: &World,
         map: &Gaussians,
         tiles: &[TileIndex],
-        but_settled: bool,
+        skips_barred: bool,
         terms: Terms<'_>,
         left_out: &mut Vec<LeftOut>,
     ) {
@@ -58,15 +58,18 @@ impl Workout {
             found = places(Horizon::Quarters, spawn);
             count = found.iter().map(|(_, voxels)| voxels.len()).sum();
         }
-        let known = but_settled.then(|| {
+        let known = skips_barred.then(|| {
             let held = found.iter();
             let held = held.flat_map(|&(index, _)| evidence.block(index).gaussians.iter());
             let slots = held.map(|&(_, slot)| slot as usize);
             let worked = slots.filter(|&slot| map.stage[slot] == Stage::Worked);
             Places::of(worked.map(|slot| (slot, map.home_m[slot])), self.voxel_m)
         });
-        let is_settled =
-            |center_m: Vec3| known.as_ref().is_some_and(|known| !known.are_by(center_m));
+        let is_alone = |center_m: Vec3| {
+            known
+                .as_ref()
+                .is_some_and(|known| !known.any_near(center_m))
+        };
         self.draft.reserve(count);
         let (scale_m, strength) = (0.5 * self.voxel_m, EVEN_STRENGTH * terms.unit_strength);
         for (index, voxels) in found {
@@ -83,7 +86,7 @@ impl Workout {
                 }
                 set(&mut mask, voxel);
                 let center_m = evidence.center_m(key, voxel.into());
-                if is(&block.barred, voxel) && is_settled(center_m) {
+                if is(&block.barred, voxel) && is_alone(center_m) {
                     continue;
                 }
                 let slot = self

@@ -176,8 +176,8 @@ impl Workout {
             iterations: 0,
             is_hurried: false,
         };
-        let but_settled = is_live && start == Start::Map;
-        workout.take_candidates(world, map, &tiles, but_settled, terms, left_out);
+        let skips_barred = is_live && start == Start::Map;
+        workout.take_candidates(world, map, &tiles, skips_barred, terms, left_out);
         match start {
             Start::Even => {
                 let draft = &workout.draft;
