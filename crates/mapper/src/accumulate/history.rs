@@ -90,9 +90,9 @@ impl History {
         self.pings.drain(..count).collect()
     }
 
-    /// Each ping, for changing what is made of it; one that is being worked with is copied first.
-    pub(crate) fn pings_mut(&mut self) -> impl Iterator<Item = &mut Past> {
-        self.pings.iter_mut().map(Arc::make_mut)
+    /// Each ping, for changing what is made of it, by [`Arc::make_mut`]: one that is being worked with is copied first.
+    pub(crate) fn pings_mut(&mut self) -> &mut [Arc<Past>] {
+        &mut self.pings
     }
 
     pub(crate) fn pings(&self) -> &[Arc<Past>] {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use echosplat_model::Switch;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -52,15 +53,15 @@ impl Mapper {
         }))
     }
 
-    /// The same without anything that pings told of places.
+    /// The same without anything that pings told of places. Its maps are for comparing: finer Gaussians would tell no more
+    /// of what is off.
     fn emptied(&self, pool: Arc<ThreadPool>) -> Option<Self> {
-        let mut empty = Self::with_threads(
-            MapperConfig {
-                workout_pairs: self.config.workout_pairs.min(MAP_PAIRS),
-                ..self.config.clone()
-            },
-            pool,
-        );
+        let mut config = MapperConfig {
+            workout_pairs: self.config.workout_pairs.min(MAP_PAIRS),
+            ..self.config.clone()
+        };
+        config.parts.splitting = Switch::Off;
+        let mut empty = Self::with_threads(config, pool);
         empty.world = Some(self.world.as_ref()?.emptied());
         empty.levels = self.levels.clone();
         empty.cues = self.cues.clone();

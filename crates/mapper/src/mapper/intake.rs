@@ -1,5 +1,7 @@
 //! A ping on its way in: whether it can be used, what it measured, and what that is evidence of.
 
+use std::sync::Arc;
+
 use echosplat_acoustics::{Look, SymmetricMat3};
 use echosplat_model::glam::{DVec3, Vec3};
 use echosplat_model::{Ping, PosedPing, Standing};
@@ -200,7 +202,7 @@ impl Mapper {
         self.workout = None;
         self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
-        for past in self.history.pings_mut() {
+        for past in self.history.pings_mut().iter_mut().map(Arc::make_mut) {
             let range_m =
                 |bin: usize| past.look.range_start_m + (bin as f32 + 0.5) * past.look.bin_length_m;
             let bins = past.profile.intensity.iter().enumerate();

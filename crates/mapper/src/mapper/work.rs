@@ -1,6 +1,9 @@
 //! When tiles are worked out, and how much work a ping allows.
 
+use std::sync::Arc;
+
 use echosplat_model::Snapshot;
+use rayon::prelude::*;
 
 use super::Mapper;
 use super::intake::sources;
@@ -59,7 +62,8 @@ impl Mapper {
         let knows_more = self.seabed.is_there() || self.repeats.are_known();
         if knows_more && self.history.forgotten() == 0 {
             self.repeats.set_sources(sources(&self.gaussians, |_| true));
-            judge_all(&mut self.history, &self.seabed, &self.repeats);
+            let (history, seabed, repeats) = (&mut self.history, &self.seabed, &self.repeats);
+            self.pool.install(|| judge_all(history, seabed, repeats));
             self.sum_up_anew();
         }
     }
@@ -203,13 +207,14 @@ pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
 }
 
 fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {
-    for past in history.pings_mut() {
+    history.pings_mut().par_iter_mut().for_each(|past| {
+        let past = Arc::make_mut(past);
         let ground = seabed.backdrop(&past.look, past.brightness);
         let intensity: Vec<f32> = past.profile.intensity.iter().collect();
         past.profile.doubted = Box::default();
         past.profile.judge(&intensity, &ground);
         repeats.doubt(&past.look, &intensity, &ground, &mut past.profile);
-    }
+    });
 }
 
 #[cfg(test)]

@@ -27,6 +27,8 @@ use crate::spawn::lobes::Lobes;
 /// Sums are made per so many pings and added in order, so that threads do not change them.
 const CHUNK: usize = 32;
 const CHUNKS_AT_ONCE: usize = 8;
+/// A portion has so many at least, however crowded the map: one would keep one thread busy and the others waiting.
+const LEAST_CHUNKS: usize = 2;
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
 /// A fast step over a full one: over-relaxed, below the 2 up to which it converges.
@@ -79,7 +81,7 @@ impl<T: Sum + Sync> Pass<T> {
         self.done == self.pings.len()
     }
 
-    /// Runs `each` over the sights of about so many pings more, in chunks with a scratch space `W` each, whose
+    /// Runs `each` over the sights of about so many pings more, or more than that, in chunks with a scratch space `W` each, whose
     /// sums are added in their order. Returns pairs done.
     pub(crate) fn advance<W: Default>(
         &mut self,
@@ -87,7 +89,8 @@ impl<T: Sum + Sync> Pass<T> {
         count: usize,
         each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
     ) -> u64 {
-        let end = (self.done + count.next_multiple_of(CHUNK)).min(self.pings.len());
+        let chunks = count.div_ceil(CHUNK).max(LEAST_CHUNKS);
+        let end = (self.done + chunks * CHUNK).min(self.pings.len());
         let slot_count = scene.gaussians.slot_count();
         let of_chunk = |chunk: &[Arc<Past>]| {
             let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
