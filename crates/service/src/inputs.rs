@@ -18,9 +18,9 @@ use serde_json::Value;
 
 use crate::config::Config;
 use crate::exit::Usage;
-use crate::recorder::{Recorder, RecorderConfig};
+use crate::recorder::{BEGIN, Recorder, RecorderConfig};
 use crate::split::Begin;
-use crate::{files, replayed, runtime};
+use crate::{files, runtime};
 
 /// A sonar's URL.
 ///
@@ -143,7 +143,8 @@ pub(crate) fn recorder(
         true => LogClock::Kept,
         false => live_clock(session),
     };
-    begin_recorder(config, log_clock, replayed::begin_event(session, is_log))
+    let begin = serde_json::json!({ "event": BEGIN, "is_log": is_log, "session": session });
+    begin_recorder(config, log_clock, begin)
 }
 
 /// The same for a driver, or for a mapper of what one hears.

@@ -10,17 +10,13 @@ use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_pose::{PoseSource, PoseUrl};
 use echosplat_recording::mcap::{Record, Recording, RecordingReader, Scan};
 use echosplat_session::{ClockSource, SessionConfig};
-use serde_json::Value;
 
 use crate::config::Config;
 use crate::decided::Decided;
 use crate::exit::Usage;
 use crate::inputs;
 use crate::pipeline::{Input, Patience, Poses};
-use crate::recorder::Recorder;
-
-/// Name of the event that a recording begins with.
-pub(crate) const BEGIN: &str = "begin";
+use crate::recorder::{BEGIN, Recorder};
 
 /// Logs, or the files of one recorded dive.
 pub(crate) struct Replayed {
@@ -36,11 +32,6 @@ struct RecordedDive {
     session: Option<SessionConfig>,
     /// The bytes are those of a log, not of a link.
     is_log: bool,
-}
-
-/// The event that says how a dive is recorded.
-pub(crate) fn begin_event(session: &SessionConfig, is_log: bool) -> Value {
-    serde_json::json!({ "event": BEGIN, "is_log": is_log, "session": session })
 }
 
 /// Whether a file is a recording by its name; what it holds is checked when it is read.

@@ -297,6 +297,17 @@ impl Status {
     }
 }
 
+/// A sentence on services under the same node, if there are any.
+pub(super) fn other_service(others: &[String]) -> Option<String> {
+    (!others.is_empty()).then(|| {
+        format!(
+            "another service maps under the same node ({}): both publish under one key; end one, or \
+             give it a --node of its own",
+            others.join(", ")
+        )
+    })
+}
+
 /// Profiles whose frame and fields were sound, whether or not they were new.
 fn intact_profiles(sonar: &DriverStatus) -> u64 {
     let session = &sonar.session;

@@ -11,7 +11,7 @@ use super::keeper::Keeper;
 use super::notices::Finding;
 use super::run::Run;
 use super::shared::Phase;
-use super::status::Status;
+use super::status::{Status, other_service};
 use crate::clock;
 use crate::recorder::Recorder;
 
@@ -127,14 +127,4 @@ fn line(status: &Status) -> String {
         || format!("{mapped} of {received} pings in the map"),
         str::to_owned,
     )
-}
-
-pub(super) fn other_service(others: &[String]) -> Option<String> {
-    (!others.is_empty()).then(|| {
-        format!(
-            "another service maps under the same node ({}): both publish under one key; end one, or \
-             give it a --node of its own",
-            others.join(", ")
-        )
-    })
 }

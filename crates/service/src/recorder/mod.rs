@@ -38,6 +38,8 @@ use worker::Worker;
 
 /// Longest that [`Recorder::finish`] takes.
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
+/// Name of the event that a recording begins with.
+pub(crate) const BEGIN: &str = "begin";
 /// A longer piece of raw bytes is recorded in several.
 const MAX_RAW_BYTES: usize = 512 << 10;
 

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::{Value, json};
 
 use crate::pipeline::Patience;
-use crate::replayed::BEGIN;
+use crate::recorder::BEGIN;
 
 /// Name of the event that says which record of the driver's tape comes next in a recording.
 const POSITION: &str = "tape";

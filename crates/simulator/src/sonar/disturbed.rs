@@ -6,21 +6,11 @@ use rayon::prelude::*;
 use super::echo::{Gathered, Listener, MovingSensor};
 use super::field::Moment;
 use super::simulated::SimulatedSonar;
-use crate::disturbances::{Disturbances, Swimmer};
-use crate::dive::{Dive, structure_or_default};
+use crate::disturbances::Disturbances;
 use crate::random::{Purpose, Random};
-use crate::scene::Scene;
 
 /// Nearer than this the transducer rings: its bins are not asked what part of them is clipped.
 const BLANKING_M: f64 = 0.5;
-
-/// The fish of a dive.
-pub(super) fn swimmers(scene: &Scene, dive: &Dive, seed: u64) -> Vec<Swimmer> {
-    let (low, high) = dive.reach();
-    let (scene_low, scene_high) = structure_or_default(scene);
-    let fish = dive.disturbances().fish;
-    fish.swimmers(seed, low.min(scene_low), high.max(scene_high))
-}
 
 /// A ping as it reaches the end of the receiver.
 pub(super) struct Received {

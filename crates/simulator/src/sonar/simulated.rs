@@ -6,7 +6,6 @@ use echosplat_model::{LOOKAHEAD_S, PingSettings, Pose, PosedPing, Switch, Trajec
 use rayon::prelude::*;
 
 use super::device_side::{DeviceSide, STRONGEST_OVER_FLOOR_DB};
-use super::disturbed;
 use super::echo::{MovingSensor, power_per_bin};
 use super::field::{FieldUnit, Moment};
 use super::gain::GainTrack;
@@ -14,7 +13,7 @@ use super::radiometry::Radiometry;
 use super::{NoiseLevel, Profile, SimulatedPing};
 use crate::beam::{Fan, SideLobes};
 use crate::disturbances::Swimmer;
-use crate::dive::Dive;
+use crate::dive::{Dive, structure_or_default};
 use crate::random::{Purpose, Random};
 use crate::scene::Scene;
 
@@ -61,6 +60,14 @@ pub fn echoes_at_rest(
     )
 }
 
+/// The fish of a dive.
+fn swimmers(scene: &Scene, dive: &Dive, seed: u64) -> Vec<Swimmer> {
+    let (low, high) = dive.reach();
+    let (scene_low, scene_high) = structure_or_default(scene);
+    let fish = dive.disturbances().fish;
+    fish.swimmers(seed, low.min(scene_low), high.max(scene_high))
+}
+
 impl SimulatedSonar {
     /// Looks at 192 pings of the dive to fix its decibel scale: their strongest bin is 29 dB at
     /// gain step 0, 45 dB above the floor. If none hears anything, the scale is that of a surface
@@ -74,7 +81,7 @@ impl SimulatedSonar {
             NoiseLevel::Harsh => (SideLobes::Harsh, Radiometry::Even),
         };
         let mut sonar = Self {
-            swimmers: disturbed::swimmers(&scene, &dive, seed),
+            swimmers: swimmers(&scene, &dive, seed),
             scene,
             dive,
             fan: Fan::new(side_lobes),
