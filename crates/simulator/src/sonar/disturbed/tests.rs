@@ -4,7 +4,7 @@ use echosplat_model::Pose;
 use glam::DVec3;
 
 use super::*;
-use crate::{DiveKind, DiveOptions, NoiseLevel};
+use crate::{Dive, DiveKind, DiveOptions, NoiseLevel, Scene};
 
 /// One of each, as `KEY=VALUE`, and whether it changes poses in place of pings.
 const EACH: [(&[&str], bool); 9] = [
