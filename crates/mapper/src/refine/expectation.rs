@@ -27,7 +27,7 @@ use crate::spawn::lobes::Lobes;
 /// Sums are made per so many pings and added in order, so that threads do not change them.
 const CHUNK: usize = 32;
 const CHUNKS_AT_ONCE: usize = 8;
-/// A portion has so many at least, however crowded the map: one would keep one thread busy and the others waiting.
+/// A portion has at least so many, however many pairs they have: with one chunk one thread works and the others wait.
 const LEAST_CHUNKS: usize = 2;
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
@@ -81,8 +81,8 @@ impl<T: Sum + Sync> Pass<T> {
         self.done == self.pings.len()
     }
 
-    /// Runs `each` over the sights of about so many pings more, or more than that, in chunks with a scratch space `W` each, whose
-    /// sums are added in their order. Returns pairs done.
+    /// Runs `each` over the sights of at least `count` pings more, if so many are left, in chunks with a scratch space `W`
+    /// each, whose sums are added in their order. Returns pairs done.
     pub(crate) fn advance<W: Default>(
         &mut self,
         scene: Scene<'_>,

@@ -54,7 +54,7 @@ const NEVER_TWICE: f64 = LOOKS_PER_PING;
 const OFFSET_STRIDE: f64 = 5.0;
 /// Pings that tell how many pairs each has.
 const SAMPLE: usize = 64;
-/// Pairs of a portion, about 10 ms on two cores.
+/// Pairs of a portion, about 10 ms on two cores; of a crowded map it has more, since it has at least two chunks of pings.
 const PORTION_PAIRS: f64 = 2e6;
 
 /// Voxels of a block, a bit each.
