@@ -61,7 +61,7 @@ impl Default for MapperConfig {
             slice_pings: 4,
             history_pings: 65_536,
             spawn_evidence: 4.5,
-            work_pairs_per_ping: 300_000,
+            work_pairs_per_ping: 600_000,
             workout_passes: 16,
             workout_pairs: 6_000_000_000,
             confident_share: 0.7,

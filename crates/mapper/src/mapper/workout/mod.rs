@@ -39,14 +39,14 @@ pub(crate) use keep::keep;
 
 /// Candidates below this part of their strongest neighbour are not worth further work.
 const TAIL_PART: f32 = 0.05;
-/// While the dive goes on a work-out takes at most this part of the pairs that its pings allowed, since what it shows is
-/// as old when it is done.
-const LAG: f64 = 0.5;
+/// While the dive goes on the steps of a work-out take at most this part of the pairs that its pings allowed, since what
+/// it shows is as old when it is done.
+const LAG: f64 = 0.25;
 /// Looks made at each ping, all steps together, by how many Gaussians there are then.
 const LOOKS_PER_PING: f64 = 7.5;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
 const ENOUGH_PAIRS: f64 = 12_000.0;
-/// The part of them that a start from the map needs, since the map knows the rest.
+/// The part of them that a start from the map needs, since the map knows the rest; verdicts need all.
 const ENOUGH_FROM_MAP: f64 = 0.125;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = LOOKS_PER_PING;
@@ -232,22 +232,25 @@ impl Workout {
         !self.actions.iter().any(is_assessment)
     }
 
-    /// How many times fewer looks do, at least 1: to stay within the work allowed, and since what has been seen
-    /// often enough gains nothing.
+    /// How many times fewer looks a step needs, at least 1.
     fn thinning(&self, most_pairs: f64) -> f64 {
+        let part = match self.start {
+            Start::Even => 1.0,
+            Start::Map => ENOUGH_FROM_MAP,
+        };
+        self.thinning_to(most_pairs, part * ENOUGH_PAIRS)
+    }
+
+    /// How many times fewer looks do, at least 1: to stay within the work allowed, and since what has been seen
+    /// often enough, by pairs of each Gaussian, gains nothing.
+    fn thinning_to(&self, most_pairs: f64, enough_pairs: f64) -> f64 {
         let pings = self.pings.len() as f64;
         let pass = pings * self.pairs_per_ping;
         let within_work = LOOKS_PER_PING * pass / most_pairs;
         let gaussians = self.draft.alive_count().max(1) as f64;
         let enough = match self.at_work.converged {
             Extent::All => 0.0,
-            Extent::Useful => {
-                let part = match self.start {
-                    Start::Even => 1.0,
-                    Start::Map => ENOUGH_FROM_MAP,
-                };
-                pass / (part * ENOUGH_PAIRS * gaussians)
-            }
+            Extent::Useful => pass / (enough_pairs * gaussians),
             Extent::None => NEVER_TWICE,
         };
         // At least some dozens of looks a step, however crowded the map.
@@ -303,11 +306,12 @@ impl Workout {
                 self.doing = Some(Doing::Localise(pass));
             }
             Action::Assess { stride } => {
-                let most_pairs = match self.is_last_assessment() {
-                    true => self.most_pairs_in_full,
-                    false => self.most_pairs,
+                let thinning = match self.is_last_assessment() {
+                    // The map knows nothing of verdicts.
+                    true => self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS),
+                    false => self.thinning(self.most_pairs),
                 };
-                let stride = stride * self.thinning(most_pairs);
+                let stride = stride * thinning;
                 let pass = Pass::over(over(0.0, stride), &world.evidence, &self.draft);
                 let rule = Rule::of(&self.scene(world, true), self.demand);
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
