@@ -7,7 +7,7 @@ use echosplat_firmware_protocol::{Decoder, Event};
 
 use super::ServeStatus;
 use super::outbox::Outbox;
-use super::server::Asked;
+use super::port::Asked;
 
 /// Requests have at most some dozen bytes.
 const READ_BYTES: usize = 4096;

@@ -7,6 +7,7 @@ mod client;
 mod clock;
 mod listen;
 mod outbox;
+mod port;
 #[cfg(unix)]
 mod pty;
 mod serial;

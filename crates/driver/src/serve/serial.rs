@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use super::ServeStatus;
 use super::client::Client;
-use super::server::{Asked, Port};
+use super::port::{Asked, Port};
 
 /// A line's write waits until its bytes are taken, so few are written at once.
 const LINE_CHUNK_BYTES: usize = 64;

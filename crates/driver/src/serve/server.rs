@@ -6,9 +6,9 @@ use std::thread;
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded};
-use echosplat_model::Timestamp;
 
 use super::clock::DeviceClock;
+use super::port::{Asked, Port};
 use super::{EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus};
 use super::{serial, tcp, udp};
 use crate::stop::{Stop, Stopper, stop_pair};
@@ -22,28 +22,6 @@ const FULL_WAIT: Duration = Duration::from_micros(200);
 /// Last frames, answers to a request to stop among them, are given so long to go out.
 const FLUSH_ON_STOP: Duration = Duration::from_millis(100);
 const STOP_WAIT: Duration = Duration::from_secs(5);
-
-/// The device and its time, as requests find it.
-pub(super) struct Asked<'a> {
-    pub(super) device: &'a mut dyn EmulatedDevice,
-    pub(super) now: Timestamp,
-}
-
-/// Where clients come from. Nothing here waits.
-pub(super) trait Port: Send {
-    /// What a client connects to.
-    fn url(&self) -> String;
-    /// Answers the requests that have come; says whether any bytes had.
-    fn serve(&mut self, device: &mut Asked<'_>, status: &mut ServeStatus) -> bool;
-    /// Queues one frame for every client.
-    fn broadcast(&mut self, frame: &[u8], status: &mut ServeStatus);
-    /// Writes what the clients take.
-    fn flush(&mut self);
-    /// Whether there is a client and none is behind.
-    fn is_ready(&self) -> bool;
-    /// Whether bytes wait for a client to take them.
-    fn has_waiting(&self) -> bool;
-}
 
 /// A device being served. Dropping it stops the thread without waiting.
 #[derive(Debug)]

@@ -5,7 +5,7 @@ use std::net::{TcpListener, TcpStream};
 
 use super::ServeStatus;
 use super::client::Client;
-use super::server::{Asked, Port};
+use super::port::{Asked, Port};
 
 const MAX_CLIENTS: usize = 16;
 const CHUNK_BYTES: usize = 64 * 1024;

@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 
 use super::ServeStatus;
 use super::client::Requests;
-use super::server::{Asked, Port};
+use super::port::{Asked, Port};
 
 const MAX_CLIENTS: usize = 8;
 /// A client that has asked nothing for so long is forgotten if another has asked since. The last

@@ -249,7 +249,7 @@ fn mapped(blank: &Mapper, moving: &[Moving]) -> Option<Mapper> {
     }
     let extent = map.at_work.converged;
     let evidence = &mut map.world.as_mut()?.evidence;
-    map.status.voxel_looks = evidence.integrate(&map.history, 0, extent);
+    map.status.voxel_looks = evidence.integrate_anew(&map.history, extent);
     let (spawn, strength) = (
         map.config.spawn_evidence,
         NEWBORN_STRENGTH * map.unit_strength,
@@ -258,6 +258,8 @@ fn mapped(blank: &Mapper, moving: &[Moving]) -> Option<Mapper> {
     while map.workout.is_some() || map.begin_workout(due_at_end) {
         map.advance();
     }
+    // Two such maps are held while they are compared, which needs their Gaussians alone.
+    map.world.as_mut()?.evidence.forget_looks();
     Some(map)
 }
 

@@ -11,7 +11,7 @@ use ::mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReader
 use echosplat_bus::pose_message;
 use echosplat_model::Timestamp;
 
-use super::{LogPosesError, in_order};
+use super::found::{LogPosesError, in_order};
 use crate::fault::quoted;
 use echosplat_join::ArrivedPose;
 

@@ -1,46 +1,9 @@
 //! Poses inside logs: `MAVLink` in wrapper packets of a `.svlog`, pose messages in a foreign MCAP.
 
+mod found;
 mod mcap;
 mod svlog;
 
-use std::path::PathBuf;
-
+pub use self::found::LogPosesError;
 pub use self::mcap::poses_of_mcap;
 pub use self::svlog::poses_of_svlog;
-use echosplat_join::ArrivedPose;
-
-/// Why a log gives no poses.
-#[derive(Debug, thiserror::Error)]
-pub enum LogPosesError {
-    /// It cannot be read.
-    #[error("poses: cannot read {path}: {reason}", path = .path.display())]
-    Io {
-        /// Which.
-        path: PathBuf,
-        /// What the system says.
-        reason: std::io::Error,
-    },
-    /// It is not what its name says, or damaged.
-    #[error("poses: {path}: {reason}", path = .path.display())]
-    Format {
-        /// Which.
-        path: PathBuf,
-        /// What is wrong.
-        reason: String,
-    },
-    /// There are none in it.
-    #[error("{path} holds no poses: {reason}; give them with --poses F.tum", path = .path.display())]
-    None {
-        /// Which.
-        path: PathBuf,
-        /// What there is instead.
-        reason: String,
-    },
-}
-
-/// By time; of several of one time the first stays.
-fn in_order(mut poses: Vec<ArrivedPose>) -> Vec<ArrivedPose> {
-    poses.sort_by_key(|pose| pose.pose.time);
-    poses.dedup_by_key(|pose| pose.pose.time);
-    poses
-}

@@ -13,7 +13,7 @@ use echosplat_firmware_protocol::{Decoder, Event, Frame, Message as Packet, id};
 use echosplat_model::Timestamp;
 use echosplat_recording::svlog::{SessionHeader, SvlogError, SvlogReader};
 
-use super::{LogPosesError, in_order};
+use super::found::{LogPosesError, in_order};
 use crate::mavlink::json;
 use crate::mavlink::message::Message;
 use crate::mavlink::vehicle::Vehicle;

@@ -219,6 +219,11 @@ impl Evidence {
             .sum()
     }
 
+    /// Forgets what all looks said and keeps the Gaussians: nothing can be worked out any more.
+    pub(crate) fn forget_looks(&mut self) {
+        self.blocks.iter_mut().for_each(Block::forget);
+    }
+
     /// Blocks that any look of the slice may see, through the tiles, which count their looks.
     fn near(&mut self, slice: &[Arc<Past>]) -> Vec<BlockIndex> {
         let radius_m = self.tile_radius_m();
