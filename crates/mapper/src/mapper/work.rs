@@ -241,6 +241,15 @@ mod tests {
         posed(number, (0..300).map(power).collect(), pose)
     }
 
+    fn terms(mapper: &Mapper) -> Terms<'_> {
+        Terms {
+            config: &mapper.config,
+            at_work: mapper.at_work,
+            floor: mapper.floor(),
+            unit_strength: mapper.unit_strength,
+        }
+    }
+
     #[test]
     fn a_dive_ends_with_nothing_that_was_not_assessed() {
         let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
@@ -266,6 +275,32 @@ mod tests {
     }
 
     #[test]
+    fn a_map_saves_looks_for_its_strengths_and_none_for_its_verdicts() {
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        for number in 0..1600 {
+            let mut posed = going_by(number, (0.1 * f64::from(number)).sin());
+            // Nearly from one place, so that all pings see all of it.
+            posed.world_from_sensor.translation_m.y = 0.02 * (0.05 * f64::from(number)).sin();
+            mapper.insert(&posed);
+        }
+        let world = mapper.world.as_ref().unwrap();
+        let thinnings = |start| {
+            let due = Due {
+                tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
+                start,
+                is_live: true,
+            };
+            let (map, history) = (&mapper.gaussians, &mapper.history);
+            let terms = terms(&mapper);
+            Workout::begin(world, map, history, due, terms, &mut Vec::new()).thinnings()
+        };
+        let ((of_steps, of_verdicts), (_, of_even_verdicts)) =
+            (thinnings(Start::Map), thinnings(Start::Even));
+        assert!(of_steps > 1.5 * of_verdicts, "{of_steps} {of_verdicts}");
+        assert!((of_verdicts - of_even_verdicts).abs() < 0.2 * of_even_verdicts);
+    }
+
+    #[test]
     fn what_was_let_go_is_tried_again_at_the_end_alone_unless_something_is_beside_it() {
         let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
         for number in 0..300 {
@@ -273,12 +308,7 @@ mod tests {
         }
         assert!(!mapper.finish().gaussians.is_empty());
         let world = mapper.world.as_ref().unwrap();
-        let terms = Terms {
-            config: &mapper.config,
-            at_work: mapper.at_work,
-            floor: mapper.floor(),
-            unit_strength: mapper.unit_strength,
-        };
+        let terms = terms(&mapper);
         let candidates = |start, is_live| {
             let due = Due {
                 tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),

@@ -241,6 +241,11 @@ impl Workout {
         self.thinning_to(most_pairs, part * ENOUGH_PAIRS)
     }
 
+    /// The same for the last assessment, of whose verdicts the map knows nothing, however late the dive's work is.
+    fn thinning_of_verdicts(&self) -> f64 {
+        self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS)
+    }
+
     /// How many times fewer looks do, at least 1: to stay within the work allowed, and since what has been seen
     /// often enough, by pairs of each Gaussian, gains nothing.
     fn thinning_to(&self, most_pairs: f64, enough_pairs: f64) -> f64 {
@@ -266,6 +271,12 @@ impl Workout {
     pub(crate) fn candidate_count(&self) -> usize {
         let slots = self.draft.slots();
         slots.filter(|&slot| self.draft.is_worked_on(slot)).count()
+    }
+
+    /// How many times fewer looks steps and verdicts need.
+    #[cfg(test)]
+    pub(crate) fn thinnings(&self) -> (f64, f64) {
+        (self.thinning(self.most_pairs), self.thinning_of_verdicts())
     }
 
     /// Whether nothing is left to do.
@@ -307,8 +318,7 @@ impl Workout {
             }
             Action::Assess { stride } => {
                 let thinning = match self.is_last_assessment() {
-                    // The map knows nothing of verdicts.
-                    true => self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS),
+                    true => self.thinning_of_verdicts(),
                     false => self.thinning(self.most_pairs),
                 };
                 let stride = stride * thinning;
