@@ -258,7 +258,7 @@ fn mapped(blank: &Mapper, moving: &[Moving]) -> Option<Mapper> {
     while map.workout.is_some() || map.begin_workout(due_at_end) {
         map.advance();
     }
-    // Two such maps are held while they are compared, which needs their Gaussians alone.
+    // Two such maps are held while they are compared, and only their Gaussians are.
     map.world.as_mut()?.evidence.forget_looks();
     Some(map)
 }

@@ -241,7 +241,7 @@ impl Workout {
         self.thinning_to(most_pairs, part * ENOUGH_PAIRS)
     }
 
-    /// The same for the last assessment, of whose verdicts the map knows nothing, however late the dive's work is.
+    /// The same for the last assessment: the map knows nothing of verdicts, and they are worth more work than pings allow.
     fn thinning_of_verdicts(&self) -> f64 {
         self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS)
     }
