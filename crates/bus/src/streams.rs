@@ -70,9 +70,7 @@ fn count(counter: &AtomicU64) {
 
 /// Now, on this host's clock.
 pub(crate) fn now() -> Timestamp {
-    let since = SystemTime::now().duration_since(SystemTime::UNIX_EPOCH);
-    let nanos = since.map_or(0, |since| since.as_nanos());
-    Timestamp::from_nanos(i64::try_from(nanos).unwrap_or(i64::MAX))
+    SystemTime::now().into()
 }
 
 /// Poses in the order they came, in a bounded queue; when it is full the newest is dropped.

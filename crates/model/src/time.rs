@@ -1,5 +1,7 @@
 //! Points in time on one base, chosen by whoever stamps them.
 
+use std::time::{SystemTime, UNIX_EPOCH};
+
 use serde::{Deserialize, Serialize};
 
 /// A point in time: nanoseconds since the epoch of its clock (Unix for host clocks, power-up or
@@ -73,6 +75,17 @@ impl Timestamp {
     }
 }
 
+impl From<SystemTime> for Timestamp {
+    /// Unix time, negative before 1970, saturating after ±292 years.
+    fn from(time: SystemTime) -> Self {
+        let nanos = match time.duration_since(UNIX_EPOCH) {
+            Ok(since) => i64::try_from(since.as_nanos()).unwrap_or(i64::MAX),
+            Err(before) => i64::try_from(before.duration().as_nanos()).map_or(i64::MIN, |n| -n),
+        };
+        Self { nanos }
+    }
+}
+
 /// `as` from a float saturates and takes NaN to zero, which is what both callers promise.
 fn nanos_of(seconds: f64) -> i64 {
     (seconds * 1e9).round() as i64
@@ -80,6 +93,8 @@ fn nanos_of(seconds: f64) -> i64 {
 
 #[cfg(test)]
 mod tests {
+    use std::time::Duration;
+
     use super::*;
 
     #[test]
@@ -87,6 +102,22 @@ mod tests {
         let a = Timestamp::from_nanos(1_700_000_000_000_000_001);
         let b = a.offset_by_nanos(250);
         assert!((b.seconds_since(a) - 250e-9).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_hosts_time_is_unix_time_on_both_sides_of_1970() {
+        let second = Duration::from_secs(1);
+        assert_eq!(
+            Timestamp::from(UNIX_EPOCH + second),
+            Timestamp::from_millis(1000)
+        );
+        assert_eq!(
+            Timestamp::from(UNIX_EPOCH - second),
+            Timestamp::from_millis(-1000)
+        );
+        let far = Duration::from_secs(400 * 365 * 86_400);
+        assert_eq!(Timestamp::from(UNIX_EPOCH + far).nanos(), i64::MAX);
+        assert_eq!(Timestamp::from(UNIX_EPOCH - far).nanos(), i64::MIN);
     }
 
     #[test]

@@ -1,15 +1,12 @@
 //! The host's clock, asked in one place.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use echosplat_model::Timestamp;
 
-/// Host time as Unix time; a clock before 1970 reads as 1970.
+/// Host time as Unix time.
 pub fn now() -> Timestamp {
-    let since = SystemTime::now()
-        .duration_since(UNIX_EPOCH)
-        .unwrap_or_default();
-    Timestamp::from_nanos(i64::try_from(since.as_nanos()).unwrap_or(i64::MAX))
+    SystemTime::now().into()
 }
 
 /// `20260102T030405Z`: a time in the name of a file.

@@ -43,6 +43,12 @@ pub fn forget_peak_memory() {
     kernel::forget_peak_memory();
 }
 
+/// From now on this thread, and those that it starts, work where all others leave time; without a change where the
+/// kernel does not know priorities of threads.
+pub(crate) fn give_way() {
+    kernel::give_way();
+}
+
 /// The processor's own name.
 #[must_use]
 pub fn model_name() -> String {
@@ -70,6 +76,9 @@ pub(crate) fn description() -> Vec<(String, String)> {
 mod kernel {
     use procfs::process::{ClearRefs, Process, Stat};
     use procfs::{CpuInfo, Current};
+
+    /// The least that there is.
+    const LEAST_PRIORITY: i32 = 19;
 
     /// Held now, and the most so far.
     pub(super) fn memory_kib() -> Option<[u64; 2]> {
@@ -103,6 +112,11 @@ mod kernel {
 
     pub(super) fn forget_peak_memory() {
         let _ = Process::myself().and_then(|process| process.clear_refs(ClearRefs::PeakRSS));
+    }
+
+    pub(super) fn give_way() {
+        // Of the calling thread alone, and less is always allowed.
+        let _ = rustix::process::setpriority_process(None, LEAST_PRIORITY);
     }
 
     pub(super) fn model_name() -> Option<String> {
@@ -139,6 +153,8 @@ mod kernel {
 
     pub(super) fn forget_peak_memory() {}
 
+    pub(super) fn give_way() {}
+
     pub(super) fn model_name() -> Option<String> {
         None
     }
@@ -165,6 +181,19 @@ mod tests {
         });
         assert_eq!(thread_seconds("no such thread"), Some(0.0));
         assert!(process_seconds() > before_s);
+    }
+
+    #[test]
+    fn a_thread_that_gives_way_does_so_alone_and_with_those_it_starts() {
+        let priority = || rustix::process::getpriority_process(None).unwrap();
+        let before = priority();
+        let below = move || std::thread::spawn(priority).join().unwrap();
+        let given_way = std::thread::spawn(move || {
+            give_way();
+            (priority(), below())
+        });
+        assert_eq!(given_way.join().unwrap(), (19, 19));
+        assert_eq!(priority(), before);
     }
 
     #[test]

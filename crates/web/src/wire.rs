@@ -20,9 +20,10 @@
 //!
 //! From the browser the text `snapshot` asks for the map anew.
 
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::SystemTime;
 
 use axum::body::Bytes;
+use echosplat_model::Timestamp;
 
 /// Bytes before the header.
 const HEAD_BYTES: usize = 16;
@@ -52,10 +53,9 @@ pub(crate) fn binary_of(kind: Kind, at_ms: f64, header: &[u8], payload: &[u8]) -
     bytes.into()
 }
 
-/// Milliseconds since 1970; a clock before that says 0.
+/// Milliseconds since 1970.
 pub(crate) fn now_ms() -> f64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    since.map_or(0.0, |since| since.as_secs_f64() * 1e3)
+    Timestamp::from(SystemTime::now()).as_secs_f64() * 1e3
 }
 
 #[cfg(test)]

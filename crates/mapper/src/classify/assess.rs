@@ -5,6 +5,9 @@ use std::f32::consts::PI;
 
 use echosplat_acoustics::packed::Row;
 use echosplat_model::Standing;
+use echosplat_model::glam::IVec3;
+use foldhash::{HashMap, HashMapExt};
+use rayon::prelude::*;
 
 use crate::MapperConfig;
 use crate::accumulate::finding::{Account, Finding};
@@ -199,29 +202,34 @@ pub(crate) fn judge(
 ) {
     let peaks = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true)
         .peaks(|slot| finding_of(slot).is_some());
-    let mut may_continue = vec![false; gaussians.slot_count()];
-    for (slot, peak) in peaks {
-        let Some(Finding {
+    let of_slot = |(slot, peak): (usize, f32)| {
+        let Finding {
             account,
             information,
             ..
-        }) = finding_of(slot)
-        else {
-            continue;
-        };
+        } = finding_of(slot)?;
         let alone = 1.0 / least_eigenvalue(&information).max(0.0).sqrt();
         // What the parts of a split Gaussian know adds up.
         let sigma_m = alone * gaussians.part[slot];
         let rivalry = account.rivalry / account.looks;
         let relative = gaussians.strongest(slot) / peak;
-        gaussians.verdict[slot] = if !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH) {
-            Verdict::ExplainedAway
+        let is_explained_away = !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH);
+        let (verdict, may_continue) = if is_explained_away {
+            (Verdict::ExplainedAway, false)
         } else if account.fixes(sigma_m, demand) {
-            CONFIDENT
+            (CONFIDENT, false)
         } else {
-            may_continue[slot] = account.fixes(sigma_m, demand.to_continue());
-            Verdict::Published(Standing::Ambiguous)
+            let may_continue = account.fixes(sigma_m, demand.to_continue());
+            (Verdict::Published(Standing::Ambiguous), may_continue)
         };
+        Some((slot, verdict, may_continue))
+    };
+    let verdicts: Vec<Option<(usize, Verdict, bool)>> =
+        peaks.into_par_iter().map(of_slot).collect();
+    let mut may_continue = vec![false; gaussians.slot_count()];
+    for (slot, verdict, continues) in verdicts.into_iter().flatten() {
+        gaussians.verdict[slot] = verdict;
+        may_continue[slot] = continues;
     }
     trust_continued(gaussians, &may_continue, voxel_m);
     if let Some(least) = demand.near {
@@ -238,16 +246,16 @@ fn trust_continued(gaussians: &mut Gaussians, may_continue: &[bool], voxel_m: f3
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
     let keep = |slot: usize| may_continue[slot] || is_confident(slot);
     let neighbours = Neighbours::new(gaussians, CONTINUED_VOXELS * voxel_m, keep);
-    let continues = neighbours.map(|around| {
+    let asked = |slot: usize| may_continue[slot];
+    let continues = neighbours.map(asked, |around| {
         let strong = MUCH_STRONGER * gaussians.strongest(around.slot);
         let mut surface = 0.0;
-        may_continue[around.slot]
-            && around.slots().any(|other| {
-                if is_confident(other) && gaussians.strongest(other) < strong {
-                    surface += gaussians.part[other];
-                }
-                surface >= CONTINUED
-            })
+        around.slots().any(|other| {
+            if is_confident(other) && gaussians.strongest(other) < strong {
+                surface += gaussians.part[other];
+            }
+            surface >= CONTINUED
+        })
     });
     for (slot, _) in continues.into_iter().filter(|(_, continues)| *continues) {
         gaussians.verdict[slot] = CONFIDENT;
@@ -263,8 +271,16 @@ fn doubt_strays(
     counts: impl Fn(f32) -> f32 + Sync,
 ) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
+    // All of a cell are within reach of each other: most need no look around.
+    let cell_m = reach_m / 2.0;
+    let cell_of = |slot: usize| (gaussians.mean_m[slot] / cell_m).floor().as_ivec3();
+    let mut wholes_in: HashMap<IVec3, f32> = HashMap::new();
+    for slot in gaussians.slots().filter(|&slot| is_confident(slot)) {
+        *wholes_in.entry(cell_of(slot)).or_default() += counts(gaussians.part[slot]);
+    }
+    let asked = |slot: usize| wholes_in[&cell_of(slot)] < least;
     let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
-    let is_stray = neighbours.map(|around| {
+    let is_stray = neighbours.map(asked, |around| {
         let mut wholes = 0.0;
         let is_in_surface = around.slots().any(|other| {
             wholes += counts(gaussians.part[other]);

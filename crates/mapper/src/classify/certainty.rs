@@ -9,6 +9,7 @@ use echosplat_acoustics::SymmetricMat3;
 use echosplat_acoustics::packed::Row;
 use echosplat_model::Standing;
 use echosplat_model::glam::{DMat3, DVec3, Mat3};
+use rayon::prelude::*;
 
 use crate::accumulate::finding::{Account, Finding};
 use crate::accumulate::history::PoseBlur;
@@ -50,29 +51,52 @@ pub(super) fn tell(
     let is_confident =
         |slot: usize| gaussians.verdict[slot] == Verdict::Published(Standing::Confident);
     let neighbours = Neighbours::new(gaussians, SURFACE_VOXELS * voxel_m, is_confident);
-    let surfaces = neighbours.map(|around| scatter_of(gaussians, around, |_| 1.0));
+    let surfaces = neighbours.map(|_| true, |around| scatter_of(gaussians, around, |_| 1.0));
     let mut surface_of = vec![None; gaussians.slot_count()];
     for (slot, scatter) in surfaces {
         surface_of[slot] = Some(scatter);
     }
-    for (slot, surface) in surface_of.into_iter().enumerate() {
-        let Some(finding) = finding_of(slot).filter(|_| gaussians.alive[slot]) else {
-            continue;
-        };
-        let part = gaussians.part[slot];
-        let covariance_m2 = covariance_m2(&finding, part, surface, voxel_m);
+    let of_slot = |(slot, surface): (usize, Option<Mat3>)| {
+        let finding = finding_of(slot).filter(|_| gaussians.alive[slot])?;
+        let covariance_m2 = covariance_m2(&finding, gaussians.part[slot], surface, voxel_m);
+        Some(Certainty::of(covariance_m2, &finding.account))
+    };
+    let certainties: Vec<Option<Certainty>> = surface_of
+        .into_par_iter()
+        .enumerate()
+        .map(of_slot)
+        .collect();
+    for (slot, certainty) in certainties.into_iter().enumerate() {
+        let Some(certainty) = certainty else { continue };
+        gaussians.position_covariance_m2[slot] = certainty.position_covariance_m2;
+        gaussians.sigma_m[slot] = certainty.sigma_m;
+        gaussians.probability[slot] = certainty.probability;
+    }
+}
+
+/// What is told of one Gaussian.
+struct Certainty {
+    position_covariance_m2: SymmetricMat3,
+    sigma_m: f32,
+    probability: f32,
+}
+
+impl Certainty {
+    fn of(covariance_m2: Mat3, account: &Account) -> Self {
         // Beyond single precision nothing is known; no number would take the Gaussian from the map.
         if !covariance_m2.is_finite() {
-            gaussians.position_covariance_m2[slot] = SymmetricMat3::isotropic(f32::INFINITY);
-            gaussians.sigma_m[slot] = f32::INFINITY;
-            gaussians.probability[slot] = BY_CHANCE;
-            continue;
+            return Self {
+                position_covariance_m2: SymmetricMat3::isotropic(f32::INFINITY),
+                sigma_m: f32::INFINITY,
+                probability: BY_CHANCE,
+            };
         }
         let (_, variances_m2) = eigen(covariance_m2);
-        gaussians.position_covariance_m2[slot] = SymmetricMat3::of(covariance_m2);
-        gaussians.sigma_m[slot] = variances_m2.z.max(0.0).sqrt();
-        let across_m = variances_m2.x.max(0.0).sqrt();
-        gaussians.probability[slot] = probability(&finding.account, across_m);
+        Self {
+            position_covariance_m2: SymmetricMat3::of(covariance_m2),
+            sigma_m: variances_m2.z.max(0.0).sqrt(),
+            probability: probability(account, variances_m2.x.max(0.0).sqrt()),
+        }
     }
 }
 
@@ -101,10 +125,12 @@ fn covariance_m2(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f
 /// That there is surface within [`NEAR_M`] of a place with this sigma across the surface.
 fn probability(account: &Account, across_m: f32) -> f32 {
     let explains = account.rivalry / account.looks;
-    let told = (explains / (1.0 - explains)).ln();
-    if told.is_nan() {
+    if explains.is_nan() {
         return BY_CHANCE;
     }
+    // Rounding puts what explains all of its looks beside 1.
+    let explains = explains.min(1.0);
+    let told = (explains / (1.0 - explains)).ln();
     let odds = EVEN_ODDS + PER_RIVALRY * told.clamp(LEAST_TOLD, MOST_TOLD)
         - PER_SIGMA * (across_m / NEAR_M).ln();
     BY_CHANCE + (1.0 - BY_CHANCE) / (1.0 + (-odds).exp())
@@ -173,6 +199,7 @@ mod tests {
         };
         assert!(of(9.0, 0.03) > of(5.0, 0.03) && of(5.0, 0.03) > of(5.0, 0.3));
         assert!(of(10.0, 0.03) > 0.95 && of(10.0, 1e-9) <= 1.0);
+        assert_eq!(of(10.000_001, 0.03).to_bits(), of(10.0, 0.03).to_bits());
         assert!(of(0.0, 1.0) < 0.2 && of(0.0, 1.0) >= BY_CHANCE);
     }
 }

@@ -38,19 +38,12 @@ pub struct Calibrator {
 
 impl Mapper {
     /// What is remembered of the dive, without a copy of its pings. `None` before the first.
-    ///
-    /// # Errors
-    /// If its thread cannot be started.
-    pub fn calibrator(&self) -> Result<Option<Calibrator>, ConfigError> {
-        let pool = ThreadPoolBuilder::new()
-            .num_threads(1)
-            .thread_name(|_| "calibrator".to_owned())
-            .build()
-            .map_err(|error| ConfigError::Threads(error.to_string()))?;
-        Ok(self.emptied(Arc::new(pool)).map(|blank| Calibrator {
+    #[must_use]
+    pub fn calibrator(&self) -> Option<Calibrator> {
+        Some(Calibrator {
             pings: self.history.pings().to_vec(),
-            blank,
-        }))
+            blank: self.emptied(Arc::clone(&self.pool))?,
+        })
     }
 
     /// The same without anything that pings told of places. Its maps are for comparing: finer Gaussians would tell no more
@@ -83,13 +76,21 @@ impl Mapper {
 
 impl Calibrator {
     /// What is wrong, one thing after the other, the surest first, and then the speed of sound; `None` if the dive does
-    /// not tell.
+    /// not tell. On one thread, which has the priority of the calling one.
     ///
     /// Cost: three maps of at most 2,048 pings where nothing is off, one more for each value tried.
-    #[must_use]
-    pub fn run(&self) -> Option<Calibration> {
+    ///
+    /// # Errors
+    /// If the thread cannot be started.
+    pub fn run(mut self) -> Result<Option<Calibration>, ConfigError> {
+        let pool = ThreadPoolBuilder::new()
+            .num_threads(1)
+            .thread_name(|_| "calibrator".to_owned())
+            .build()
+            .map_err(|error| ConfigError::Threads(error.to_string()))?;
+        self.blank.pool = Arc::new(pool);
         let pool = Arc::clone(&self.blank.pool);
-        pool.install(|| self.estimate())
+        Ok(pool.install(|| self.estimate()))
     }
 
     fn estimate(&self) -> Option<Calibration> {

@@ -36,7 +36,8 @@ const MOST_VOXELS: f64 = (1 << 30) as f64;
 impl Mapper {
     /// Takes in one ping. With its slice complete: noise and echoes of each ping in order of time,
     /// evidence along the arcs, and Gaussians where the evidence now says so. What a slice says does
-    /// not depend on the order in which its pings come.
+    /// not depend on the order in which its pings come. Tiles are worked out at the pings between, so that
+    /// a slice can be published as soon as it is taken in.
     pub fn insert(&mut self, posed: &PosedPing) -> InsertReport {
         if !is_usable(posed) || !self.is_within_reach(posed) {
             self.status.pings_rejected += 1;
@@ -51,10 +52,23 @@ impl Mapper {
             return InsertReport::default();
         }
         self.waiting.push(posed.clone());
-        if self.waiting.len() >= self.config.slice_pings || self.is_slice_overdue() {
-            return self.take_in_slice();
+        self.allow_work_of_a_ping();
+        let is_complete = self.waiting.len() >= self.config.slice_pings;
+        if !is_complete && !self.is_slice_overdue() {
+            return InsertReport {
+                pairs: self.work(),
+                ..InsertReport::default()
+            };
         }
-        InsertReport::default()
+        let report = self.take_in_slice();
+        match self.config.slice_pings {
+            // There is no ping between slices.
+            1 => InsertReport {
+                pairs: self.work(),
+                ..report
+            },
+            _ => report,
+        }
     }
 
     /// Whether the first ping that waits for a slice has waited long enough.
@@ -248,13 +262,11 @@ impl Mapper {
         let spawn = self.config.spawn_evidence;
         let (added, pruned) =
             births::follow_evidence(evidence, &mut self.gaussians, spawn, strength);
-        let pairs = self.work_for(slice.len());
         InsertReport {
             slice_taken_in: true,
             added,
             pruned,
-            pairs,
-            rejected: false,
+            ..InsertReport::default()
         }
     }
 }

@@ -139,12 +139,13 @@ impl Mapper {
         self.sequence += 1;
         let newest = self.history.pings().last();
         let intensity_unit = published::intensity_unit(self.unit_strength);
-        let mut gaussians = published::published(&self.gaussians, intensity_unit);
-        gaussians.extend(self.seabed.published(intensity_unit));
+        let mut gaussians = Vec::new();
         if let Some(world) = &self.world {
-            for gaussian in &mut gaussians {
-                *gaussian = world.leave(*gaussian);
-            }
+            let placed = |gaussian| world.leave(gaussian);
+            let of_map = || published::published(&self.gaussians, intensity_unit, placed);
+            gaussians = self.pool.install(of_map);
+            let ground = self.seabed.published(intensity_unit);
+            gaussians.extend(ground.into_iter().map(placed));
         }
         let confident = gaussians
             .iter()

@@ -2,6 +2,7 @@
 
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::Gaussian;
+use rayon::prelude::*;
 
 use crate::spawn::gaussians::{Gaussians, Verdict};
 
@@ -25,30 +26,34 @@ fn upper_triangle(matrix: &SymmetricMat3) -> [f32; 6] {
     [d.x, m.z, m.y, d.y, m.x, d.z]
 }
 
-/// Published Gaussians in order of id. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
-pub(super) fn published(gaussians: &Gaussians, unit: f32) -> Vec<Gaussian> {
-    let mut published: Vec<Gaussian> = gaussians
-        .slots()
-        .filter_map(|slot| {
-            let Verdict::Published(standing) = gaussians.verdict[slot] else {
-                return None;
-            };
-            let product = (gaussians.strongest(slot) / unit).clamp(1e-12, 1.0);
-            let gaussian = Gaussian {
-                id: gaussians.id[slot],
-                mean_m: gaussians.mean_m[slot],
-                rotation: gaussians.rotation[slot],
-                scale_m: gaussians.scale_m[slot],
-                opacity: product.cbrt(),
-                reflectivity: product.cbrt() * product.cbrt(),
-                sigma_m: gaussians.sigma_m[slot],
-                position_covariance_m2: upper_triangle(&gaussians.position_covariance_m2[slot]),
-                probability: gaussians.probability[slot],
-                standing,
-            };
-            gaussian.is_sound().then_some(gaussian)
-        })
-        .collect();
-    published.sort_unstable_by_key(|gaussian| gaussian.id);
-    published
+/// Published Gaussians in order of id, each after `placed`. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
+pub(super) fn published(
+    gaussians: &Gaussians,
+    unit: f32,
+    placed: impl Fn(Gaussian) -> Gaussian + Sync,
+) -> Vec<Gaussian> {
+    let standing = |slot: usize| match gaussians.verdict[slot] {
+        Verdict::Published(standing) => Some((gaussians.id[slot], slot as u32, standing)),
+        _ => None,
+    };
+    let mut order: Vec<_> = gaussians.slots().filter_map(standing).collect();
+    order.par_sort_unstable_by_key(|&(id, ..)| id);
+    let gaussian = |&(id, slot, standing): &(_, u32, _)| {
+        let slot = slot as usize;
+        let product = (gaussians.strongest(slot) / unit).clamp(1e-12, 1.0);
+        let gaussian = Gaussian {
+            id,
+            mean_m: gaussians.mean_m[slot],
+            rotation: gaussians.rotation[slot],
+            scale_m: gaussians.scale_m[slot],
+            opacity: product.cbrt(),
+            reflectivity: product.cbrt() * product.cbrt(),
+            sigma_m: gaussians.sigma_m[slot],
+            position_covariance_m2: upper_triangle(&gaussians.position_covariance_m2[slot]),
+            probability: gaussians.probability[slot],
+            standing,
+        };
+        gaussian.is_sound().then(|| placed(gaussian))
+    };
+    order.par_iter().filter_map(gaussian).collect()
 }

@@ -11,7 +11,7 @@ pub struct InsertReport {
     pub added: u64,
     /// Gaussians that darkness took.
     pub pruned: u64,
-    /// Gaussian–bin pairs of the work done after it.
+    /// Gaussian–bin pairs of the work done with it.
     pub pairs: u64,
     /// Whether the ping was left out since its pose or settings are not finite.
     pub rejected: bool,

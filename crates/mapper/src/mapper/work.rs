@@ -25,11 +25,15 @@ const GROWN: f32 = 1.05;
 const ANEW: f32 = 2.0;
 
 impl Mapper {
-    /// Does as much work as `pings` more of them allow. Work that finds nothing to do is not saved up: it would come
-    /// as one long pause. Returns pairs done.
-    pub(super) fn work_for(&mut self, pings: usize) -> u64 {
-        let allowed = self.config.work_pairs_per_ping.saturating_mul(pings as u64);
+    /// A ping allows its work.
+    pub(super) fn allow_work_of_a_ping(&mut self) {
+        let allowed = self.config.work_pairs_per_ping;
         self.credit_pairs = self.credit_pairs.saturating_add_unsigned(allowed);
+    }
+
+    /// Does the work allowed. What finds nothing to do is not saved up: it would come as one long pause. Returns pairs
+    /// done.
+    pub(super) fn work(&mut self) -> u64 {
         let before = self.status.pairs;
         while self.credit_pairs > 0 {
             if self.workout.is_none() && !self.begin_workout(due) {

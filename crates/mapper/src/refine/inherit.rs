@@ -2,10 +2,10 @@
 //!
 //! Cost: nine cells around each Gaussian of the map in the tiles concerned, three layers of them.
 
-use std::collections::HashMap;
-
 use echosplat_model::Standing;
 use echosplat_model::glam::Vec3;
+use foldhash::{HashMap, HashMapExt};
+use rayon::prelude::*;
 
 use crate::refine::places::Places;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
@@ -18,11 +18,10 @@ const LEAST_PART: f32 = 0.05;
 
 /// Gives every candidate of `draft` the strength that the Gaussians `known` of `map` have at its place.
 pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], voxel_m: f32) {
-    let known = || {
-        let slots = known.iter().map(|&slot| slot as usize);
-        slots.filter(|&slot| map.stage[slot] == Stage::Worked)
-    };
-    let mut strengths: Vec<f32> = known().map(|slot| strength(map, slot, voxel_m)).collect();
+    let known = known.iter().map(|&slot| slot as usize);
+    let known: Vec<usize> = known.filter(|&s| map.stage[s] == Stage::Worked).collect();
+    let strengths = known.iter().map(|&slot| strength(map, slot, voxel_m));
+    let mut strengths: Vec<f32> = strengths.collect();
     if strengths.is_empty() {
         return;
     }
@@ -34,15 +33,17 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
     for &slot in &candidates {
         draft.strength[slot] = Lobes::default();
     }
-    for slot in known() {
-        let whole = whole_of(map, slot, voxel_m);
-        if map.verdict[slot] != Verdict::Published(Standing::Confident) {
-            if let Some(place) = places.at(map.home_m[slot]) {
-                draft.strength[place].add(&whole);
-            }
-            continue;
+    let shares = |&slot: &usize| match map.verdict[slot] {
+        Verdict::Published(Standing::Confident) => places.shares(map.mean_m[slot]),
+        _ => {
+            let place = places.at(map.home_m[slot]);
+            place.map(|place| (place, 1.0)).into_iter().collect()
         }
-        for (place, part) in places.shares(map.mean_m[slot]) {
+    };
+    let shares: Vec<Vec<(usize, f32)>> = known.par_iter().map(shares).collect();
+    for (&slot, shares) in known.iter().zip(shares) {
+        let whole = whole_of(map, slot, voxel_m);
+        for (place, part) in shares {
             let mut share = whole;
             share.scale(part);
             draft.strength[place].add(&share);
@@ -50,7 +51,7 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
     }
     let mut kept: HashMap<usize, Vec<&Kept>> = HashMap::new();
     let mut strength_of: HashMap<usize, Lobes> = HashMap::new();
-    for slot in known() {
+    for slot in known {
         if let Some(told) = &map.kept[slot]
             && let Some(place) = places.at(map.home_m[slot])
         {

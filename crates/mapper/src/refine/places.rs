@@ -1,8 +1,7 @@
 //! Places on the grid of voxels, found by where they are.
 
-use std::collections::HashMap;
-
 use echosplat_model::glam::{IVec3, Vec3};
+use foldhash::{HashMap, HashMapExt};
 
 /// A surface goes on beside itself: what a Gaussian shares with the places around it falls by a normal distribution
 /// of this standard deviation, in voxels.

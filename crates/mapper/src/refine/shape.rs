@@ -12,16 +12,19 @@ use crate::spawn::neighbours::{Neighbours, Surroundings};
 pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     let published = |slot: usize| matches!(gaussians.verdict[slot], Verdict::Published(_));
     let neighbours = Neighbours::new(gaussians, 2.5 * voxel_m, published);
-    let shapes = neighbours.map(|around| {
-        let scatter = scatter_of(gaussians, around, |other| gaussians.strongest(other));
-        let (axes, variances_m2) = eigen(scatter);
-        let shortest = variances_m2.x.max(0.0).sqrt();
-        let middle = variances_m2.y.max(0.0).sqrt();
-        let thin = shortest.clamp(0.12 * voxel_m, 0.5 * voxel_m);
-        let wide = middle.clamp(thin, 0.6 * voxel_m).max(0.3 * voxel_m);
-        let scale = Vec3::new(thin, wide, 0.6 * voxel_m);
-        (Quat::from_mat3(&axes), scale)
-    });
+    let shapes = neighbours.map(
+        |_| true,
+        |around| {
+            let scatter = scatter_of(gaussians, around, |other| gaussians.strongest(other));
+            let (axes, variances_m2) = eigen(scatter);
+            let shortest = variances_m2.x.max(0.0).sqrt();
+            let middle = variances_m2.y.max(0.0).sqrt();
+            let thin = shortest.clamp(0.12 * voxel_m, 0.5 * voxel_m);
+            let wide = middle.clamp(thin, 0.6 * voxel_m).max(0.3 * voxel_m);
+            let scale = Vec3::new(thin, wide, 0.6 * voxel_m);
+            (Quat::from_mat3(&axes), scale)
+        },
+    );
     for (slot, (rotation, scale)) in shapes {
         let before = gaussians.scale_m[slot];
         let area = |s: Vec3| s.element_product() / s.min_element();

@@ -57,16 +57,15 @@ impl Surroundings<'_> {
 impl Neighbours {
     /// Of the Gaussians that `keep` lets in, for questions of what is within `reach_m`.
     pub(crate) fn new(gaussians: &Gaussians, reach_m: f32, keep: impl Fn(usize) -> bool) -> Self {
-        let slots = gaussians.slots().filter(|&slot| keep(slot));
-        let mut places: Vec<Place> = slots
-            .map(|slot| Place {
-                cell: (gaussians.mean_m[slot] / reach_m).floor().as_ivec3(),
-                mean_m: gaussians.mean_m[slot],
-                slot,
-                strength: gaussians.strongest(slot),
-            })
-            .collect();
-        places.sort_unstable_by_key(|place| (order_of(place.cell), place.slot));
+        let slots: Vec<usize> = gaussians.slots().filter(|&slot| keep(slot)).collect();
+        let place = |slot: usize| Place {
+            cell: (gaussians.mean_m[slot] / reach_m).floor().as_ivec3(),
+            mean_m: gaussians.mean_m[slot],
+            slot,
+            strength: gaussians.strongest(slot),
+        };
+        let mut places: Vec<Place> = slots.into_par_iter().map(place).collect();
+        places.par_sort_unstable_by_key(|place| (order_of(place.cell), place.slot));
         let mut cells: Vec<Cell> = Vec::new();
         for (index, place) in places.iter().enumerate() {
             match cells.last_mut() {
@@ -88,17 +87,23 @@ impl Neighbours {
         }
     }
 
-    /// What `each` makes of every Gaussian held and its surroundings, in a fixed order.
+    /// What `each` makes of the Gaussians held that are `asked` for and their surroundings, in a fixed order.
     pub(crate) fn map<T: Send>(
         &self,
+        asked: impl Fn(usize) -> bool + Sync,
         each: impl Fn(Surroundings<'_>) -> T + Sync,
     ) -> Vec<(usize, T)> {
         let of_cell = |near: &mut Vec<Place>, cell: &Cell| {
+            let members = self.members(cell).iter();
+            let members: Vec<&Place> = members.filter(|place| asked(place.slot)).collect();
+            if members.is_empty() {
+                return Vec::new();
+            }
             near.clear();
             for beside in self.around(cell.at) {
                 near.extend_from_slice(self.members(beside));
             }
-            let found = self.members(cell).iter().map(|place| {
+            let found = members.into_iter().map(|place| {
                 let around = Surroundings {
                     slot: place.slot,
                     center_m: place.mean_m,
@@ -184,12 +189,13 @@ mod tests {
         }
         let even = |slot: usize| slot.is_multiple_of(2);
         let reach_m = 0.4;
-        let found = Neighbours::new(&gaussians, reach_m, even).map(|around| {
+        let asked = |slot: usize| slot.is_multiple_of(4);
+        let found = Neighbours::new(&gaussians, reach_m, even).map(asked, |around| {
             let mut slots: Vec<usize> = around.slots().collect();
             slots.sort_unstable();
             slots
         });
-        assert_eq!(found.len(), 100);
+        assert_eq!(found.len(), 50);
         for (slot, near) in found {
             let is_near = |&other: &usize| {
                 even(other) && gaussians.mean_m[slot].distance(gaussians.mean_m[other]) <= reach_m

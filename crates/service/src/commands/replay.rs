@@ -154,6 +154,7 @@ fn once(
         expectations: Expectations {
             sonar: arguments.logs[0].display().to_string(),
             is_live: false,
+            is_paced: arguments.rate > 0.0,
             ping_interval_s: 0.0,
         },
         hooks: Hooks {

@@ -184,6 +184,7 @@ fn map_what_the_driver_hears(
         expectations: Expectations {
             sonar: begin.sonar.clone(),
             is_live: true,
+            is_paced: true,
             ping_interval_s: begin.session.expected_interval_s(),
         },
         part: Part::Mapper(tape.state()),
@@ -250,6 +251,7 @@ fn serve(
         expectations: Expectations {
             sonar: config.sonar.url.clone(),
             is_live: !is_log,
+            is_paced: !is_log,
             ping_interval_s: driver.session.expected_interval_s(),
         },
         part: Part::Whole,

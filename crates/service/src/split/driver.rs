@@ -120,6 +120,7 @@ impl<'a> Run<'a> {
         let expectations = Expectations {
             sonar: url,
             is_live: true,
+            is_paced: true,
             ping_interval_s: driver.session.expected_interval_s(),
         };
         let limit = Duration::from_secs_f64(config.pipeline.hang_limit_s);

@@ -11,11 +11,12 @@ mod block;
 mod packed;
 mod side;
 
-use std::collections::{BTreeSet, HashMap};
+use std::collections::BTreeSet;
 use std::sync::Arc;
 
 use echosplat_acoustics::Look;
 use echosplat_model::glam::{IVec3, Vec3};
+use foldhash::{HashMap, HashMapExt};
 use rayon::prelude::*;
 
 use crate::accumulate::fan::Reach;

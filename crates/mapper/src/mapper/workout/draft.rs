@@ -1,7 +1,7 @@
 //! What a work-out begins with.
 
-use echosplat_model::glam::Vec3;
 use echosplat_model::{Standing, Switch};
+use rayon::prelude::*;
 
 use super::{Mask, Terms, Workout, is, set};
 use crate::accumulate::evidence::{BlockIndex, Horizon, TileIndex};
@@ -38,14 +38,15 @@ impl Workout {
         let evidence = &world.evidence;
         let spawn = terms.config.spawn_evidence;
         let places = |horizon: Horizon, enough: f32| -> Vec<(BlockIndex, Vec<u16>)> {
-            let blocks = tiles
-                .iter()
-                .flat_map(|&tile| evidence.tiles()[tile as usize].blocks.iter());
             let of_block = |&index: &BlockIndex| {
                 let block = evidence.block(index);
                 (index, births::candidates(evidence, block, horizon, enough))
             };
-            blocks.map(of_block).collect()
+            let of_tile = |&tile: &TileIndex| {
+                let blocks = evidence.tiles()[tile as usize].blocks.par_iter();
+                blocks.map(of_block)
+            };
+            tiles.par_iter().flat_map(of_tile).collect()
         };
         let mut found = match terms.at_work.glints {
             true => places(Horizon::Eighths, SPAWN_PART_OF_GLINTS * spawn),
@@ -65,14 +66,20 @@ impl Workout {
             let worked = slots.filter(|&slot| map.stage[slot] == Stage::Worked);
             Places::of(worked.map(|slot| (slot, map.home_m[slot])), self.voxel_m)
         });
-        let is_alone = |center_m: Vec3| {
-            known
-                .as_ref()
-                .is_some_and(|known| !known.any_near(center_m))
+        let passed_over = |(index, voxels): &(BlockIndex, Vec<u16>)| {
+            let (block, mut mask) = (evidence.block(*index), Mask::default());
+            let Some(known) = &known else { return mask };
+            for &voxel in voxels.iter().filter(|&&voxel| is(&block.barred, voxel)) {
+                if !known.any_near(evidence.center_m(block.key, voxel.into())) {
+                    set(&mut mask, voxel);
+                }
+            }
+            mask
         };
+        let passed_over: Vec<Mask> = found.par_iter().map(passed_over).collect();
         self.draft.reserve(count);
         let (scale_m, strength) = (0.5 * self.voxel_m, EVEN_STRENGTH * terms.unit_strength);
-        for (index, voxels) in found {
+        for ((index, voxels), passed_over) in found.into_iter().zip(passed_over) {
             let (block, mut mask) = (evidence.block(index), Mask::default());
             let (key, is_held) = (block.key, self.hold(world, map, index));
             for &(voxel, _) in &block.gaussians {
@@ -85,10 +92,10 @@ impl Workout {
                     continue;
                 }
                 set(&mut mask, voxel);
-                let center_m = evidence.center_m(key, voxel.into());
-                if is(&block.barred, voxel) && is_alone(center_m) {
+                if is(&passed_over, voxel) {
                     continue;
                 }
+                let center_m = evidence.center_m(key, voxel.into());
                 let slot = self
                     .draft
                     .spawn(center_m, (index, voxel), scale_m, strength);

@@ -15,6 +15,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use echosplat_model::glam::Vec3;
+use rayon::prelude::*;
 
 use crate::MapperConfig;
 use crate::accumulate::evidence::{BlockIndex, TileIndex, VOXELS};
@@ -146,7 +147,7 @@ impl Workout {
             .iter()
             .map(|&tile| evidence.tiles()[tile as usize].center_m)
             .collect();
-        let sees = |past: &&Arc<Past>| {
+        let sees = |past: &&&Arc<Past>| {
             let is_of_use = terms.at_work.empty == Extent::All || !past.profile.echoes.is_empty();
             is_of_use
                 && centers_m
@@ -155,7 +156,9 @@ impl Workout {
         };
         let reaches = |reach: &Reach| centers_m.iter().any(|&at_m| reach.touches(at_m, radius_m));
         let remembered = history.within_reach(history.pings().len(), reaches);
-        let pings: Vec<Arc<Past>> = remembered.filter(sees).map(Arc::clone).collect();
+        let remembered: Vec<&Arc<Past>> = remembered.collect();
+        let pings = remembered.par_iter().filter(sees);
+        let pings: Vec<Arc<Past>> = pings.map(|&past| Arc::clone(past)).collect();
         let mut workout = Self {
             tiles: Vec::new(),
             start,

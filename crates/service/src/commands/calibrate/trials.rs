@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use echosplat_join::ArrivedPose;
-use echosplat_mapper::{Calibration, Mapper, MapperConfig};
+use echosplat_mapper::{Calibration, Calibrator, Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing};
 use echosplat_pose::PoseSource;
 use echosplat_prediction::held_back::{Pair, score};
@@ -156,8 +156,8 @@ impl Dive {
         for ping in &self.posed(config)? {
             mapper.insert(ping);
         }
-        let calibrator = mapper.calibrator()?;
-        Ok(calibrator.and_then(|calibrator| calibrator.run()))
+        let calibration = mapper.calibrator().map(Calibrator::run).transpose()?;
+        Ok(calibration.flatten())
     }
 
     /// Looks further and further out until the best lies in between, and there more closely.

@@ -123,6 +123,7 @@ fn set_up(
         expectations: Expectations {
             sonar: rig.url().to_owned(),
             is_live: false,
+            is_paced: false,
             ping_interval_s: 0.0,
         },
         inputs: vec![Input::link(driver)],

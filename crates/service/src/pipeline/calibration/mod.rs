@@ -9,10 +9,11 @@ mod advice;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use echosplat_mapper::{Calibration, Mapper};
+use echosplat_mapper::{Calibration, ConfigError, Mapper};
 use serde::Serialize;
 
 use crate::config::{Calibrate, Config};
+use crate::processor;
 pub(crate) use advice::{Advice, Settings};
 
 /// Pings of the first look, two minutes at 40 a second: less tells next to nothing of small errors.
@@ -22,6 +23,10 @@ const GROWN: u64 = 3;
 /// A look that is under way when a log ends is waited for so long.
 const LAST: Duration = Duration::from_secs(60);
 const THREAD_NAME: &str = "calibration";
+const NOT_LOOKED_AT: &str = "clock and mount are not looked at";
+
+/// What a look's thread ends with.
+type Looked = Result<Option<Calibration>, ConfigError>;
 
 /// What was found, and what to set.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,15 +43,18 @@ pub(crate) struct Found {
 #[derive(Debug)]
 pub(crate) struct Watch {
     settings: Settings,
+    gives_way: bool,
     /// Pings at which the next look is due; `None` for never.
     next_pings: Option<u64>,
-    under_way: Option<(u64, JoinHandle<Option<Calibration>>)>,
+    under_way: Option<(u64, JoinHandle<Looked>)>,
     found: Option<Found>,
 }
 
 impl Watch {
-    pub(crate) fn new(config: &Config) -> Self {
+    /// Where pings `are_paced` it works in the time that all else leaves; else nobody waits for the map of a ping.
+    pub(crate) fn new(config: &Config, are_paced: bool) -> Self {
         Self {
+            gives_way: are_paced,
             next_pings: match config.pipeline.calibrate {
                 Calibrate::Off => None,
                 Calibrate::Tell => Some(FIRST_PINGS),
@@ -59,6 +67,7 @@ impl Watch {
     pub(crate) fn off(config: &Config) -> Self {
         Self {
             settings: Settings::of(config),
+            gives_way: false,
             next_pings: None,
             under_way: None,
             found: None,
@@ -73,15 +82,20 @@ impl Watch {
             return;
         }
         self.next_pings = Some(GROWN * pings);
-        let calibrator = match mapper.calibrator() {
-            Ok(Some(calibrator)) => calibrator,
-            Ok(None) => return,
-            Err(error) => return tracing::warn!(%error, "clock and mount are not looked at"),
+        let Some(calibrator) = mapper.calibrator() else {
+            return;
+        };
+        let gives_way = self.gives_way;
+        let run = move || {
+            if gives_way {
+                processor::give_way();
+            }
+            calibrator.run()
         };
         let thread = std::thread::Builder::new().name(THREAD_NAME.to_owned());
-        match thread.spawn(move || calibrator.run()) {
+        match thread.spawn(run) {
             Ok(thread) => self.under_way = Some((pings, thread)),
-            Err(error) => tracing::warn!(%error, "clock and mount are not looked at"),
+            Err(error) => tracing::warn!(%error, NOT_LOOKED_AT),
         }
     }
 
@@ -91,14 +105,15 @@ impl Watch {
             return;
         };
         match thread.join() {
-            Ok(Some(calibration)) => {
+            Ok(Ok(Some(calibration))) => {
                 self.found = Some(Found {
                     advice: self.settings.advice(&calibration),
                     calibration,
                     pings,
                 });
             }
-            Ok(None) => {}
+            Ok(Ok(None)) => {}
+            Ok(Err(error)) => tracing::warn!(%error, NOT_LOOKED_AT),
             Err(_) => tracing::warn!("looking at clock and mount failed; the map is as it was"),
         }
     }

@@ -11,6 +11,7 @@ fn diagnosis(begin: Instant) -> Diagnosis {
     let expectations = Expectations {
         sonar: "tcp://127.0.0.1:51200".to_owned(),
         is_live: true,
+        is_paced: true,
         ping_interval_s: 0.017,
     };
     Diagnosis::new(expectations, begin)
