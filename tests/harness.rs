@@ -146,6 +146,13 @@ impl Program {
         self.signal("INT");
     }
 
+    /// Keeps the program from running for so long, as Ctrl-Z does until it goes on.
+    pub(crate) fn stop_for(&self, time: Duration) {
+        self.signal("STOP");
+        std::thread::sleep(time);
+        self.signal("CONT");
+    }
+
     fn signal(&self, name: &str) {
         let sent = Command::new("kill")
             .args(["-s", name, &self.child.id().to_string()])

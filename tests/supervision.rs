@@ -180,6 +180,24 @@ impl Drilled {
 }
 
 #[test]
+fn a_service_that_was_stopped_goes_on() {
+    let mut drilled = Drilled::start("mapper:hang", &[]);
+    drilled
+        .service
+        .stop_for(Duration::from_secs_f64(2.5 * HANG_LIMIT_S));
+    drilled.wait_mapped(40);
+    let told = drilled.service.stderr();
+    assert!(
+        !told.contains("has hung") && !told.contains("has not come back"),
+        "{told}"
+    );
+    // A part that hangs after it is found as ever.
+    drilled.begin();
+    drilled.wait_told("the part `mapper` has not come back from its work");
+    drilled.ends(1, Ending::Complete);
+}
+
+#[test]
 fn a_source_that_panics_is_begun_again() {
     for part in ["sonar", "poses"] {
         let mut drilled = Drilled::start(&format!("{part}:panic"), &[]);

@@ -20,12 +20,18 @@ const PANIC_WINDOW: Duration = Duration::from_secs(60);
 /// Of those that hang and are replaced.
 const MAX_REPLACEMENTS: u64 = 5;
 
+/// Watchers ask many times a second. Where none has asked for longer, none could run, and no part either: the program
+/// was stopped, or its computer.
+const STOPPED: Duration = Duration::from_secs(1);
+
 /// It waits for something outside.
 const RESTING: u64 = u64::MAX;
 /// It has done its work.
 const ENDED: u64 = u64::MAX - 1;
 /// It panicked and is not started again.
 const FAILED: u64 = u64::MAX - 2;
+/// Nobody has asked yet.
+const NEVER: u64 = u64::MAX;
 
 /// Shown by a part as it works, read by whoever watches over it; clones are the same heartbeat.
 /// A beat costs a look at the clock and an atomic store.
@@ -40,6 +46,8 @@ struct Shared {
     /// Since `begin`: until when the newest beat holds without the limit, or what the part is
     /// in place of working.
     beat_ms: AtomicU64,
+    /// Since `begin`: when somebody asked last.
+    asked_ms: AtomicU64,
     replacements: AtomicU64,
     panics: Mutex<Panics>,
 }
@@ -91,6 +99,7 @@ impl Heartbeat {
             begin: Instant::now(),
             limit_ms: AtomicU64::new(millis(DEFAULT_LIMIT)),
             beat_ms: AtomicU64::new(RESTING),
+            asked_ms: AtomicU64::new(NEVER),
             replacements: AtomicU64::new(0),
             panics: Mutex::default(),
         }))
@@ -145,20 +154,40 @@ impl Heartbeat {
         self.0.beat_ms.store(FAILED, Ordering::Relaxed);
     }
 
-    /// What the part is doing now.
+    /// What the part is doing now. To be asked several times a second while it is watched: a second in which nobody asks
+    /// does not count as silence.
     #[must_use]
     pub fn condition(&self) -> Condition {
+        let now_ms = millis(self.0.begin.elapsed());
+        self.pass_over_stop(now_ms);
         let until = match self.0.beat_ms.load(Ordering::Relaxed) {
             RESTING => return Condition::Resting,
             ENDED => return Condition::Ended,
             FAILED => return Condition::Failed,
             until => until,
         };
-        let silent_ms = millis(self.0.begin.elapsed()).saturating_sub(until);
+        let silent_ms = now_ms.saturating_sub(until);
         match silent_ms > self.0.limit_ms.load(Ordering::Relaxed) {
             true => Condition::Hung(Duration::from_millis(silent_ms)),
             false => Condition::Working,
         }
+    }
+
+    /// Counts the newest beat as so much later as the program was stopped since somebody asked last.
+    fn pass_over_stop(&self, now_ms: u64) {
+        let before_ms = self.0.asked_ms.swap(now_ms, Ordering::Relaxed);
+        let gap_ms = now_ms.saturating_sub(before_ms);
+        if before_ms == NEVER || gap_ms <= millis(STOPPED) {
+            return;
+        }
+        let later = |beat_ms: u64| {
+            (beat_ms < FAILED).then(|| beat_ms.saturating_add(gap_ms).min(FAILED - 1))
+        };
+        // What does not work has no beat.
+        let _ = self
+            .0
+            .beat_ms
+            .fetch_update(Ordering::Relaxed, Ordering::Relaxed, later);
     }
 
     /// Whether whoever has started the part may put another in the place of one that hangs:
@@ -292,6 +321,23 @@ mod tests {
         assert_eq!(heartbeat.condition(), Condition::Working);
         heartbeat.end();
         assert_eq!(heartbeat.condition(), Condition::Ended);
+    }
+
+    #[test]
+    fn a_program_that_was_stopped_did_not_hang_and_one_that_hangs_after_it_does() {
+        let heartbeat = Heartbeat::new("a");
+        heartbeat.set_limit(Duration::from_millis(500));
+        heartbeat.beat();
+        assert_eq!(heartbeat.condition(), Condition::Working);
+        // Nothing of it runs meanwhile.
+        std::thread::sleep(STOPPED + Duration::from_millis(200));
+        assert_eq!(heartbeat.condition(), Condition::Working);
+        let begin = Instant::now();
+        while heartbeat.condition() == Condition::Working {
+            assert!(begin.elapsed() < Duration::from_secs(20));
+            std::thread::sleep(Duration::from_millis(20));
+        }
+        assert!(matches!(heartbeat.condition(), Condition::Hung(_)));
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::collections::HashSet;
 use std::sync::{Arc, mpsc};
 use std::time::Duration;
 
-use echosplat_mapper::{Mapper, MapperConfig};
+use echosplat_mapper::{InsertReport, Mapper, MapperConfig};
 use echosplat_model::glam::DVec3;
 use echosplat_model::{Ping, PosedPing, Snapshot, Standing};
 use echosplat_simulator::{Dive, DiveKind, DiveOptions, NoiseLevel, Scene, SimulatedSonar};
@@ -175,6 +175,28 @@ fn silence_after_a_structure_does_not_keep_the_mapper() {
     assert!(pairs[..1200].iter().any(|&pairs| pairs > 0));
     // What was seen is worked out, and nothing new is.
     assert_eq!(pairs[pairs.len() - 100..].iter().sum::<u64>(), 0);
+}
+
+#[test]
+fn work_is_done_with_the_first_ping_of_a_slice_and_a_slice_is_taken_in_without() {
+    let (_, pings) = dive("fence", DiveKind::Survey, 20.0);
+    let reports = |slice_pings: usize| {
+        let config = MapperConfig {
+            slice_pings,
+            ..config(2)
+        };
+        let mut mapper = Mapper::new(config).unwrap();
+        let reports = pings.iter().map(|ping| mapper.insert(ping));
+        reports.collect::<Vec<InsertReport>>()
+    };
+    let does_both = |report: &InsertReport| report.slice_taken_in && report.pairs > 0;
+    let of_four = reports(4);
+    assert!(of_four.iter().any(|report| report.pairs > 0));
+    assert!(!of_four.iter().any(does_both));
+    let of_second = of_four.windows(2).filter(|two| two[0].pairs > 0);
+    assert!(of_second.map(|two| two[1].pairs).sum::<u64>() == 0);
+    // The only ping of a slice is its first.
+    assert!(reports(1).iter().any(does_both));
 }
 
 fn confident(snapshot: &Snapshot) -> Vec<DVec3> {

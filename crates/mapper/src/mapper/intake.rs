@@ -36,8 +36,8 @@ const MOST_VOXELS: f64 = (1 << 30) as f64;
 impl Mapper {
     /// Takes in one ping. With its slice complete: noise and echoes of each ping in order of time,
     /// evidence along the arcs, and Gaussians where the evidence now says so. What a slice says does
-    /// not depend on the order in which its pings come. Tiles are worked out at the pings between, so that
-    /// a slice can be published as soon as it is taken in.
+    /// not depend on the order in which its pings come. Tiles are worked out with the first ping of a
+    /// slice: the one before can be published as soon as it is taken in, and the others leave time.
     pub fn insert(&mut self, posed: &PosedPing) -> InsertReport {
         if !is_usable(posed) || !self.is_within_reach(posed) {
             self.status.pings_rejected += 1;
@@ -53,21 +53,18 @@ impl Mapper {
         }
         self.waiting.push(posed.clone());
         self.allow_work_of_a_ping();
+        let is_first = self.waiting.len() == 1;
         let is_complete = self.waiting.len() >= self.config.slice_pings;
-        if !is_complete && !self.is_slice_overdue() {
-            return InsertReport {
-                pairs: self.work(),
-                ..InsertReport::default()
-            };
-        }
-        let report = self.take_in_slice();
-        match self.config.slice_pings {
-            // There is no ping between slices.
-            1 => InsertReport {
+        let report = match is_complete || self.is_slice_overdue() {
+            true => self.take_in_slice(),
+            false => InsertReport::default(),
+        };
+        match is_first {
+            true => InsertReport {
                 pairs: self.work(),
                 ..report
             },
-            _ => report,
+            false => report,
         }
     }
 
