@@ -63,6 +63,20 @@ fn every_ping_is_accounted_for() {
 }
 
 #[test]
+fn a_part_of_the_log_that_holds_nothing_is_refused() {
+    let told = |more: &[&str]| {
+        let arguments = replay(&[&["--no-publish"], more].concat());
+        let mut program = Program::echosplat(&arguments);
+        program.wait_exit_code(2, LONG);
+        program.stderr()
+    };
+    let late = told(&["--start", "1e9"]);
+    assert!(late.contains("--start 1000000000: all pings of"), "{late}");
+    let turned = told(&["--start", "5", "--end", "5"]);
+    assert!(turned.contains("nothing lies between"), "{turned}");
+}
+
+#[test]
 fn a_cut_log_is_mapped_as_far_as_it_goes() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();

@@ -24,6 +24,7 @@ use crate::{clock, inputs, logging, maps, truth};
 /// # Errors
 /// If something asked for cannot be, or the map cannot be written.
 pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
+    check_part(arguments)?;
     let replayed = Replayed::open(&arguments.logs)?;
     let config = configuration(arguments, &replayed)?;
     if let Some(map) = &config.output.map {
@@ -170,11 +171,40 @@ fn once(
     let outcome = pipeline::run(config, setup, stop);
     inputs::close_bus(bus);
     let outcome = outcome?;
-    let is_whole = !takes_poses_live && !stop.is_set();
-    match is_whole && nothing_overlaps(&outcome) {
+    if stop.is_set() {
+        return Ok(outcome);
+    }
+    if all_are_early(&outcome) {
+        return Err(Usage::error(no_ping_from(arguments)));
+    }
+    match !takes_poses_live && nothing_overlaps(&outcome) {
         true => Err(Usage::error(no_time_in_common(arguments, &outcome))),
         false => Ok(outcome),
     }
+}
+
+/// The part of the log that is asked for has a length.
+fn check_part(arguments: &ReplayArguments) -> anyhow::Result<()> {
+    match (arguments.start, arguments.end) {
+        (Some(start), Some(end)) if start >= end => Err(Usage::error(format!(
+            "--start {start} --end {end}: nothing lies between; give an end after the start"
+        ))),
+        _ => Ok(()),
+    }
+}
+
+/// Whether the log ends before the part that is asked for begins.
+fn all_are_early(outcome: &Outcome) -> bool {
+    let report = &outcome.status.report;
+    report.pings_before_start > 0
+        && report.pings_before_start + report.pings_shed == report.pings_taken
+}
+
+fn no_ping_from(arguments: &ReplayArguments) -> String {
+    let (start, log) = (arguments.start.unwrap_or(0.0), arguments.logs[0].display());
+    format!(
+        "--start {start}: all pings of {log} are earlier; `echosplat info {log}` says how long it is"
+    )
 }
 
 /// Whether poses come from somebody who sends them meanwhile.
