@@ -20,8 +20,8 @@ const PANIC_WINDOW: Duration = Duration::from_secs(60);
 /// Of those that hang and are replaced.
 const MAX_REPLACEMENTS: u64 = 5;
 
-/// Watchers ask many times a second. Where none has asked for longer, none could run, and no part either: the program
-/// was stopped, or its computer.
+/// Watchers ask every 20 or 50 ms. Where none has asked for longer than this, none could run, and no part either: the
+/// program was stopped.
 const STOPPED: Duration = Duration::from_secs(1);
 
 /// It waits for something outside.

@@ -37,7 +37,7 @@ impl Mapper {
     /// Takes in one ping. With its slice complete: noise and echoes of each ping in order of time,
     /// evidence along the arcs, and Gaussians where the evidence now says so. What a slice says does
     /// not depend on the order in which its pings come. Tiles are worked out with the first ping of a
-    /// slice: the one before can be published as soon as it is taken in, and the others leave time.
+    /// slice, so that the slice before can be published as soon as it is taken in.
     pub fn insert(&mut self, posed: &PosedPing) -> InsertReport {
         if !is_usable(posed) || !self.is_within_reach(posed) {
             self.status.pings_rejected += 1;

@@ -26,7 +26,7 @@ fn upper_triangle(matrix: &SymmetricMat3) -> [f32; 6] {
     [d.x, m.z, m.y, d.y, m.x, d.z]
 }
 
-/// Published Gaussians in order of id, each after `placed`. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
+/// Published Gaussians in order of id, each as `placed` makes it. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
 pub(super) fn published(
     gaussians: &Gaussians,
     unit: f32,

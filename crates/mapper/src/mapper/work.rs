@@ -25,7 +25,7 @@ const GROWN: f32 = 1.05;
 const ANEW: f32 = 2.0;
 
 impl Mapper {
-    /// A ping allows its work.
+    /// Adds the work that a ping allows.
     pub(super) fn allow_work_of_a_ping(&mut self) {
         let allowed = self.config.work_pairs_per_ping;
         self.credit_pairs = self.credit_pairs.saturating_add_unsigned(allowed);

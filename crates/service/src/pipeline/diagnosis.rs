@@ -25,7 +25,7 @@ pub(crate) struct Expectations {
     pub(crate) sonar: String,
     /// Whether pings come at their own pace; a log is read as fast as it is mapped.
     pub(crate) is_live: bool,
-    /// Whether pings come at some pace, those of a log too: what nothing waits for then gives way to what they wait for.
+    /// Whether pings come at some pace, live or from a log: work in the background gives way to the map then.
     pub(crate) is_paced: bool,
     /// Between pings as configured, seconds.
     pub(crate) ping_interval_s: f64,

@@ -51,7 +51,7 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Where pings `are_paced` it works in the time that all else leaves; else nobody waits for the map of a ping.
+    /// Where pings `are_paced` its thread has the least priority. A replay as fast as can be would wait for it at the end.
     pub(crate) fn new(config: &Config, are_paced: bool) -> Self {
         Self {
             gives_way: are_paced,
