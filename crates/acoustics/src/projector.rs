@@ -225,7 +225,7 @@ impl Look {
         }
     }
 
-    /// Bins that hold all of a splat's energy but 2·10⁻⁴, as a half-open interval inside the ping.
+    /// Bins that hold all of a splat's energy but 3·10⁻³, as a half-open interval inside the ping.
     #[inline]
     #[must_use]
     pub fn bins_of(&self, splat: &Splat) -> std::ops::Range<usize> {
@@ -310,7 +310,8 @@ mod tests {
         };
         for i in 0..10 {
             let ratio = at(0.002 * i as f32) / at(0.0);
-            assert!((ratio - 1.0).abs() < 1e-3, "{ratio}");
+            // Of the 3·10⁻³ beyond the reach a bin more or less is taken in.
+            assert!((ratio - 1.0).abs() < 3e-3, "{ratio}");
         }
     }
 
@@ -331,13 +332,18 @@ mod tests {
             let fast = look.project(mean, &SymmetricMat3::of(covariance)).unwrap();
             let bins = look.bins_of(&fast);
             let mut measured = vec![0.0f32; bins.start];
-            look.spread(&fast, bins, &mut measured);
+            look.spread(&fast, bins.clone(), &mut measured);
             measured.resize(600, 0.0);
+            let beyond_reach = f64::from(-0.5 * RANGE_REACH_SIGMAS * RANGE_REACH_SIGMAS).exp();
             let expected = reference::render(&look, mean.as_dvec3(), covariance.as_dmat3());
             let peak = expected.iter().copied().fold(0.0, f64::max);
             for (bin, (&m, &e)) in measured.iter().zip(&expected).enumerate() {
                 let error = (f64::from(m) - e).abs() / peak;
-                assert!(error < 2e-3, "case {i} bin {bin}: {m} against {e}");
+                let most = match bins.contains(&bin) {
+                    true => 2e-3,
+                    false => 1.1 * beyond_reach,
+                };
+                assert!(error < most, "case {i} bin {bin}: {m} against {e}");
             }
         }
     }

@@ -20,6 +20,9 @@ pub struct MapperConfig {
     pub position_sigma_m: f64,
     /// One sigma of the sensor's attitude where the pose source says nothing, degrees.
     pub attitude_sigma_deg: f64,
+    /// Time constant with which the error that neighbouring poses share fades, seconds: what is seen again later is seen
+    /// with another error, and known the better.
+    pub pose_error_time_s: f64,
     /// A bin is an echo above this many times the mean noise power. 6 lets noise through once
     /// in 400 bins, at places that do not agree from ping to ping; echoes of rods are 5 to 15 dB.
     pub detection_factor: f32,
@@ -56,6 +59,7 @@ impl Default for MapperConfig {
             resolution_m: 0.0,
             position_sigma_m: 0.02,
             attitude_sigma_deg: 0.2,
+            pose_error_time_s: 60.0,
             detection_factor: 6.0,
             dynamic_range_db: 30.0,
             slice_pings: 4,
@@ -116,6 +120,7 @@ impl MapperConfig {
         within("resolution_m", self.resolution_m, 0.0, 10.0)?;
         within("position_sigma_m", self.position_sigma_m, 0.0, 10.0)?;
         within("attitude_sigma_deg", self.attitude_sigma_deg, 0.0, 45.0)?;
+        within("pose_error_time_s", self.pose_error_time_s, 0.1, 1e6)?;
         within("detection_factor", self.detection_factor.into(), 1.0, 1e6)?;
         within("dynamic_range_db", self.dynamic_range_db.into(), 3.0, 120.0)?;
         within("slice_pings", self.slice_pings as f64, 1.0, 1024.0)?;

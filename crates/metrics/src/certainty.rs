@@ -47,6 +47,102 @@ pub struct Certainty {
     pub probability_tenths: Vec<ProbabilityTenth>,
 }
 
+impl Certainty {
+    /// Of several maps together: their tenths by sigma, in order of sigma, are cut where a tenth of all is full. `None`
+    /// of none.
+    #[must_use]
+    pub fn pooled(of_maps: &[&Self]) -> Option<Self> {
+        let mut parts: Vec<SigmaTenth> = of_maps
+            .iter()
+            .flat_map(|of_map| of_map.sigma_tenths.iter().copied())
+            .collect();
+        parts.sort_unstable_by(|a, b| a.sigma_m.total_cmp(&b.sigma_m));
+        let count_of = |of_map: &Self| {
+            let tenths = of_map.sigma_tenths.iter();
+            tenths.map(|tenth| tenth.count as f64).sum::<f64>()
+        };
+        let counts: Vec<f64> = of_maps.iter().map(|of_map| count_of(of_map)).collect();
+        let total: f64 = counts.iter().sum();
+        let within = of_maps.iter().zip(&counts);
+        let within = within.map(|(of_map, count)| of_map.within_two_sigma_share * count);
+        (total > 0.0).then(|| Self {
+            within_two_sigma_share: within.sum::<f64>() / total,
+            sigma_tenths: (0..GROUPS)
+                .map(|tenth| pooled_tenth(&parts, total / GROUPS as f64, tenth))
+                .collect(),
+            probability_tenths: (0..GROUPS)
+                .filter_map(|group| pooled_group(of_maps, group))
+                .collect(),
+        })
+    }
+
+    /// Error over sigma of the tenth where it is furthest from 1 either way, at least 1.
+    #[must_use]
+    pub fn worst_sigma_ratio(&self) -> f64 {
+        let ratio = |tenth: &SigmaTenth| {
+            let ratio = tenth.error_m / tenth.sigma_m;
+            ratio.max(ratio.recip())
+        };
+        self.sigma_tenths.iter().map(ratio).fold(1.0, f64::max)
+    }
+
+    /// By how much the probabilities of a group of at least so many Gaussians miss what is found, at most.
+    #[must_use]
+    pub fn worst_probability_error(&self, least_count: usize) -> f64 {
+        let groups = self.probability_tenths.iter();
+        groups
+            .filter(|group| group.count >= least_count)
+            .map(|group| (group.said - group.found).abs())
+            .fold(0.0, f64::max)
+    }
+}
+
+/// Of groups in order of sigma, what lies between `tenth` and `tenth + 1` times `size`.
+fn pooled_tenth(parts: &[SigmaTenth], size: f64, tenth: usize) -> SigmaTenth {
+    let (low, high) = (size * tenth as f64, size * (tenth + 1) as f64);
+    let (mut passed, mut inside, mut error_m2, mut sigma_m2) = (0.0_f64, 0.0, 0.0, 0.0);
+    for part in parts {
+        let (from, to) = (passed, passed + part.count as f64);
+        let overlap = (to.min(high) - from.max(low)).max(0.0);
+        inside += overlap;
+        error_m2 += overlap * part.error_m.powi(2);
+        sigma_m2 += overlap * part.sigma_m.powi(2);
+        passed = to;
+    }
+    SigmaTenth {
+        error_m: (error_m2 / inside).sqrt(),
+        sigma_m: (sigma_m2 / inside).sqrt(),
+        count: inside.round() as usize,
+    }
+}
+
+/// All of the maps whose probability is in the same tenth.
+fn pooled_group(of_maps: &[&Certainty], group: usize) -> Option<ProbabilityTenth> {
+    let is_here = |tenth: &&ProbabilityTenth| group_of(tenth.said) == group;
+    let here: Vec<&ProbabilityTenth> = of_maps
+        .iter()
+        .flat_map(|of_map| of_map.probability_tenths.iter().filter(is_here))
+        .collect();
+    let count: usize = here.iter().map(|tenth| tenth.count).sum();
+    let mean = |value: fn(&ProbabilityTenth) -> f64| {
+        let sum: f64 = here
+            .iter()
+            .map(|tenth| value(tenth) * tenth.count as f64)
+            .sum();
+        sum / count as f64
+    };
+    (count > 0).then(|| ProbabilityTenth {
+        said: mean(|tenth| tenth.said),
+        found: mean(|tenth| tenth.found),
+        count,
+    })
+}
+
+/// Which tenth a probability is in.
+fn group_of(probability: f64) -> usize {
+    ((probability * GROUPS as f64) as usize).min(GROUPS - 1)
+}
+
 /// Of Gaussians relative to `origin_m`. `None` unless truth has normals and the map gives covariances.
 #[must_use]
 pub fn certainty(origin_m: DVec3, gaussians: &[Gaussian], truth: &Truth) -> Option<Certainty> {
@@ -110,10 +206,9 @@ fn sigma_tenth(tenth: &[Told]) -> SigmaTenth {
 }
 
 fn probability_tenth(all: &[Told], group: usize) -> Option<ProbabilityTenth> {
-    let group_of = |told: &Told| ((told.probability * GROUPS as f64) as usize).min(GROUPS - 1);
     let here: Vec<Told> = all
         .iter()
-        .filter(|told| group_of(told) == group)
+        .filter(|told| group_of(told.probability) == group)
         .copied()
         .collect();
     let said: f64 = here.iter().map(|told| told.probability).sum();
@@ -188,6 +283,34 @@ mod tests {
             assert!((tenth.said - said).abs() < 1e-6 && (tenth.found - share).abs() < 1e-6);
             assert_eq!(tenth.count, count);
         }
+    }
+
+    #[test]
+    fn maps_are_pooled_by_sigma_and_by_probability() {
+        // Half as many of one map, surer and twice as far off as it says.
+        let map = |count: u32, sigma_m: f32, times: f32, probability: f32| -> Vec<Gaussian> {
+            let one = |id| outside(id, times * sigma_m, [sigma_m, 3.0], probability);
+            (0..count).map(one).collect()
+        };
+        let of = |map: &[Gaussian]| certainty(DVec3::ZERO, map, &ball()).unwrap();
+        let (sure, unsure) = (
+            of(&map(50, 0.01, 2.5, 0.95)),
+            of(&map(100, 0.03, 1.0, 0.75)),
+        );
+        let all = Certainty::pooled(&[&unsure, &sure]).unwrap();
+        assert!((all.within_two_sigma_share - 2.0 / 3.0).abs() < 1e-9);
+        let ratio =
+            |tenth: usize| all.sigma_tenths[tenth].error_m / all.sigma_tenths[tenth].sigma_m;
+        assert!((ratio(0) - 2.5).abs() < 1e-3 && (ratio(9) - 1.0).abs() < 1e-3);
+        // A third of all is within the fourth tenth: a third of it is of the sure map.
+        assert!((all.sigma_tenths[3].sigma_m.powi(2) - (1e-4 + 2.0 * 9e-4) / 3.0).abs() < 1e-6);
+        assert!(all.sigma_tenths.iter().all(|tenth| tenth.count == 15));
+        assert!((all.worst_sigma_ratio() - 2.5).abs() < 1e-3);
+        let counts: Vec<usize> = all.probability_tenths.iter().map(|t| t.count).collect();
+        assert_eq!(counts, [100, 50]);
+        assert!((all.worst_probability_error(51) - 0.25).abs() < 1e-6);
+        assert!(all.worst_probability_error(101) == 0.0);
+        assert_eq!(Certainty::pooled(&[]), None);
     }
 
     #[test]

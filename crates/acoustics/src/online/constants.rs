@@ -1,7 +1,7 @@
 //! Where the measurement cuts and floors: one place for kernels and twin.
 
-/// Beyond this the beam is 24 dB down.
-pub(crate) const BEAM_REACH_SIGMAS: f32 = 3.3;
+/// Beyond this the beam is 17 dB down.
+pub(crate) const BEAM_REACH_SIGMAS: f32 = 2.8;
 /// Nothing is seen nearer than this.
 pub(crate) const NEAREST_M: f32 = 0.05;
 /// Least cosine of the angle from the beam's axis.
@@ -14,8 +14,8 @@ pub(crate) const FAN_REACH: f32 = 1.333;
 pub(crate) const LEAST_VARIANCE_M2: f32 = 1e-8;
 /// Least squared cross-section (over (2π)²): where f32 still holds it and its inverse.
 pub(crate) const LEAST_AREA2_M4: f32 = 1e-30;
-/// Bins this many sigmas from the mean are left out: 2·10⁻⁴ of the energy.
-pub(crate) const RANGE_REACH_SIGMAS: f32 = 3.7;
+/// Bins this many sigmas from the mean are left out: 3·10⁻³ of the energy.
+pub(crate) const RANGE_REACH_SIGMAS: f32 = 3.0;
 /// Raster cells this many sigmas from the mean are left out.
 pub(crate) const RASTER_REACH_SIGMAS: f32 = 3.5;
 /// Half the raster's width over sigma of beam and attitude.

@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use super::Spec;
 use echosplat_metrics::curve::Sample;
-use echosplat_metrics::{Metrics, nullable};
+use echosplat_metrics::{Certainty, Metrics, nullable};
 use echosplat_prediction::held_back::HeldBack;
 use echosplat_report::table::{metres, percent};
 
@@ -94,6 +94,9 @@ impl Ending {
 pub(crate) struct Outcome {
     /// Of the finished map, turned and moved back to the scene.
     pub(crate) metrics: Metrics,
+    /// Of the finished map, where the dive took place at the scene; `None` elsewhere, or where nothing is asserted.
+    #[serde(default)]
+    pub(crate) certainty: Option<Certainty>,
     /// Of the live map in the middle of the dive; infinite where there was none.
     #[serde(with = "nullable")]
     pub(crate) mid_dive_cd_m: f64,
@@ -175,6 +178,7 @@ pub(crate) mod tests {
         };
         Outcome {
             metrics: evaluate_raw(&map, &truth),
+            certainty: None,
             mid_dive_cd_m: f64::INFINITY,
             pings: 10,
             dive_s: 30.0,

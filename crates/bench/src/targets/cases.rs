@@ -8,7 +8,7 @@ use super::accuracy::{self, Judged};
 use super::limit::{Limit, Row, Target, Unit};
 use super::sections::Section;
 use crate::runs::{Method, Outcome, Outcomes, Placement, Spacing, Spec};
-use echosplat_metrics::Metrics;
+use echosplat_metrics::{Certainty, Metrics};
 use echosplat_prediction::held_back::HeldBack;
 
 /// Runs of one seed that are judged together.
@@ -56,6 +56,7 @@ pub(crate) fn cases() -> Vec<Case> {
     let of_maps = |section, table: Vec<Judged>| table.into_iter().map(move |j| of_map(section, j));
     let mut cases: Vec<Case> = of_maps(Section::Accuracy, accuracy::table()).collect();
     cases.extend(of_maps(Section::Field, accuracy::field()));
+    cases.extend(certainties());
     cases.push(shift());
     cases.extend(["fence", "wall", "pier"].map(more));
     cases.extend(["fence", "wall", "pier"].map(live));
@@ -116,6 +117,72 @@ fn target(quantity: &'static str, unit: Unit, value: fn(&[&Outcome]) -> f64) -> 
         aim: None,
         value,
     }
+}
+
+/// Surveys at one level of noise after the other, and all of them.
+fn certainties() -> Vec<Case> {
+    let surveys = |noise| {
+        let scenes = ["fence", "wall", "pier", "pipeline"];
+        scenes.map(|scene| Spec::new(scene, DiveKind::Survey, noise, 0))
+    };
+    let levels = [NoiseLevel::Nominal, NoiseLevel::Field, NoiseLevel::Harsh];
+    let of_sigma = |noise: NoiseLevel| Case {
+        name: format!("four scenes, survey, {noise}"),
+        ..case(
+            Section::Certainty,
+            "fence",
+            surveys(noise).into(),
+            sigma_targets(),
+        )
+    };
+    let off = Target {
+        must: Some(Limit::AtMost(0.05)),
+        ..target("probability off, most of ten groups", Unit::Share, |o| {
+            pooled(o).map_or(f64::NAN, |c| c.worst_probability_error(LEAST_GROUP))
+        })
+    };
+    let all = Case {
+        name: "four scenes, survey, all three".to_owned(),
+        ..case(
+            Section::Certainty,
+            "fence",
+            levels.iter().flat_map(|&noise| surveys(noise)).collect(),
+            vec![off],
+        )
+    };
+    levels
+        .iter()
+        .map(|&noise| of_sigma(noise))
+        .chain([all])
+        .collect()
+}
+
+/// Fewer Gaussians do not tell how often there is surface.
+const LEAST_GROUP: usize = 300;
+
+fn sigma_targets() -> Vec<Target> {
+    let outside = |o: &[&Outcome]| pooled(o).map_or(f64::NAN, |c| 1.0 - c.within_two_sigma_share);
+    let ratio = |o: &[&Outcome]| pooled(o).map_or(f64::NAN, |c| c.worst_sigma_ratio());
+    vec![
+        Target {
+            must: Some(Limit::AtMost(0.10)),
+            ..target("further than two sigma", Unit::Share, outside)
+        },
+        Target {
+            must: Some(Limit::AtLeast(0.01)),
+            ..target("further than two sigma, at least", Unit::Share, outside)
+        },
+        Target {
+            must: Some(Limit::RatioAtMost(1.5)),
+            ..target("error over sigma, worst tenth", Unit::Ratio, ratio)
+        },
+    ]
+}
+
+/// Of all these maps; `None` if one of them says nothing.
+fn pooled(outcomes: &[&Outcome]) -> Option<Certainty> {
+    let each: Option<Vec<&Certainty>> = outcomes.iter().map(|o| o.certainty.as_ref()).collect();
+    Certainty::pooled(&each?)
 }
 
 fn shift() -> Case {

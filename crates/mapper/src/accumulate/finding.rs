@@ -3,6 +3,8 @@
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
 
+use super::common_error::CommonError;
+
 /// What was seen of one Gaussian over all looks that lit it.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Account {
@@ -57,16 +59,17 @@ pub(crate) struct Finding {
     pub(crate) account: Account,
     /// Fisher information of its mean, 1/m².
     pub(crate) information: SymmetricMat3,
-    /// What its looks' poses make of its place, square metres, each as often as its information has 1/m².
-    pub(crate) pose_m2: SymmetricMat3,
+    /// What its looks' poses make of its place.
+    pub(crate) of_poses: CommonError,
 }
 
 impl Finding {
-    /// Of one look, whose pose makes `pose_m2` of the place: it counts as much as the look informs.
-    pub(crate) fn of_look(information: SymmetricMat3, pose_m2: SymmetricMat3) -> Self {
+    /// Of one look at a time in time constants of its pose's error, which makes `pose_m2` of the place.
+    pub(crate) fn of_look(information: SymmetricMat3, pose_m2: SymmetricMat3, at: f64) -> Self {
+        let weight = information.diagonal.element_sum();
         Self {
             information,
-            pose_m2: times(pose_m2, information.diagonal.element_sum()),
+            of_poses: CommonError::of_look(weight, pose_m2, at),
             ..Self::default()
         }
     }
@@ -74,7 +77,7 @@ impl Finding {
     pub(crate) fn add(&mut self, part: &Self) {
         self.account.add(&part.account);
         add(&mut self.information, &part.information);
-        add(&mut self.pose_m2, &part.pose_m2);
+        self.of_poses.add(&part.of_poses);
     }
 
     /// As if each look had been made so many times.
@@ -82,7 +85,7 @@ impl Finding {
         Self {
             account: self.account.times(count),
             information: times(self.information, count),
-            pose_m2: times(self.pose_m2, count),
+            of_poses: self.of_poses.times(count),
         }
     }
 
@@ -90,18 +93,18 @@ impl Finding {
     pub(crate) fn with_information(self, factor: f32) -> Self {
         Self {
             information: times(self.information, factor),
-            pose_m2: times(self.pose_m2, factor),
+            of_poses: self.of_poses.times(factor),
             ..self
         }
     }
 }
 
-fn add(sum: &mut SymmetricMat3, part: &SymmetricMat3) {
+pub(super) fn add(sum: &mut SymmetricMat3, part: &SymmetricMat3) {
     sum.diagonal += part.diagonal;
     sum.mixed += part.mixed;
 }
 
-fn times(matrix: SymmetricMat3, factor: f32) -> SymmetricMat3 {
+pub(super) fn times(matrix: SymmetricMat3, factor: f32) -> SymmetricMat3 {
     SymmetricMat3 {
         diagonal: matrix.diagonal * factor,
         mixed: matrix.mixed * factor,

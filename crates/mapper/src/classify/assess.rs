@@ -123,6 +123,8 @@ pub(crate) struct Demand {
     near: Option<f32>,
     /// What a Gaussian that was not split counts among them, where others were.
     unsplit: f32,
+    /// Time constant of the error that poses have in common.
+    pose_error_time_s: f64,
 }
 
 impl Demand {
@@ -144,6 +146,7 @@ impl Demand {
             near: at_work.interfered.then_some(LEAST_NEAR),
             // It was not confident when the others were split, so that it counts no more than a part of one.
             unsplit: PART,
+            pose_error_time_s: config.pose_error_time_s,
         }
     }
 
@@ -182,13 +185,13 @@ pub(crate) fn findings_of_ping(
 ) {
     desk.enter(tally, past, sight, gaussians, rule);
     sight.moments(&past.look, &mut desk.moments);
+    let at = past.time.as_secs_f64() / rule.pose_error_time_s;
     for (row, moments) in sight.rows().iter().zip(&desk.moments) {
         let mut pull = Pull::default();
         pull.add(row, moments, past.weight);
         let pose_m2 = certainty::of_pose(row, past.pose_error);
-        tally
-            .of(row.slot)
-            .add(&Finding::of_look(pull.information, pose_m2));
+        let finding = Finding::of_look(pull.information, pose_m2, at);
+        tally.of(row.slot).add(&finding);
     }
 }
 
@@ -331,6 +334,8 @@ pub(crate) struct Rule {
     whole_strength: f32,
     /// Whether what surfaces hide is doubted.
     occlusion: bool,
+    /// Time constant of the error that poses have in common.
+    pose_error_time_s: f64,
 }
 
 impl Rule {
@@ -341,6 +346,7 @@ impl Rule {
             clear_share: demand.clear_share,
             whole_strength: whole_strength(scene.gaussians),
             occlusion: scene.at_work.occlusion,
+            pose_error_time_s: demand.pose_error_time_s,
         }
     }
 }

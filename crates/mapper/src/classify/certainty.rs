@@ -108,18 +108,27 @@ fn covariance_m2(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f
     let prior = match surface {
         Some(scatter) => {
             let within_voxel_m2 = f64::from(voxel_m).powi(2) / 12.0;
-            let place = scatter.as_dmat3() + DMat3::from_diagonal(DVec3::splat(within_voxel_m2));
-            place.inverse()
+            let place = untruncated(scatter, SURFACE_VOXELS * voxel_m).as_dmat3();
+            (place + DMat3::from_diagonal(DVec3::splat(within_voxel_m2))).inverse()
         }
         None => DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2))),
     };
     let own_m2 = (information + prior).inverse();
-    let told = finding.information.diagonal.element_sum();
-    let of_poses_m2 = match told > 0.0 {
-        true => finding.pose_m2.to_mat3() * told.recip(),
-        false => Mat3::ZERO,
+    own_m2.as_mat3() + finding.of_poses.variance_m2().to_mat3()
+}
+
+/// The scatter that a surface has across itself, of the scatter of what is seen of it within a ball of this radius. A
+/// ball filled evenly scatters by r²/5 along any axis, which says nothing of the surface: of two Gaussian factors the
+/// inverse variances add up.
+fn untruncated(scatter: Mat3, radius_m: f32) -> Mat3 {
+    let (axes, mut variances_m2) = eigen(scatter);
+    let filled = 5.0 * variances_m2.x / radius_m.powi(2);
+    let most_m2 = (REACH_M as f32).powi(2);
+    variances_m2.x = match filled < 1.0 {
+        true => (variances_m2.x / (1.0 - filled)).min(most_m2),
+        false => most_m2,
     };
-    own_m2.as_mat3() + of_poses_m2
+    axes * Mat3::from_diagonal(variances_m2) * axes.transpose()
 }
 
 /// That there is surface within [`NEAR_M`] of a place with this sigma across the surface.
@@ -146,7 +155,7 @@ mod tests {
 
     fn finding(information: Vec3, pose_m2: f32) -> Finding {
         let information = SymmetricMat3::of(Mat3::from_diagonal(information));
-        Finding::of_look(information, SymmetricMat3::isotropic(pose_m2.sqrt()))
+        Finding::of_look(information, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0)
     }
 
     #[test]
@@ -167,6 +176,22 @@ mod tests {
         let plane = Mat3::from_diagonal(Vec3::new(1e-3, 1e-3, 0.0));
         let on_a_plane = covariance_m2(&told, 1.0, Some(plane), VOXEL_M);
         assert!((on_a_plane.z_axis.z.sqrt() - VOXEL_M / 12f32.sqrt()).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_cloud_as_thick_as_the_ball_it_is_looked_at_in_says_nothing_across() {
+        let radius_m = SURFACE_VOXELS * VOXEL_M;
+        let cloud = |thickness_m2: f32| {
+            let scatter = Mat3::from_diagonal(Vec3::new(1e-3, thickness_m2, 2e-3));
+            untruncated(scatter, radius_m).y_axis.y.sqrt()
+        };
+        // Thin ones are as thin as they look, thicker ones thicker than they look.
+        assert!((cloud(1e-6) - 1e-3).abs() < 1e-5);
+        let half_filled = radius_m.powi(2) / 10.0;
+        assert!((cloud(half_filled) - (2.0 * half_filled).sqrt()).abs() < 1e-4);
+        let filled = Mat3::IDENTITY * (radius_m.powi(2) / 5.0);
+        let across_m = untruncated(filled, radius_m).determinant() / filled.x_axis.x.powi(2);
+        assert!(across_m > 90.0, "{across_m}");
     }
 
     #[test]

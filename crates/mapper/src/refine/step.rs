@@ -4,7 +4,7 @@ use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::{DMat3, DVec3, Vec3};
 
 /// What sums in single precision leave open of the information, over its trace.
-const ROUNDING: f64 = 1.0 / (1 << 22) as f64;
+const ROUNDING: f64 = 1.0 / (1 << 21) as f64;
 /// Longest step over `prior_m`.
 const LONGEST: f32 = 0.5;
 

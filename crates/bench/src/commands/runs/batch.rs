@@ -47,6 +47,7 @@ pub(super) fn outcome(spec: &Spec, sonar: &SimulatedSonar) -> anyhow::Result<Out
     };
     Ok(Outcome {
         metrics: last.metrics,
+        certainty: None,
         mid_dive_cd_m: f64::INFINITY,
         pings: last.ping_count,
         dive_s: last.dive_s,

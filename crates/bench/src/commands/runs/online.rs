@@ -4,10 +4,10 @@
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use crate::runs::{LeftOut, Outcome, Spec, Work};
+use crate::runs::{LeftOut, Outcome, Placement, Spec, Work};
 use anyhow::Context;
 use echosplat_metrics::curve::Sample;
-use echosplat_metrics::{MapPoints, Metrics, evaluate_raw};
+use echosplat_metrics::{MapPoints, Metrics, certainty, evaluate_raw};
 use echosplat_model::{Ping, Pose, Snapshot, StampedPose};
 use echosplat_pose::PoseSource;
 use echosplat_simulator::{Dive, SimulatedSonar};
@@ -57,6 +57,10 @@ pub(super) fn outcome(
     let (total, streamed) = (work(&report.work), work(&report.before_finish));
     Ok(Outcome {
         metrics: judge(&map),
+        certainty: match spec.placement == Placement::default() {
+            true => certainty(map.origin_m, &map.gaussians, &truth),
+            false => None,
+        },
         mid_dive_cd_m: times.middle(&judged),
         pings: report.pings_mapped,
         dive_s: report.dive_s,

@@ -126,6 +126,7 @@ mod tests {
     fn outcome(pings: u64) -> Outcome {
         Outcome {
             metrics: evaluate_raw(&MapPoints::default(), &Truth::from_points(&[])),
+            certainty: None,
             mid_dive_cd_m: f64::INFINITY,
             pings,
             dive_s: 0.0,

@@ -45,10 +45,12 @@ const TAIL_PART: f32 = 0.05;
 const LAG: f64 = 0.25;
 /// Looks made at each ping, all steps together, by how many Gaussians there are then.
 const LOOKS_PER_PING: f64 = 7.5;
-/// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new.
-const ENOUGH_PAIRS: f64 = 12_000.0;
-/// The part of them that a start from the map needs, since the map knows the rest; verdicts need all.
+/// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new to a step.
+const ENOUGH_PAIRS: f64 = 6_000.0;
+/// The part of them that a start from the map needs, since the map knows the rest.
 const ENOUGH_FROM_MAP: f64 = 0.125;
+/// The same for verdicts, of which the map knows nothing.
+const ENOUGH_PAIRS_OF_VERDICTS: f64 = 12_000.0;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = LOOKS_PER_PING;
 /// Steps of offset from one step to the next.
@@ -246,7 +248,7 @@ impl Workout {
 
     /// The same for the last assessment: the map knows nothing of verdicts, and they are worth more work than pings allow.
     fn thinning_of_verdicts(&self) -> f64 {
-        self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS)
+        self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS_OF_VERDICTS)
     }
 
     /// How many times fewer looks do, at least 1: to stay within the work allowed, and since what has been seen

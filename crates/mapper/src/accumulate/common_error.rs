@@ -1,0 +1,174 @@
+//! What the poses of some looks make of a place together: they are off alike, the less the further apart in time.
+//!
+//! Errors of poses are a first-order Gauss–Markov process: of two looks Δt apart, e^(−Δt/τ) of the error is the same.
+
+use echosplat_acoustics::SymmetricMat3;
+
+use super::finding::{add, times};
+
+/// The error that a place has by its looks' poses. Each look counts as much as it informs.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct CommonError {
+    /// How much the looks inform, 1/m².
+    weight: f32,
+    /// What a single look's pose makes of the place, square metres, times `weight`.
+    weighted_m2: SymmetricMat3,
+    /// When the first and the last look were, in time constants of the error.
+    first: f64,
+    last: f64,
+    /// Part of a single look's variance that their mean has: Σ w w′ e^(−|t − t′|) / (Σ w)².
+    shared: f32,
+    /// Correlation of their mean with the error at the first look and at the last: Σ w e^(−|t − first|) / Σ w.
+    shared_with_first: f32,
+    shared_with_last: f32,
+}
+
+impl CommonError {
+    /// Of one look that informs by `weight`, made at this time in time constants of the error, whose pose makes
+    /// `variance_m2` of the place.
+    pub(crate) fn of_look(weight: f32, variance_m2: SymmetricMat3, at: f64) -> Self {
+        Self {
+            weight,
+            weighted_m2: times(variance_m2, weight),
+            first: at,
+            last: at,
+            shared: 1.0,
+            shared_with_first: 1.0,
+            shared_with_last: 1.0,
+        }
+    }
+
+    /// Adds looks made before or after, or, if their times overlap, as good as the same ones.
+    pub(crate) fn add(&mut self, other: &Self) {
+        if other.weight == 0.0 {
+            return;
+        }
+        if self.weight == 0.0 {
+            *self = *other;
+            return;
+        }
+        let weight = self.weight + other.weight;
+        let (early, late) = match other.first < self.first {
+            true => (other, &*self),
+            false => (&*self, other),
+        };
+        let (early_part, late_part) = (early.weight / weight, late.weight / weight);
+        let left_after = |from: f64, to: f64| (from - to).min(0.0).exp() as f32;
+        let between = match late.first < early.last {
+            true => (early.shared * late.shared).sqrt(),
+            false => {
+                early.shared_with_last * late.shared_with_first * left_after(early.last, late.first)
+            }
+        };
+        let last = early.last.max(late.last);
+        let mut weighted_m2 = self.weighted_m2;
+        add(&mut weighted_m2, &other.weighted_m2);
+        *self = Self {
+            weight,
+            weighted_m2,
+            first: early.first,
+            last,
+            shared: early_part.powi(2) * early.shared
+                + late_part.powi(2) * late.shared
+                + 2.0 * early_part * late_part * between,
+            shared_with_first: early_part * early.shared_with_first
+                + late_part * late.shared_with_first * left_after(early.first, late.first),
+            shared_with_last: early_part * early.shared_with_last * left_after(early.last, last)
+                + late_part * late.shared_with_last * left_after(late.last, last),
+        };
+    }
+
+    /// As if each look informed so many times as much.
+    pub(crate) fn times(self, factor: f32) -> Self {
+        Self {
+            weight: self.weight * factor,
+            weighted_m2: times(self.weighted_m2, factor),
+            ..self
+        }
+    }
+
+    /// Variance of the place by all looks together, square metres; 0 without looks.
+    pub(crate) fn variance_m2(&self) -> SymmetricMat3 {
+        match self.weight == 0.0 {
+            true => SymmetricMat3::default(),
+            false => times(self.weighted_m2, self.shared / self.weight),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn look(weight: f32, at: f64) -> CommonError {
+        CommonError::of_look(weight, SymmetricMat3::isotropic(1.0), at)
+    }
+
+    fn all(looks: &[(f32, f64)]) -> CommonError {
+        let mut sum = CommonError::default();
+        for &(weight, at) in looks {
+            sum.add(&look(weight, at));
+        }
+        sum
+    }
+
+    fn variance_m2(of: CommonError) -> f32 {
+        of.variance_m2().diagonal.x
+    }
+
+    /// The sum over all pairs of looks.
+    fn expected(looks: &[(f32, f64)]) -> f32 {
+        let weight: f64 = looks.iter().map(|&(w, _)| f64::from(w)).sum();
+        let of_pair = |&(w, t): &(f32, f64), &(w2, t2): &(f32, f64)| {
+            f64::from(w) * f64::from(w2) * (-(t - t2).abs()).exp()
+        };
+        let pairs = looks
+            .iter()
+            .flat_map(|a| looks.iter().map(move |b| of_pair(a, b)));
+        (pairs.sum::<f64>() / (weight * weight)) as f32
+    }
+
+    const LOOKS: [(f32, f64); 5] = [(1.0, 2.0), (3.0, 2.1), (0.5, 2.9), (2.0, 6.0), (2.0, 6.0)];
+
+    #[test]
+    fn looks_at_one_time_are_off_alike_and_looks_far_apart_are_not() {
+        let [at_once, far] =
+            [0.0, 100.0].map(|apart| variance_m2(all(&[(1.0, 7.0), (1.0, 7.0 + apart)])));
+        assert!(
+            (at_once - 1.0).abs() < 1e-6 && (far - 0.5).abs() < 1e-6,
+            "{at_once} {far}"
+        );
+    }
+
+    #[test]
+    fn however_they_are_added_up_it_is_the_sum_over_all_pairs() {
+        let whole = variance_m2(all(&LOOKS));
+        assert!((whole - expected(&LOOKS)).abs() < 1e-6, "{whole}");
+        for cut in 1..4 {
+            let (early, late) = (all(&LOOKS[..cut]), all(&LOOKS[cut..]));
+            for (mut first, then) in [(early, late), (late, early)] {
+                first.add(&then);
+                assert!((variance_m2(first) - whole).abs() < 1e-6);
+                first.add(&look(1.0, 7.0));
+                let longer = [&LOOKS[..], &[(1.0, 7.0)]].concat();
+                assert!((variance_m2(first) - expected(&longer)).abs() < 1e-6);
+            }
+        }
+    }
+
+    #[test]
+    fn the_same_looks_twice_say_no_more() {
+        let mut twice = all(&LOOKS);
+        twice.add(&all(&LOOKS));
+        assert!((variance_m2(twice) - expected(&LOOKS)).abs() < 1e-6);
+        assert!((variance_m2(all(&LOOKS).times(8.0)) - expected(&LOOKS)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn no_look_says_nothing() {
+        let mut some = all(&LOOKS);
+        some.add(&CommonError::default());
+        assert!((variance_m2(some) - expected(&LOOKS)).abs() < 1e-6);
+        assert!(variance_m2(CommonError::default()) == 0.0);
+    }
+}
