@@ -14,7 +14,7 @@ use crate::commands::show_figures;
 use crate::config::{Config, Overrides};
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Gate, Hooks, Outcome, Part, Setup, Shedding, Span,
+    self, Album, Expectations, Gate, Hooks, Outcome, Pace, Part, Setup, Shedding, Span,
 };
 use crate::replayed::Replayed;
 use crate::signals::Stop;
@@ -154,8 +154,10 @@ fn once(
         epoch,
         expectations: Expectations {
             sonar: arguments.logs[0].display().to_string(),
-            is_live: false,
-            is_paced: arguments.rate > 0.0,
+            pace: match arguments.rate > 0.0 {
+                true => Pace::Replayed,
+                false => Pace::AsMapped,
+            },
             ping_interval_s: 0.0,
         },
         hooks: Hooks {

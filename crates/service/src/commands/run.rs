@@ -14,7 +14,7 @@ use crate::config::{Config, Overrides};
 use crate::decided::Decided;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Gate, Hooks, Input, Part, Patience, Poses, Setup, Shedding,
+    self, Album, Expectations, Gate, Hooks, Input, Pace, Part, Patience, Poses, Setup, Shedding,
 };
 use crate::recorder::Recorder;
 use crate::rig::{PosesTo, Rig};
@@ -183,8 +183,7 @@ fn map_what_the_driver_hears(
     let setup = Setup {
         expectations: Expectations {
             sonar: begin.sonar.clone(),
-            is_live: true,
-            is_paced: true,
+            pace: Pace::Live,
             ping_interval_s: begin.session.expected_interval_s(),
         },
         part: Part::Mapper(tape.state()),
@@ -250,8 +249,10 @@ fn serve(
     let setup = Setup {
         expectations: Expectations {
             sonar: config.sonar.url.clone(),
-            is_live: !is_log,
-            is_paced: !is_log,
+            pace: match is_log {
+                true => Pace::AsMapped,
+                false => Pace::Live,
+            },
             ping_interval_s: driver.session.expected_interval_s(),
         },
         part: Part::Whole,

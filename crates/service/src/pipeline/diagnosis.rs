@@ -9,6 +9,7 @@ mod tape;
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
+use super::Pace;
 use super::notices::Finding;
 use super::status::Status;
 pub(crate) use poses::{calibration, frames};
@@ -23,10 +24,8 @@ const PATIENCE: Duration = Duration::from_millis(1500);
 pub(crate) struct Expectations {
     /// The sonar's URL, or that of the log.
     pub(crate) sonar: String,
-    /// Whether pings come at their own pace; a log is read as fast as it is mapped.
-    pub(crate) is_live: bool,
-    /// Whether pings come at some pace, live or from a log: work in the background gives way to the map then.
-    pub(crate) is_paced: bool,
+    /// Who says when the next ping comes.
+    pub(crate) pace: Pace,
     /// Between pings as configured, seconds.
     pub(crate) ping_interval_s: f64,
 }

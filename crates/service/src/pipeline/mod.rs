@@ -85,6 +85,18 @@ pub(crate) struct Setup {
     pub(crate) hooks: Hooks,
 }
 
+/// Who says when the next ping comes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) enum Pace {
+    /// The sonar.
+    Live,
+    /// A log's times.
+    Replayed,
+    /// The map: as soon as the last one is in it.
+    #[default]
+    AsMapped,
+}
+
 /// Which part of a dive's work the run does.
 #[derive(Debug, Clone, Default)]
 pub(crate) enum Part {

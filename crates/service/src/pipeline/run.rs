@@ -87,7 +87,7 @@ impl Run {
         let (sender, events) = bounded(config.pipeline.queue_pings);
         let tap = setup.recorder.as_ref().map(Recorder::taps);
         let drivers = Drivers::start(setup.inputs, tap, sender)?;
-        let is_paced = setup.expectations.is_paced;
+        let pace = setup.expectations.pace;
         let wiring = Wiring {
             events,
             inputs_left: drivers.count(),
@@ -97,7 +97,7 @@ impl Run {
             shedding: setup.shedding,
             earlier: EarlierMaps::beside(place.clone()),
             frame_check: Some(helpers.frame_check),
-            calibration: calibration::Watch::new(config, is_paced),
+            calibration: calibration::Watch::new(config, pace),
         };
         let mapper = Heartbeat::new(THREAD_NAME);
         supervisor.watch(&mapper, Policy::Needed);

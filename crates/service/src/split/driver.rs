@@ -19,7 +19,7 @@ use crate::config::Config;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
     Diagnosis, Drivers, Expectations, Finding, Gate, Input, IsOver, Listening, MapperReport,
-    Notices, Passage, RateMeter, Shared, Status,
+    Notices, Pace, Passage, RateMeter, Shared, Status,
 };
 use crate::recorder::Recorder;
 use crate::runtime;
@@ -119,8 +119,7 @@ impl<'a> Run<'a> {
         let alive = bus.declare_alive(DRIVER_ROLE)?;
         let expectations = Expectations {
             sonar: url,
-            is_live: true,
-            is_paced: true,
+            pace: Pace::Live,
             ping_interval_s: driver.session.expected_interval_s(),
         };
         let limit = Duration::from_secs_f64(config.pipeline.hang_limit_s);

@@ -23,8 +23,8 @@ use crate::commands::judging::Judge;
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::pipeline::{
-    self, Expectations, Gate, Hooks, Input, OnFinal, OnStatus, Outcome, Part, Patience, Phase,
-    Poses, Setup, Shedding,
+    self, Expectations, Gate, Hooks, Input, OnFinal, OnStatus, Outcome, Pace, Part, Patience,
+    Phase, Poses, Setup, Shedding,
 };
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
@@ -122,8 +122,7 @@ fn set_up(
         part: Part::Whole,
         expectations: Expectations {
             sonar: rig.url().to_owned(),
-            is_live: false,
-            is_paced: false,
+            pace: Pace::AsMapped,
             ping_interval_s: 0.0,
         },
         inputs: vec![Input::link(driver)],

@@ -13,6 +13,7 @@ use echosplat_mapper::{Calibration, ConfigError, Mapper};
 use serde::Serialize;
 
 use crate::config::{Calibrate, Config};
+use crate::pipeline::Pace;
 use crate::processor;
 pub(crate) use advice::{Advice, Settings};
 
@@ -51,10 +52,10 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Where pings `are_paced` its thread has the least priority. A replay as fast as can be would wait for it at the end.
-    pub(crate) fn new(config: &Config, are_paced: bool) -> Self {
+    /// Its thread has the least priority, but where the map sets the pace: its end would wait for it there.
+    pub(crate) fn new(config: &Config, pace: Pace) -> Self {
         Self {
-            gives_way: are_paced,
+            gives_way: pace != Pace::AsMapped,
             next_pings: match config.pipeline.calibrate {
                 Calibrate::Off => None,
                 Calibrate::Tell => Some(FIRST_PINGS),

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use super::{Diagnosis, PATIENCE, loss, warning};
+use crate::pipeline::Pace;
 use crate::pipeline::notices::Finding;
 use crate::pipeline::poses::{PoseReport, Span};
 use crate::pipeline::status::Status;
@@ -37,11 +38,11 @@ impl Diagnosis {
     pub(super) fn poses(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         let poses = &status.report.poses;
         findings.extend(self.malformed(poses, now));
-        if self.expectations.is_live && self.has_run_for(PATIENCE, now) {
+        if self.expectations.pace == Pace::Live && self.has_run_for(PATIENCE, now) {
             findings.extend(missing(poses, status.pings_received));
         }
         findings.extend(apart(poses));
-        if self.expectations.is_live {
+        if self.expectations.pace == Pace::Live {
             findings.extend(self.untimely(poses, now));
         }
         findings.extend(self.guarded(poses, now));

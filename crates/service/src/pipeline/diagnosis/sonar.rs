@@ -5,6 +5,7 @@ use std::time::Instant;
 use echosplat_driver::LinkState;
 
 use super::{Diagnosis, PATIENCE, loss, warning};
+use crate::pipeline::Pace;
 use crate::pipeline::notices::Finding;
 use crate::pipeline::status::Status;
 
@@ -19,7 +20,7 @@ const INTERVALS: f64 = 5.0;
 
 impl Diagnosis {
     pub(super) fn sonar(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
-        if self.expectations.is_live {
+        if self.expectations.pace == Pace::Live {
             findings.extend(self.silence(status, now).or_else(|| self.slow(status, now)));
         }
         findings.extend(self.refused(status, now));

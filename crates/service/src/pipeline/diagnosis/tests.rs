@@ -10,8 +10,7 @@ use crate::split::TapeReport;
 fn diagnosis(begin: Instant) -> Diagnosis {
     let expectations = Expectations {
         sonar: "tcp://127.0.0.1:51200".to_owned(),
-        is_live: true,
-        is_paced: true,
+        pace: Pace::Live,
         ping_interval_s: 0.017,
     };
     Diagnosis::new(expectations, begin)
