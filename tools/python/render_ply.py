@@ -17,7 +17,8 @@ and elevation φ = atan2(z, ρ), ρ = √(x² + y²), with covariance C = J S J�
 where U is the map's intensity unit, α the opacity (at most 0.999), ρ the reflectivity, σa one sigma
 of the sensor's attitude, and σp² the variance of the pulse (as wide at half its height as it is
 long, c·duration/2) and of the sensor's position. Left out are Gaussians nearer than 5 cm, with
-x ≤ r/4, with |y| > 3.3 √((σb² + σa²) ρ² + trace S), or with g ≤ 0.001.
+x ≤ r/4, with |y| > 2.8 √((σb² + σa²) ρ² + trace S), or with g ≤ 0.001; and of each the bins that lie
+wholly further than 3 s from r′.
 
 T is what gets through. Directions are cut into cells: 8 columns across ±2.8 √(σb² + σa²), and rows
 of 0.5° up to ±1.3 φh, rounded up. In a cell of size δθ × δφ whose centre lies d from (θ, φ), a
@@ -136,7 +137,7 @@ def render(gaussians, position, orientation_xyzw, o):
     r, rho = np.linalg.norm(q, axis=1), np.hypot(q[:, 0], q[:, 1])
     seen = (r > 0.05) & (q[:, 0] > 0.25 * r)
     reach2 = sigma**2 * rho**2 + np.trace(S, axis1=1, axis2=2)
-    seen &= q[:, 1] ** 2 <= 3.3**2 * reach2
+    seen &= q[:, 1] ** 2 <= 2.8**2 * reach2
     seen &= 2.0 ** -((np.arctan2(q[:, 2], rho) / fan_half) ** 8) > 1e-3
     q, S, opacity, strength = q[seen], S[seen], opacity[seen], strength[seen]
 
@@ -153,7 +154,8 @@ def render(gaussians, position, orientation_xyzw, o):
     edges = np.linspace(o.start_m, o.range_m, o.bins + 1)
     z = (edges - middle[:, None]) / s[:, None]
     below = 0.5 * (1 + erf(z / math.sqrt(2)).astype(float))
-    return energy @ np.diff(below, axis=1)
+    heard = np.where((z[:, 1:] > -3) & (z[:, :-1] < 3), np.diff(below, axis=1), 0)
+    return energy @ heard
 
 
 def main():

@@ -142,7 +142,7 @@ impl Look {
     }
 
     /// Projects a Gaussian; `None` where the ping cannot see it: behind the sensor, nearer than
-    /// 5 cm, off the beam by more than 3.3 sigma or outside the fan's soft edge.
+    /// 5 cm, off the beam by more than 2.8 sigma or outside the fan's soft edge.
     #[inline]
     #[must_use]
     pub fn project(&self, mean_m: Vec3, covariance_m2: &SymmetricMat3) -> Option<Splat> {

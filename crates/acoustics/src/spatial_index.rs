@@ -6,21 +6,22 @@
 
 use echosplat_model::glam::{DVec3, Vec3};
 
+use crate::online::constants::{BEAM_REACH_SIGMAS, RANGE_REACH_SIGMAS};
 use crate::{GaussianArrays, Look};
 
 /// Gaussians below a leaf.
 const LEAF_LEN: usize = 8;
 /// Each class holds sizes up to this many times the one below.
 const CLASS_LOG_STEP: f32 = 1.386_294_4;
-/// `Look::project` lets through to 3.3 sigmas off the beam; a bit more for rounding.
-const ACROSS_SIGMAS: f32 = 3.31;
+/// What `Look::project` lets through off the beam; a bit more for rounding.
+const ACROSS_SIGMAS: f32 = BEAM_REACH_SIGMAS + 0.01;
 /// The fan's weight falls to 10⁻³ at `9.966^(1/8)` = 1.333 half-widths.
 const FAN_HALF_WIDTHS: f32 = 1.335;
-/// How far before its mean a Gaussian is heard: 3.7 sigmas of its own, and 6.5 by which the beam
+/// How far before its mean a Gaussian is heard: sigmas of its own, and 6.5 by which the beam
 /// may shift r′ before less than 10⁻⁹ of its energy is left.
-const ALONG_SIGMAS: f32 = 10.2;
+const ALONG_SIGMAS: f32 = RANGE_REACH_SIGMAS + 6.5;
 /// What pulse and position blur, in sigmas.
-const BLUR_SIGMAS: f32 = 3.7;
+const BLUR_SIGMAS: f32 = RANGE_REACH_SIGMAS;
 /// Relative rounding of f32 over some twenty operations.
 const ROUNDING: f32 = 1e-5;
 /// Cells of the Morton curve along an axis, as bits.
