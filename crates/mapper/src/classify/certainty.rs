@@ -2,8 +2,8 @@
 //!
 //! And how likely there is surface beside it at all.
 //!
-//! Pings whose poses are off alike agree, and what they agree on is off as well: however many there are, the place is no
-//! surer than their poses.
+//! Pings whose poses are off alike agree, and what they agree on is off as well: however many come together, the place is no
+//! surer than their poses. Those that come later are off otherwise.
 
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_acoustics::packed::Row;
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn however_many_looks_there_are_a_place_is_no_surer_than_their_poses() {
+    fn however_many_looks_come_together_a_place_is_no_surer_than_their_poses() {
         let looks = |count: f32| {
             let finding = finding(Vec3::splat(1e4), 4e-4).times(count);
             covariance_m2(&finding, 1.0, None, VOXEL_M).x_axis.x
