@@ -38,7 +38,8 @@ impl CommonError {
         }
     }
 
-    /// Adds looks made before or after, or, if their times overlap, as good as the same ones.
+    /// Adds other looks. They were made before these or after; where the times overlap, they count as made at the same
+    /// moments.
     pub(crate) fn add(&mut self, other: &Self) {
         if other.weight == 0.0 {
             return;

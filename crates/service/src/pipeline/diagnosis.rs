@@ -20,7 +20,7 @@ const NEWS: Duration = Duration::from_millis(1200);
 const PATIENCE: Duration = Duration::from_millis(1500);
 
 /// What the command knows and the status does not.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Expectations {
     /// The sonar's URL, or that of the log.
     pub(crate) sonar: String,

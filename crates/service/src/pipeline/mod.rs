@@ -86,14 +86,13 @@ pub(crate) struct Setup {
 }
 
 /// Who says when the next ping comes.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Pace {
     /// The sonar.
     Live,
     /// A log's times.
     Replayed,
     /// The map: as soon as the last one is in it.
-    #[default]
     AsMapped,
 }
 

@@ -47,9 +47,9 @@ const LAG: f64 = 0.25;
 const LOOKS_PER_PING: f64 = 7.5;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new to a step.
 const ENOUGH_PAIRS: f64 = 6_000.0;
-/// The part of them that a start from the map needs, since the map knows the rest.
+/// The part of them that a step needs which starts from the map, since the map knows the rest.
 const ENOUGH_FROM_MAP: f64 = 0.125;
-/// The same for verdicts, of which the map knows nothing.
+/// Pairs of each Gaussian beyond which more pings say nothing new to its verdict; the map knows nothing of that.
 const ENOUGH_PAIRS_OF_VERDICTS: f64 = 12_000.0;
 /// So many times fewer looks see every ping about once over all steps.
 const NEVER_TWICE: f64 = LOOKS_PER_PING;

@@ -52,7 +52,7 @@ pub(crate) struct Watch {
 }
 
 impl Watch {
-    /// Its thread has the least priority, but where the map sets the pace: its end would wait for it there.
+    /// Its thread has the least priority, except where the map sets the pace: the end of such a run would wait for it.
     pub(crate) fn new(config: &Config, pace: Pace) -> Self {
         Self {
             gives_way: pace != Pace::AsMapped,
