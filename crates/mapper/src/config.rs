@@ -34,7 +34,8 @@ pub struct MapperConfig {
     pub history_pings: usize,
     /// Evidence at which a place becomes a Gaussian, in units of one clear look.
     pub spawn_evidence: f32,
-    /// Work that each ping allows, in Gaussian–bin pairs; less makes the map lag, not worse.
+    /// Work that each ping allows, in Gaussian–bin pairs of a step or what takes as long; less makes the map lag, not
+    /// worse.
     pub work_pairs_per_ping: u64,
     /// Steps of each stage when tiles are worked out.
     pub workout_passes: usize,

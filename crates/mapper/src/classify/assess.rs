@@ -169,6 +169,9 @@ impl Demand {
 }
 
 impl Sum for Finding {
+    /// A ping's findings take long.
+    const CHUNK: usize = 16;
+
     fn join(&mut self, part: &Self) {
         self.add(part);
     }
@@ -203,9 +206,9 @@ pub(crate) fn judge(
     voxel_m: f32,
     demand: Demand,
 ) {
-    let peaks = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true)
-        .peaks(|slot| finding_of(slot).is_some());
-    let of_slot = |(slot, peak): (usize, f32)| {
+    let outshone = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true)
+        .outshone(LEAST_STRENGTH, |slot| finding_of(slot).is_some());
+    let of_slot = |(slot, is_outshone): (usize, bool)| {
         let Finding {
             account,
             information,
@@ -215,8 +218,7 @@ pub(crate) fn judge(
         // What the parts of a split Gaussian know adds up.
         let sigma_m = alone * gaussians.part[slot];
         let rivalry = account.rivalry / account.looks;
-        let relative = gaussians.strongest(slot) / peak;
-        let is_explained_away = !(rivalry > LEAST_RIVALRY && relative > LEAST_STRENGTH);
+        let is_explained_away = is_outshone || !(rivalry > LEAST_RIVALRY);
         let (verdict, may_continue) = if is_explained_away {
             (Verdict::ExplainedAway, false)
         } else if account.fixes(sigma_m, demand) {
@@ -228,7 +230,7 @@ pub(crate) fn judge(
         Some((slot, verdict, may_continue))
     };
     let verdicts: Vec<Option<(usize, Verdict, bool)>> =
-        peaks.into_par_iter().map(of_slot).collect();
+        outshone.into_par_iter().map(of_slot).collect();
     let mut may_continue = vec![false; gaussians.slot_count()];
     for (slot, verdict, continues) in verdicts.into_iter().flatten() {
         gaussians.verdict[slot] = verdict;
@@ -475,15 +477,9 @@ impl Arcs {
 
 /// Slots that are nothing but the tail of a stronger neighbour: below `part` of it.
 pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize> {
-    let peaks = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true).peaks(|_| true);
-    let is_tail = |&(slot, peak): &(usize, f32)| {
-        if !gaussians.is_worked_on(slot) {
-            return false;
-        }
-        let strength = gaussians.strongest(slot);
-        !(strength > part * peak.max(f32::MIN_POSITIVE))
-    };
-    let tails = peaks.into_iter().filter(is_tail);
+    let neighbours = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true);
+    let outshone = neighbours.outshone(part, |slot| gaussians.is_worked_on(slot));
+    let tails = outshone.into_iter().filter(|(_, is_outshone)| *is_outshone);
     tails.map(|(slot, _)| slot).collect()
 }
 

@@ -36,11 +36,14 @@ impl Mapper {
     pub(super) fn work(&mut self) -> u64 {
         let before = self.status.pairs;
         while self.credit_pairs > 0 {
-            if self.workout.is_none() && !self.begin_workout(due) {
+            let pairs = if self.workout.is_some() {
+                self.advance()
+            } else if self.begin_workout(due) {
+                self.workout.as_ref().map_or(0, Workout::change_pairs)
+            } else {
                 self.credit_pairs = 0;
                 break;
-            }
-            let pairs = self.advance();
+            };
             self.credit_pairs = self.credit_pairs.saturating_sub_unsigned(pairs);
         }
         self.status.pairs - before
@@ -130,17 +133,19 @@ impl Mapper {
         self.status.pairs += self.pool.install(|| keep(world, map, &gone, terms));
     }
 
-    /// The next portion of what is under way. Returns pairs done.
+    /// The next portion of what is under way. Returns the pairs that would take as long.
     pub(super) fn advance(&mut self) -> u64 {
         let (Some(workout), Some(world)) = (&mut self.workout, &mut self.world) else {
             return 0;
         };
         let seabed = &self.seabed;
-        let pairs = self.pool.install(|| workout.advance(world, seabed));
-        self.status.pairs += pairs;
+        let effort = self.pool.install(|| workout.advance(world, seabed));
+        self.status.pairs += effort.pairs;
+        let mut pairs = effort.pairs + effort.beside_pairs;
         if workout.is_done()
             && let Some(done) = self.workout.take()
         {
+            pairs += done.change_pairs();
             self.status.iterations += done.put_in_place(world, &mut self.gaussians);
         }
         pairs
@@ -302,6 +307,35 @@ mod tests {
             (thinnings(Start::Map), thinnings(Start::Even));
         assert!(of_steps > 1.5 * of_verdicts, "{of_steps} {of_verdicts}");
         assert!((of_verdicts - of_even_verdicts).abs() < 0.2 * of_even_verdicts);
+    }
+
+    #[test]
+    fn what_is_done_without_pings_counts_as_work() {
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        for number in 0..300 {
+            mapper.insert(&going_by(number, (0.1 * f64::from(number)).sin()));
+        }
+        let world = mapper.world.as_ref().unwrap();
+        let due = Due {
+            tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
+            start: Start::Even,
+            is_live: false,
+        };
+        let (map, history) = (&mapper.gaussians, &mapper.history);
+        let terms = terms(&mapper);
+        let mut workout = Workout::begin(world, map, history, due, terms, &mut Vec::new());
+        let (mut with_pings, mut without) = (0, Vec::new());
+        while !workout.is_done() {
+            let effort = workout.advance(world, &mapper.seabed);
+            match effort.pairs {
+                0 if effort.beside_pairs > 0 => without.push(effort.beside_pairs),
+                pairs => with_pings += pairs,
+            }
+        }
+        assert!(with_pings > 0 && workout.change_pairs() > 0);
+        // Filled again, verdicts twice, and split or laid along the surface.
+        assert!(without.len() >= 4, "{without:?}");
+        assert_eq!(without.last(), Some(&workout.change_pairs()));
     }
 
     #[test]

@@ -24,8 +24,6 @@ use crate::spawn::gaussians::{Gaussians, Stage};
 use crate::spawn::kept::Kept;
 use crate::spawn::lobes::Lobes;
 
-/// Sums are made per so many pings and added in order, so that threads do not change them.
-const CHUNK: usize = 32;
 const CHUNKS_AT_ONCE: usize = 8;
 /// A portion has at least so many, however many pairs they have: with one chunk one thread works and the others wait.
 const LEAST_CHUNKS: usize = 2;
@@ -49,6 +47,9 @@ pub(crate) enum Pace {
 
 /// What is summed over pings for a Gaussian.
 pub(crate) trait Sum: Default + Clone + Send {
+    /// Sums are made per so many pings and added in order, so that threads do not change them.
+    const CHUNK: usize = 32;
+
     /// Adds what another chunk of pings found.
     fn join(&mut self, part: &Self);
 }
@@ -89,8 +90,8 @@ impl<T: Sum + Sync> Pass<T> {
         count: usize,
         each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
     ) -> u64 {
-        let chunks = count.div_ceil(CHUNK).max(LEAST_CHUNKS);
-        let end = (self.done + chunks * CHUNK).min(self.pings.len());
+        let chunks = count.div_ceil(T::CHUNK).max(LEAST_CHUNKS);
+        let end = (self.done + chunks * T::CHUNK).min(self.pings.len());
         let slot_count = scene.gaussians.slot_count();
         let of_chunk = |chunk: &[Arc<Past>]| {
             let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
@@ -104,8 +105,8 @@ impl<T: Sum + Sync> Pass<T> {
         };
         let mut pairs = 0;
         // A few chunks at a time: all at once would take more room than the map.
-        for chunks in self.pings[self.done..end].chunks(CHUNK * CHUNKS_AT_ONCE) {
-            let parts: Vec<(Tally<T>, u64)> = chunks.par_chunks(CHUNK).map(of_chunk).collect();
+        for chunks in self.pings[self.done..end].chunks(T::CHUNK * CHUNKS_AT_ONCE) {
+            let parts: Vec<(Tally<T>, u64)> = chunks.par_chunks(T::CHUNK).map(of_chunk).collect();
             for (tally, of_part) in parts {
                 for (slot, sum) in tally.sums() {
                     self.sums[slot].join(sum);

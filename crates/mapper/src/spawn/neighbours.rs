@@ -14,8 +14,9 @@ use crate::spawn::gaussians::Gaussians;
 #[derive(Debug)]
 pub(crate) struct Neighbours {
     cell_m: f32,
-    /// In order of z, y, x.
     cells: Vec<Cell>,
+    /// [`order_of`] each cell; they are in this order.
+    orders: Vec<u128>,
     /// In order of cell, then of slot.
     places: Vec<Place>,
 }
@@ -29,9 +30,8 @@ struct Cell {
 
 #[derive(Debug, Clone, Copy)]
 struct Place {
-    cell: IVec3,
     mean_m: Vec3,
-    slot: usize,
+    slot: u32,
     strength: f32,
 }
 
@@ -50,39 +50,54 @@ impl Surroundings<'_> {
         let reach_m2 = self.reach_m * self.reach_m;
         let is_near =
             move |place: &&Place| place.mean_m.distance_squared(self.center_m) <= reach_m2;
-        self.near.iter().filter(is_near).map(|place| place.slot)
+        self.near
+            .iter()
+            .filter(is_near)
+            .map(|place| place.slot as usize)
     }
 }
 
 impl Neighbours {
     /// Of the Gaussians that `keep` lets in, for questions of what is within `reach_m`.
     pub(crate) fn new(gaussians: &Gaussians, reach_m: f32, keep: impl Fn(usize) -> bool) -> Self {
-        let slots: Vec<usize> = gaussians.slots().filter(|&slot| keep(slot)).collect();
-        let place = |slot: usize| Place {
-            cell: (gaussians.mean_m[slot] / reach_m).floor().as_ivec3(),
-            mean_m: gaussians.mean_m[slot],
-            slot,
-            strength: gaussians.strongest(slot),
+        let cell_of = |slot: usize| (gaussians.mean_m[slot] / reach_m).floor().as_ivec3();
+        // Cell and slot in one number, which sorts faster than what they stand for.
+        let kept = gaussians.slots().filter(|&slot| keep(slot));
+        let mut keys: Vec<u128> = kept
+            .map(|slot| order_of(cell_of(slot)) << 32 | slot as u128)
+            .collect();
+        keys.par_sort_unstable();
+        let place = |&key: &u128| {
+            let slot = key as u32;
+            Place {
+                mean_m: gaussians.mean_m[slot as usize],
+                slot,
+                strength: gaussians.strongest(slot as usize),
+            }
         };
-        let mut places: Vec<Place> = slots.into_par_iter().map(place).collect();
-        places.par_sort_unstable_by_key(|place| (order_of(place.cell), place.slot));
-        let mut cells: Vec<Cell> = Vec::new();
-        for (index, place) in places.iter().enumerate() {
+        let places: Vec<Place> = keys.par_iter().map(place).collect();
+        let (mut cells, mut orders): (Vec<Cell>, Vec<u128>) = (Vec::new(), Vec::new());
+        for (index, (key, place)) in keys.iter().zip(&places).enumerate() {
+            let order = key >> 32;
             match cells.last_mut() {
-                Some(last) if last.at == place.cell => {
+                Some(last) if orders.last() == Some(&order) => {
                     last.members.end = index + 1;
                     last.strongest = last.strongest.max(place.strength);
                 }
-                _ => cells.push(Cell {
-                    at: place.cell,
-                    members: index..index + 1,
-                    strongest: place.strength,
-                }),
+                _ => {
+                    orders.push(order);
+                    cells.push(Cell {
+                        at: cell_of(place.slot as usize),
+                        members: index..index + 1,
+                        strongest: place.strength,
+                    });
+                }
             }
         }
         Self {
             cell_m: reach_m,
             cells,
+            orders,
             places,
         }
     }
@@ -95,7 +110,7 @@ impl Neighbours {
     ) -> Vec<(usize, T)> {
         let of_cell = |near: &mut Vec<Place>, cell: &Cell| {
             let members = self.members(cell).iter();
-            let members: Vec<&Place> = members.filter(|place| asked(place.slot)).collect();
+            let members: Vec<&Place> = members.filter(|place| asked(place.slot as usize)).collect();
             if members.is_empty() {
                 return Vec::new();
             }
@@ -105,12 +120,12 @@ impl Neighbours {
             }
             let found = members.into_iter().map(|place| {
                 let around = Surroundings {
-                    slot: place.slot,
+                    slot: place.slot as usize,
                     center_m: place.mean_m,
                     reach_m: self.cell_m,
                     near,
                 };
-                (place.slot, each(around))
+                (place.slot as usize, each(around))
             });
             found.collect::<Vec<_>>()
         };
@@ -118,39 +133,43 @@ impl Neighbours {
         found.flatten_iter().collect()
     }
 
-    /// The strongest strength within reach of those Gaussians held that are `asked` for, with their
-    /// slots.
-    pub(crate) fn peaks(&self, asked: impl Fn(usize) -> bool + Sync) -> Vec<(usize, f32)> {
+    /// Whether something within reach is so strong that they are at most `part` of it, of those Gaussians held that are
+    /// `asked` for, in a fixed order. What has no strength always is.
+    pub(crate) fn outshone(
+        &self,
+        part: f32,
+        asked: impl Fn(usize) -> bool + Sync,
+    ) -> Vec<(usize, bool)> {
         let of_cell = |cell: &Cell| {
-            let is_asked = |place: &&Place| asked(place.slot);
-            if !self.members(cell).iter().any(|place| is_asked(&place)) {
-                return Vec::new();
-            }
-            let mut beside: Vec<&Cell> = self.around(cell.at).collect();
-            // The strongest first: most of the others need no look.
-            beside.sort_unstable_by(|a, b| b.strongest.total_cmp(&a.strongest));
-            let peak_of = |place: &Place| (place.slot, self.peak_among(&beside, place));
-            let members = self.members(cell).iter();
-            members.filter(is_asked).map(peak_of).collect::<Vec<_>>()
+            let is_asked = |place: &&Place| asked(place.slot as usize);
+            let asked: Vec<&Place> = self.members(cell).iter().filter(is_asked).collect();
+            let weakest = asked.iter().map(|place| place.strength);
+            let weakest = weakest.fold(f32::INFINITY, f32::min);
+            // Most cells hold nothing that is strong enough.
+            let beside: Vec<&Cell> = match asked.is_empty() {
+                true => Vec::new(),
+                false => self
+                    .around(cell.at)
+                    .filter(|cell| outshines(cell.strongest, weakest, part))
+                    .collect(),
+            };
+            let is_outshone = |place: &Place| beside.iter().any(|cell| self.has(cell, place, part));
+            let found = asked
+                .into_iter()
+                .map(|place| (place.slot as usize, is_outshone(place)));
+            found.collect::<Vec<_>>()
         };
         self.cells.par_iter().map(of_cell).flatten_iter().collect()
     }
 
-    fn peak_among(&self, cells: &[&Cell], place: &Place) -> f32 {
+    /// Whether the cell has something within reach that outshines the place.
+    fn has(&self, cell: &Cell, place: &Place, part: f32) -> bool {
         let reach_m2 = self.cell_m * self.cell_m;
-        let mut peak = place.strength;
-        for cell in cells {
-            if cell.strongest <= peak {
-                return peak;
-            }
-            for other in self.members(cell) {
-                let is_near = other.mean_m.distance_squared(place.mean_m) <= reach_m2;
-                if is_near && other.strength > peak {
-                    peak = other.strength;
-                }
-            }
-        }
-        peak
+        outshines(cell.strongest, place.strength, part)
+            && self.members(cell).iter().any(|other| {
+                outshines(other.strength, place.strength, part)
+                    && other.mean_m.distance_squared(place.mean_m) <= reach_m2
+            })
     }
 
     fn members(&self, cell: &Cell) -> &[Place] {
@@ -164,15 +183,23 @@ impl Neighbours {
             let row = center.saturating_add(row);
             let first = order_of(row.saturating_sub(IVec3::X));
             let last = order_of(row.saturating_add(IVec3::X));
-            let start = self.cells.partition_point(|cell| order_of(cell.at) < first);
-            let in_row = self.cells[start..].iter();
-            in_row.take_while(move |cell| order_of(cell.at) <= last)
+            let start = self.orders.partition_point(|&order| order < first);
+            let in_row = self.orders[start..].iter().zip(&self.cells[start..]);
+            let in_row = in_row.take_while(move |&(&order, _)| order <= last);
+            in_row.map(|(_, cell)| cell)
         })
     }
 }
 
-fn order_of(cell: IVec3) -> (i32, i32, i32) {
-    (cell.z, cell.y, cell.x)
+/// Whether the weaker strength is at most `part` of the stronger; none at all always is.
+fn outshines(stronger: f32, weaker: f32, part: f32) -> bool {
+    !(weaker > part * stronger.max(f32::MIN_POSITIVE))
+}
+
+/// Cells in order of z, y, x.
+fn order_of(cell: IVec3) -> u128 {
+    let from_zero = |of: i32| u128::from(of.cast_unsigned() ^ 1 << 31);
+    from_zero(cell.z) << 64 | from_zero(cell.y) << 32 | from_zero(cell.x)
 }
 
 #[cfg(test)]
@@ -206,12 +233,23 @@ mod tests {
     }
 
     #[test]
-    fn a_peak_is_the_strongest_within_reach() {
+    fn what_is_far_stronger_outshines_within_reach() {
         let mut gaussians = Gaussians::default();
-        for (x, strength) in [(0.0, 1.0), (0.3, 3.0), (0.65, 2.0), (1.2, 0.5)] {
+        let row = [
+            (0.0, 1.0),
+            (0.3, 3.0),
+            (0.65, 2.0),
+            (0.7, 0.2),
+            (1.2, 0.2),
+            (3.0, 0.0),
+        ];
+        for (x, strength) in row {
             gaussians.spawn(Vec3::new(x, 0.0, 0.0), (0, 0), 0.1, strength);
         }
-        let peaks = Neighbours::new(&gaussians, 0.4, |_| true).peaks(|slot| slot != 1);
-        assert_eq!(peaks, [(0, 3.0), (2, 3.0), (3, 0.5)]);
+        let neighbours = Neighbours::new(&gaussians, 0.4, |_| true);
+        let outshone = |part: f32| neighbours.outshone(part, |slot| slot != 1);
+        let of = |so: [bool; 5]| [0, 2, 3, 4, 5].into_iter().zip(so).collect::<Vec<_>>();
+        assert_eq!(outshone(0.4), of([true, false, true, false, true]));
+        assert_eq!(outshone(0.05), of([false, false, false, false, true]));
     }
 }

@@ -60,6 +60,37 @@ const SAMPLE: usize = 64;
 /// Pairs of a portion, about 10 ms on two cores; of a crowded map it has more, since it has at least two chunks of pings.
 const PORTION_PAIRS: f64 = 2e6;
 
+/// A pair of an assessment takes as long as so many of a step.
+const PAIRS_OF_A_FINDING: u64 = 2;
+/// What looks around every Gaussian and at no ping takes as long as so many pairs of each: beginning and ending a
+/// work-out, filling again, verdicts, shapes. Letting go of some takes a tenth of it.
+const PAIRS_OF_A_CHANGE: u64 = 50;
+
+/// What a portion took.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Effort {
+    /// Pairs of a ping and a Gaussian.
+    pub(crate) pairs: u64,
+    /// Steps' pairs that take as long as what was done beside those.
+    pub(crate) beside_pairs: u64,
+}
+
+impl Effort {
+    fn of(pairs: u64) -> Self {
+        Self {
+            pairs,
+            beside_pairs: 0,
+        }
+    }
+
+    fn beside(beside_pairs: u64) -> Self {
+        Self {
+            pairs: 0,
+            beside_pairs,
+        }
+    }
+}
+
 /// Voxels of a block, a bit each.
 type Mask = [u64; VOXELS / 64];
 
@@ -77,6 +108,7 @@ enum Doing {
     Strengthen(Pass<StepSums>, f32, Pace),
     Localise(Pass<Pull>),
     Assess(Pass<Finding>, Rule, f32),
+    Judge(Vec<Finding>, f32),
 }
 
 /// Some tiles while they are worked out.
@@ -289,17 +321,25 @@ impl Workout {
         self.doing.is_none() && self.actions.is_empty()
     }
 
-    /// Does the next portion. Returns pairs done.
-    pub(crate) fn advance(&mut self, world: &World, seabed: &Seabed) -> u64 {
-        match self.doing.take() {
-            Some(doing) => self.go_on(doing, world, seabed),
-            None => {
-                if let Some(action) = self.actions.pop_front() {
-                    self.begin_action(action, world);
-                }
-                0
-            }
+    /// Does the next portion.
+    pub(crate) fn advance(&mut self, world: &World, seabed: &Seabed) -> Effort {
+        if let Some(doing) = self.doing.take() {
+            return self.go_on(doing, world, seabed);
         }
+        let Some(action) = self.actions.pop_front() else {
+            return Effort::default();
+        };
+        let change_pairs = self.change_pairs();
+        self.begin_action(action, world);
+        match action {
+            Action::Refill | Action::Split | Action::Align => Effort::beside(change_pairs),
+            _ => Effort::default(),
+        }
+    }
+
+    /// Pairs that take as long as a look around every Gaussian.
+    pub(crate) fn change_pairs(&self) -> u64 {
+        PAIRS_OF_A_CHANGE * self.draft.alive_count() as u64
     }
 
     fn begin_action(&mut self, action: Action, world: &World) {
@@ -357,12 +397,11 @@ impl Workout {
         self.pairs_per_ping *= self.draft.alive_count() as f64 / before;
     }
 
-    fn go_on(&mut self, doing: Doing, world: &World, seabed: &Seabed) -> u64 {
+    fn go_on(&mut self, doing: Doing, world: &World, seabed: &Seabed) -> Effort {
         let count = (PORTION_PAIRS / self.pairs_per_ping.max(1.0)) as usize + 1;
-        let pairs;
         match doing {
             Doing::Strengthen(mut pass, stride, pace) => {
-                pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
+                let pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
                 if pass.is_done() {
                     let (sums, all, looks) = pass.finish();
                     self.worked(all, looks);
@@ -372,9 +411,10 @@ impl Workout {
                 } else {
                     self.doing = Some(Doing::Strengthen(pass, stride, pace));
                 }
+                Effort::of(pairs)
             }
             Doing::Localise(mut pass) => {
-                pairs = pass.advance(self.scene(world, false), count, pulls_of_ping);
+                let pairs = pass.advance(self.scene(world, false), count, pulls_of_ping);
                 if pass.is_done() {
                     let (pulls, all, looks) = pass.finish();
                     self.worked(all, looks);
@@ -382,22 +422,29 @@ impl Workout {
                 } else {
                     self.doing = Some(Doing::Localise(pass));
                 }
+                Effort::of(pairs)
             }
             Doing::Assess(mut pass, rule, stride) => {
                 let draft = &self.draft;
                 let each = |tally: &mut _, desk: &mut Desk, past: &_, sight: &_| {
                     findings_of_ping(tally, desk, past, sight, draft, rule);
                 };
-                pairs = pass.advance(self.scene(world, true), count, each);
-                if pass.is_done() {
-                    let (findings, ..) = pass.finish();
-                    self.judge(findings, stride, seabed);
-                } else {
-                    self.doing = Some(Doing::Assess(pass, rule, stride));
+                let count = count.div_ceil(PAIRS_OF_A_FINDING as usize);
+                let pairs = pass.advance(self.scene(world, true), count, each);
+                self.doing = Some(match pass.is_done() {
+                    true => Doing::Judge(pass.finish().0, stride),
+                    false => Doing::Assess(pass, rule, stride),
+                });
+                Effort {
+                    pairs,
+                    beside_pairs: (PAIRS_OF_A_FINDING - 1) * pairs,
                 }
             }
+            Doing::Judge(findings, stride) => {
+                self.judge(findings, stride, seabed);
+                Effort::beside(self.change_pairs())
+            }
         }
-        pairs
     }
 
     fn worked(&mut self, pairs: u64, looks: usize) {
