@@ -54,14 +54,18 @@ impl CommonError {
             false => (&*self, other),
         };
         let (early_part, late_part) = (early.weight / weight, late.weight / weight);
-        let left_after = |from: f64, to: f64| (from - to).min(0.0).exp() as f32;
-        let between = match late.first < early.last {
-            true => (early.shared * late.shared).sqrt(),
-            false => {
-                early.shared_with_last * late.shared_with_first * left_after(early.last, late.first)
-            }
-        };
         let last = early.last.max(late.last);
+        let (of_early, of_late) = (left_after(early.last, last), left_after(late.last, last));
+        let between = if late.first < early.last {
+            (early.shared * late.shared).sqrt()
+        } else {
+            // Of a single look that comes after the others it is the same.
+            let gap = match late.first < last {
+                true => left_after(early.last, late.first),
+                false => of_early,
+            };
+            early.shared_with_last * late.shared_with_first * gap
+        };
         let mut weighted_m2 = self.weighted_m2;
         add(&mut weighted_m2, &other.weighted_m2);
         *self = Self {
@@ -74,8 +78,8 @@ impl CommonError {
                 + 2.0 * early_part * late_part * between,
             shared_with_first: early_part * early.shared_with_first
                 + late_part * late.shared_with_first * left_after(early.first, late.first),
-            shared_with_last: early_part * early.shared_with_last * left_after(early.last, last)
-                + late_part * late.shared_with_last * left_after(late.last, last),
+            shared_with_last: early_part * early.shared_with_last * of_early
+                + late_part * late.shared_with_last * of_late,
         };
     }
 
@@ -94,6 +98,14 @@ impl CommonError {
             true => SymmetricMat3::default(),
             false => times(self.weighted_m2, self.shared / self.weight),
         }
+    }
+}
+
+/// What is left of an error at a time `from`, at `to`, both in time constants of it.
+fn left_after(from: f64, to: f64) -> f32 {
+    match from < to {
+        true => ((from - to) as f32).exp(),
+        false => 1.0,
     }
 }
 

@@ -8,8 +8,8 @@
 //! Deliberately absent: waves, tide, bent sound; heights more than 18 m above the first ping; surfaces whose images are
 //! never heard by echoes strong enough to ask.
 //!
-//! Cost: every fourth ping, or every one once a height is told, one projection for each confident Gaussian in reach, and
-//! for at most 8 strong echoes 500 heights.
+//! Cost: every fourth ping, or every one once a height is told, a distance for each confident Gaussian in reach, a projection for those
+//! at the ranges of at most 8 strong echoes, and for each of these 500 heights.
 
 use echosplat_acoustics::{Look, SymmetricMat3};
 use echosplat_model::glam::Vec3;
@@ -120,9 +120,15 @@ impl Mirror {
         if peaks.is_empty() {
             return;
         }
-        let loudest = self.loudest(look, intensity.len());
-        for &bin in peaks.iter().step_by(peaks.len() / MOST_ASKED + 1) {
-            let around = &loudest[bin.saturating_sub(1)..(bin + 2).min(loudest.len())];
+        let around = |bin: usize| bin.saturating_sub(1)..(bin + 2).min(intensity.len());
+        let asked = peaks.iter().step_by(peaks.len() / MOST_ASKED + 1);
+        let mut is_wanted = vec![false; intensity.len()];
+        for &bin in asked.clone() {
+            is_wanted[around(bin)].fill(true);
+        }
+        let loudest = self.loudest(look, &is_wanted);
+        for &bin in asked {
+            let around = &loudest[around(bin)];
             let source = around.iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
             if let Some(&(_, place_m)) = source {
                 let is_image = |power: f32| power > profile.threshold() && power < intensity[bin];
@@ -131,19 +137,19 @@ impl Mirror {
         }
     }
 
-    /// The Gaussian whose echo should be the loudest of each bin: its energy and place.
-    fn loudest(&self, look: &Look, bin_count: usize) -> Vec<Option<(f32, Vec3)>> {
-        let mut loudest = vec![None; bin_count];
+    /// The Gaussian whose echo should be the loudest of each bin that is wanted: its energy and place.
+    fn loudest(&self, look: &Look, is_wanted: &[bool]) -> Vec<Option<(f32, Vec3)>> {
+        let mut loudest = vec![None; is_wanted.len()];
         for source in &self.sources {
-            let Some(splat) = look.project(source.mean_m, &source.covariance_m2) else {
-                continue;
-            };
-            let energy = splat.energy * source.strength;
             let range_m = source.mean_m.distance(look.pose.position_m);
-            if let Some(bin) = bin_at(look, range_m).and_then(|bin| loudest.get_mut(bin))
-                && bin.is_none_or(|(most, _)| energy > most)
+            let bin = bin_at(look, range_m).filter(|&bin| is_wanted.get(bin) == Some(&true));
+            if let Some(bin) = bin
+                && let Some(splat) = look.project(source.mean_m, &source.covariance_m2)
             {
-                *bin = Some((energy, source.mean_m));
+                let energy = splat.energy * source.strength;
+                if loudest[bin].is_none_or(|(most, _)| energy > most) {
+                    loudest[bin] = Some((energy, source.mean_m));
+                }
             }
         }
         loudest

@@ -257,8 +257,10 @@ impl Mapper {
             .install(|| evidence.integrate(history, start, extent));
         let strength = NEWBORN_STRENGTH * self.unit_strength;
         let spawn = self.config.spawn_evidence;
-        let (added, pruned) =
-            births::follow_evidence(evidence, &mut self.gaussians, spawn, strength);
+        let map = &mut self.gaussians;
+        let (added, pruned) = self
+            .pool
+            .install(|| births::follow_evidence(evidence, map, spawn, strength));
         InsertReport {
             slice_taken_in: true,
             added,

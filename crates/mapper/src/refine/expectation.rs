@@ -10,6 +10,7 @@ use std::sync::Arc;
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_acoustics::packed::Row;
 use echosplat_model::glam::Vec3;
+use rayon::current_num_threads;
 use rayon::prelude::*;
 
 use crate::accumulate::evidence::Evidence;
@@ -107,12 +108,8 @@ impl<T: Sum + Sync> Pass<T> {
         // A few chunks at a time: all at once would take more room than the map.
         for chunks in self.pings[self.done..end].chunks(T::CHUNK * CHUNKS_AT_ONCE) {
             let parts: Vec<(Tally<T>, u64)> = chunks.par_chunks(T::CHUNK).map(of_chunk).collect();
-            for (tally, of_part) in parts {
-                for (slot, sum) in tally.sums() {
-                    self.sums[slot].join(sum);
-                }
-                pairs += of_part;
-            }
+            pairs += parts.iter().map(|(_, of_part)| of_part).sum::<u64>();
+            join(&mut self.sums, &parts);
         }
         self.done = end;
         self.pairs += pairs;
@@ -123,6 +120,20 @@ impl<T: Sum + Sync> Pass<T> {
     pub(crate) fn finish(self) -> (Vec<T>, u64, usize) {
         (self.sums, self.pairs, self.pings.len())
     }
+}
+
+/// Adds the sums of some chunks in their order; each thread those of some of the slots.
+fn join<T: Sum + Sync>(sums: &mut [T], parts: &[(Tally<T>, u64)]) {
+    let each = sums.len().div_ceil(current_num_threads()).max(1);
+    let shares = sums.par_chunks_mut(each).enumerate();
+    shares.for_each(|(share, sums)| {
+        let first = share * each;
+        for (slot, sum) in parts.iter().flat_map(|(tally, _)| tally.sums()) {
+            if let Some(of_slot) = slot.checked_sub(first).and_then(|at| sums.get_mut(at)) {
+                of_slot.join(sum);
+            }
+        }
+    });
 }
 
 /// Numerator and denominator of the multiplicative step, per side.

@@ -1,6 +1,8 @@
 //! Births and deaths: Gaussians follow the evidence until they are worked out.
 
-use crate::accumulate::evidence::{Block, Evidence, Horizon, VOXELS};
+use rayon::prelude::*;
+
+use crate::accumulate::evidence::{Block, BlockIndex, Evidence, Horizon, VOXELS};
 use crate::spawn::gaussians::{Gaussians, Stage};
 
 /// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
@@ -10,6 +12,15 @@ const DROP_EVIDENCE: f32 = 0.0;
 const SPAWN_PART: f32 = 0.15;
 const DROP_PART: f32 = 0.1;
 
+/// What the evidence now says of a block.
+struct Change {
+    index: BlockIndex,
+    /// Slots without evidence enough to stay.
+    gone: Vec<u32>,
+    /// Voxels with enough to begin.
+    born: Vec<u16>,
+}
+
 /// Births and deaths where evidence changed. What was worked out stays until it is again.
 pub(crate) fn follow_evidence(
     evidence: &mut Evidence,
@@ -17,35 +28,53 @@ pub(crate) fn follow_evidence(
     spawn_evidence: f32,
     strength: f32,
 ) -> (u64, u64) {
-    let (mut added, mut pruned) = (0, 0);
     let scale_m = 0.5 * evidence.voxel_m();
-    for index in evidence.take_touched() {
-        let block = evidence.block(index);
-        if block.gaussians.is_empty() && block.best < spawn_evidence {
-            continue;
-        }
-        let (key, (sums, best)) = (block.key, evidence.of(block, Horizon::Quarters));
+    let touched: Vec<BlockIndex> = evidence.take_touched().into_iter().collect();
+    let change = |&index: &BlockIndex| change(evidence, gaussians, index, spawn_evidence);
+    let changes: Vec<Change> = touched.par_iter().filter_map(change).collect();
+    let (mut added, mut pruned) = (0, 0);
+    for Change { index, gone, born } in changes {
         let block = evidence.block_mut(index);
-        let least = DROP_EVIDENCE.max(DROP_PART * best);
-        let before = block.gaussians.len();
-        block.gaussians.retain(|&(voxel, slot)| {
-            let is_newborn = gaussians.stage[slot as usize] == Stage::Newborn;
-            let stays = !is_newborn || sums[usize::from(voxel)] > least;
-            if !stays {
-                gaussians.remove(slot);
-            }
-            stays
-        });
-        pruned += (before - block.gaussians.len()) as u64;
-        let enough = spawn_evidence.max(SPAWN_PART * best);
-        for voxel in births(block, &sums, enough) {
+        if !gone.is_empty() {
+            block.gaussians.retain(|(_, slot)| !gone.contains(slot));
+        }
+        for &slot in &gone {
+            gaussians.remove(slot);
+        }
+        let key = block.key;
+        pruned += gone.len() as u64;
+        added += born.len() as u64;
+        for voxel in born {
             let center_m = evidence.center_m(key, voxel.into());
             let slot = gaussians.spawn(center_m, (index, voxel), scale_m, strength);
             evidence.block_mut(index).gaussians.push((voxel, slot));
-            added += 1;
         }
     }
     (added, pruned)
+}
+
+fn change(
+    evidence: &Evidence,
+    gaussians: &Gaussians,
+    index: BlockIndex,
+    spawn_evidence: f32,
+) -> Option<Change> {
+    let block = evidence.block(index);
+    if block.gaussians.is_empty() && block.best < spawn_evidence {
+        return None;
+    }
+    let (sums, best) = evidence.of(block, Horizon::Quarters);
+    let least = DROP_EVIDENCE.max(DROP_PART * best);
+    let is_gone = |&&(voxel, slot): &&(u16, u32)| {
+        let is_newborn = gaussians.stage[slot as usize] == Stage::Newborn;
+        is_newborn && !(sums[usize::from(voxel)] > least)
+    };
+    let gone = block.gaussians.iter().filter(is_gone);
+    Some(Change {
+        index,
+        gone: gone.map(|&(_, slot)| slot).collect(),
+        born: births(block, &sums, spawn_evidence.max(SPAWN_PART * best)),
+    })
 }
 
 /// Voxels of a block that hold enough evidence for a candidate, or a Gaussian and not too little.

@@ -59,10 +59,15 @@ impl Surroundings<'_> {
 
 impl Neighbours {
     /// Of the Gaussians that `keep` lets in, for questions of what is within `reach_m`.
-    pub(crate) fn new(gaussians: &Gaussians, reach_m: f32, keep: impl Fn(usize) -> bool) -> Self {
+    pub(crate) fn new(
+        gaussians: &Gaussians,
+        reach_m: f32,
+        keep: impl Fn(usize) -> bool + Sync,
+    ) -> Self {
         let cell_of = |slot: usize| (gaussians.mean_m[slot] / reach_m).floor().as_ivec3();
         // Cell and slot in one number, which sorts faster than what they stand for.
-        let kept = gaussians.slots().filter(|&slot| keep(slot));
+        let slots = (0..gaussians.slot_count()).into_par_iter();
+        let kept = slots.filter(|&slot| gaussians.alive[slot] && keep(slot));
         let mut keys: Vec<u128> = kept
             .map(|slot| order_of(cell_of(slot)) << 32 | slot as u128)
             .collect();

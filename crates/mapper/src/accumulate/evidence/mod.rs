@@ -171,20 +171,19 @@ impl Evidence {
         near.sort_unstable();
         near.dedup();
         // Only these are gone through, however large the map.
-        let take = |index: BlockIndex| (index, std::mem::take(&mut self.blocks[index as usize]));
-        let mut taken: Vec<(BlockIndex, Block)> = near.into_iter().map(take).collect();
+        let blocks = all_of(&mut self.blocks, &near);
         let voxel_m = self.voxel_m;
-        let tell = |(index, block): &mut (BlockIndex, Block)| match fresh.contains(index) {
+        let tell = |(index, block): (BlockIndex, &mut Block)| match fresh.contains(&index) {
             true => block.integrate_all(history, voxel_m, extent),
             false => block.integrate(slice, voxel_m, extent),
         };
-        let looks: Vec<u64> = taken.par_iter_mut().with_min_len(16).map(tell).collect();
-        for ((index, block), &looks) in taken.into_iter().zip(&looks) {
-            self.blocks[index as usize] = block;
-            if looks > 0 {
-                self.touched.insert(index);
-            }
-        }
+        let blocks = blocks.into_par_iter().with_min_len(16);
+        let looks: Vec<u64> = blocks.map(tell).collect();
+        let told = near.into_iter().zip(&looks);
+        self.touched.extend(
+            told.filter(|(_, looks)| **looks > 0)
+                .map(|(index, _)| index),
+        );
         self.lay_away();
         looks.iter().sum()
     }
@@ -417,4 +416,15 @@ fn arc_points(look: &Look, range_m: f32, step_m: f32, mut each: impl FnMut(Vec3)
             each(look.pose.position_m + axes * q);
         }
     }
+}
+
+/// The blocks at indices that ascend.
+fn all_of<'a>(blocks: &'a mut [Block], indices: &[BlockIndex]) -> Vec<(BlockIndex, &'a mut Block)> {
+    let (mut rest, mut next) = (blocks.iter_mut(), 0);
+    let find = |&index: &BlockIndex| {
+        let block = rest.nth((index - next) as usize)?;
+        next = index + 1;
+        Some((index, block))
+    };
+    indices.iter().filter_map(find).collect()
 }
