@@ -210,7 +210,10 @@ fn project_eight<S: Simd>(
     let end: i32x8<S> = view.bin_edge(mean_range_m + reach_m).ceil().to_int();
     let (first, end) = (first.to_array(), end.to_array());
 
-    let is_seen = fan.simd_gt(LEAST_FAN) & range_m.simd_gt(NEAREST_M) & energy.simd_ge(0.0);
+    let is_seen = fan.simd_gt(LEAST_FAN)
+        & range_m.simd_gt(NEAREST_M)
+        & energy.simd_ge(0.0)
+        & off.simd_le(BEAM_REACH_SIGMAS * BEAM_REACH_SIGMAS);
     let bits = is_seen.to_bitmask();
     let single = [
         mean_range_m,

@@ -166,7 +166,7 @@ impl Look {
         if !(fan > LEAST_FAN) {
             return None;
         }
-        Some(self.splat(
+        let splat = self.splat(
             q,
             lever_m,
             range_m,
@@ -174,7 +174,9 @@ impl Look {
             elevation_rad,
             fan,
             covariance_m2,
-        ))
+        );
+        let reach_rad2 = BEAM_REACH_SIGMAS * BEAM_REACH_SIGMAS * splat.azimuth_variance_rad2;
+        (azimuth_rad * azimuth_rad <= reach_rad2).then_some(splat)
     }
 
     /// (18), (19) and the closed forms of the measurement: beam folded in, `Ω`, `r′`, `s²`.
@@ -370,5 +372,22 @@ mod tests {
         ] {
             assert!(look.project(mean, &sphere).is_none(), "{mean}");
         }
+    }
+
+    #[test]
+    fn length_along_the_beam_does_not_bring_a_gaussian_into_it() {
+        let look = look();
+        let sigma_b = look.beam.azimuth_sigma_rad();
+        let total = (sigma_b * sigma_b + look.azimuth_variance_rad2).sqrt();
+        let long = SymmetricMat3 {
+            diagonal: Vec3::new(0.04, 1e-8, 1e-8),
+            mixed: Vec3::ZERO,
+        };
+        let seen = |sigmas: f32| {
+            let azimuth = sigmas * total;
+            let mean_m = Vec3::new(5.0 * azimuth.cos(), 5.0 * azimuth.sin(), 0.0);
+            look.project(mean_m, &long).is_some()
+        };
+        assert!(seen(0.95 * BEAM_REACH_SIGMAS) && !seen(1.3 * BEAM_REACH_SIGMAS));
     }
 }

@@ -59,7 +59,7 @@ const CONTINUED: f32 = 8.0;
 const CONTINUED_VOXELS: f32 = 6.0;
 const MUCH_STRONGER: f32 = 5.0;
 /// A mirror image this near is the same place; farther ones have to scatter by this much.
-const HARMLESS_MIRROR_M: f32 = 0.2;
+const HARMLESS_MIRROR_M: f32 = 0.1;
 const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
 /// Below this part of what the best place on its arcs explains, a Gaussian is explained away. Where
 /// all places explain alike nothing is: they are ambiguous together.
@@ -628,6 +628,18 @@ mod tests {
             *part = 1.0;
         }
         assert!((counts_beside(&gaussians, PART)(1.0) - 1.0).abs() < 1e-6);
+    }
+
+    #[test]
+    fn a_mirror_image_is_harmless_where_it_is_within_reach_of_the_place() {
+        let account = |mirror_m: f32| Account {
+            looks: 4.0,
+            mirror_m: 4.0 * mirror_m * Vec3::Z,
+            mirror_m2: 4.0 * mirror_m * mirror_m,
+            ..Account::default()
+        };
+        assert!(account(0.08).tells_from_mirror());
+        assert!(!account(0.19).tells_from_mirror());
     }
 
     #[test]
