@@ -59,7 +59,7 @@ const CONTINUED: f32 = 8.0;
 const CONTINUED_VOXELS: f32 = 6.0;
 const MUCH_STRONGER: f32 = 5.0;
 /// A mirror image this near is the same place; farther ones have to scatter by this much.
-const HARMLESS_MIRROR_M: f32 = 0.1;
+const HARMLESS_MIRROR_M: f32 = certainty::NEAR_M;
 const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
 /// Below this part of what the best place on its arcs explains, a Gaussian is explained away. Where
 /// all places explain alike nothing is: they are ambiguous together.

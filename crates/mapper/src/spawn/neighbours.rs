@@ -147,19 +147,20 @@ impl Neighbours {
     ) -> Vec<(usize, bool)> {
         let of_cell = |cell: &Cell| {
             let is_asked = |place: &&Place| asked(place.slot as usize);
-            let asked: Vec<&Place> = self.members(cell).iter().filter(is_asked).collect();
-            let weakest = asked.iter().map(|place| place.strength);
-            let weakest = weakest.fold(f32::INFINITY, f32::min);
+            let members: Vec<&Place> = self.members(cell).iter().filter(is_asked).collect();
+            if members.is_empty() {
+                return Vec::new();
+            }
+            let strengths = members.iter().map(|place| place.strength);
+            let weakest = strengths.fold(f32::INFINITY, f32::min);
             // Most cells hold nothing that is strong enough.
-            let beside: Vec<&Cell> = match asked.is_empty() {
-                true => Vec::new(),
-                false => self
-                    .around(cell.at)
-                    .filter(|cell| outshines(cell.strongest, weakest, part))
-                    .collect(),
-            };
-            let is_outshone = |place: &Place| beside.iter().any(|cell| self.has(cell, place, part));
-            let found = asked
+            let around = self.around(cell.at);
+            let beside: Vec<&Cell> = around
+                .filter(|cell| outshines(cell.strongest, weakest, part))
+                .collect();
+            let is_outshone =
+                |place: &Place| beside.iter().any(|cell| self.outshine(cell, place, part));
+            let found = members
                 .into_iter()
                 .map(|place| (place.slot as usize, is_outshone(place)));
             found.collect::<Vec<_>>()
@@ -168,7 +169,7 @@ impl Neighbours {
     }
 
     /// Whether the cell has something within reach that outshines the place.
-    fn has(&self, cell: &Cell, place: &Place, part: f32) -> bool {
+    fn outshine(&self, cell: &Cell, place: &Place, part: f32) -> bool {
         let reach_m2 = self.cell_m * self.cell_m;
         outshines(cell.strongest, place.strength, part)
             && self.members(cell).iter().any(|other| {

@@ -171,7 +171,7 @@ impl Evidence {
         near.sort_unstable();
         near.dedup();
         // Only these are gone through, however large the map.
-        let blocks = all_of(&mut self.blocks, &near);
+        let blocks = blocks_at(&mut self.blocks, &near);
         let voxel_m = self.voxel_m;
         let tell = |(index, block): (BlockIndex, &mut Block)| match fresh.contains(&index) {
             true => block.integrate_all(history, voxel_m, extent),
@@ -419,7 +419,10 @@ fn arc_points(look: &Look, range_m: f32, step_m: f32, mut each: impl FnMut(Vec3)
 }
 
 /// The blocks at indices that ascend.
-fn all_of<'a>(blocks: &'a mut [Block], indices: &[BlockIndex]) -> Vec<(BlockIndex, &'a mut Block)> {
+fn blocks_at<'a>(
+    blocks: &'a mut [Block],
+    indices: &[BlockIndex],
+) -> Vec<(BlockIndex, &'a mut Block)> {
     let (mut rest, mut next) = (blocks.iter_mut(), 0);
     let find = |&index: &BlockIndex| {
         let block = rest.nth((index - next) as usize)?;

@@ -63,7 +63,7 @@ const PORTION_PAIRS: f64 = 2e6;
 /// A pair of an assessment takes as long as so many of a step.
 const PAIRS_OF_A_FINDING: u64 = 2;
 /// What looks around every Gaussian and at no ping takes as long as so many pairs of each: beginning and ending a
-/// work-out, filling again, verdicts, shapes. Letting go of some takes a tenth of it.
+/// work-out, filling again, verdicts, shapes. Letting go of some takes far less and is not counted.
 const PAIRS_OF_A_CHANGE: u64 = 50;
 
 /// What a portion took.
