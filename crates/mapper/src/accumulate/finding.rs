@@ -4,6 +4,7 @@ use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
 
 use super::common_error::CommonError;
+use crate::refine::expectation::Pull;
 
 /// What was seen of one Gaussian over all looks that lit it.
 #[derive(Debug, Clone, Copy, Default)]
@@ -59,16 +60,20 @@ pub(crate) struct Finding {
     pub(crate) account: Account,
     /// Fisher information of its mean, 1/m².
     pub(crate) information: SymmetricMat3,
+    /// What the gradient of its mean changes by were all echoes a metre nearer, 1/m².
+    pub(crate) nearer: Vec3,
     /// What its looks' poses make of its place.
     pub(crate) of_poses: CommonError,
 }
 
 impl Finding {
-    /// Of one look at a time in time constants of its pose's error, which makes `pose_m2` of the place.
-    pub(crate) fn of_look(information: SymmetricMat3, pose_m2: SymmetricMat3, at: f64) -> Self {
-        let weight = information.diagonal.element_sum();
+    /// Of one look, by what it says of the mean, at a time in time constants of its pose's error, which makes `pose_m2` of
+    /// the place.
+    pub(crate) fn of_look(pull: &Pull, pose_m2: SymmetricMat3, at: f64) -> Self {
+        let weight = pull.information.diagonal.element_sum();
         Self {
-            information,
+            information: pull.information,
+            nearer: pull.nearer,
             of_poses: CommonError::of_look(weight, pose_m2, at),
             ..Self::default()
         }
@@ -77,6 +82,7 @@ impl Finding {
     pub(crate) fn add(&mut self, part: &Self) {
         self.account.add(&part.account);
         add(&mut self.information, &part.information);
+        self.nearer += part.nearer;
         self.of_poses.add(&part.of_poses);
     }
 
@@ -85,6 +91,7 @@ impl Finding {
         Self {
             account: self.account.times(count),
             information: times(self.information, count),
+            nearer: self.nearer * count,
             of_poses: self.of_poses.times(count),
         }
     }
@@ -93,6 +100,7 @@ impl Finding {
     pub(crate) fn with_information(self, factor: f32) -> Self {
         Self {
             information: times(self.information, factor),
+            nearer: self.nearer * factor,
             of_poses: self.of_poses.times(factor),
             ..self
         }

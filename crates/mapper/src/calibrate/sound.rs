@@ -20,8 +20,7 @@ const MOST_STEPS: i32 = 5;
 /// there and 1.5 cm of a lever arm along the beam. Thicker piles are beyond it.
 const NEARER_M: f64 = 0.02;
 const NEARER_SIGMA_M: f64 = 0.019;
-/// Another speed of sound is asked for once more, of other pings, so many sigmas away, and believed so many.
-const ASKED_AGAIN_SIGMAS: f64 = 2.0;
+/// Another speed of sound is believed so many sigmas away.
 const BELIEVED_SIGMAS: f64 = 4.0;
 
 /// The top of a likelihood, as a part of the speed of sound, less 1.
@@ -39,9 +38,9 @@ impl Top {
         self.own_sigma.hypot(self.common_sigma)
     }
 
-    /// Whether more pings are worth asking.
+    /// Whether it is far enough off to be believed.
     pub(crate) fn is_off(&self) -> bool {
-        self.value.abs() > ASKED_AGAIN_SIGMAS * self.sigma()
+        self.value.abs() > BELIEVED_SIGMAS * self.sigma()
     }
 
     /// With one that other maps have: what they differ by is an error of both.
@@ -59,7 +58,7 @@ impl Top {
         Estimate {
             value: self.value,
             sigma: self.sigma(),
-            is_believed: is_likelihood && self.value.abs() > BELIEVED_SIGMAS * self.sigma(),
+            is_believed: is_likelihood && self.is_off(),
         }
     }
 }

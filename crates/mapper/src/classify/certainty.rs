@@ -22,6 +22,10 @@ const REACH_M: f64 = 10.0;
 /// A surface goes on within so many voxels.
 const SURFACE_VOXELS: f32 = 1.5;
 
+/// Half the thickness of what may be taken for one place while looks from two sides hear a face of it each: that of a pipe
+/// of 8 cm.
+const HALF_THICKNESS_M: f64 = 0.04;
+
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
 /// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M`; what they grow by
@@ -100,9 +104,9 @@ impl Certainty {
     }
 }
 
-/// `(H + P⁻¹)⁻¹ + C`: information `H` of its own pings, the place `P` that the surface around leaves it (the scatter of its
-/// neighbours, and as much as a voxel is wide) or any within reach, and the error `C` of the poses. What the parts of a
-/// split Gaussian know adds up.
+/// `(H + P⁻¹)⁻¹ + T + C`: information `H` of its own pings, the place `P` that the surface around leaves it (the scatter of its
+/// neighbours, and as much as a voxel is wide) or any within reach, what a thick body adds as `T`, and the error `C` of the
+/// poses. What the parts of a split Gaussian know adds up.
 fn covariance_m2(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f32) -> Mat3 {
     let information = finding.information.to_mat3().as_dmat3() * f64::from(part).powi(-2);
     let prior = match surface {
@@ -114,7 +118,23 @@ fn covariance_m2(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f
         None => DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2))),
     };
     let own_m2 = (information + prior).inverse();
-    own_m2.as_mat3() + finding.of_poses.variance_m2().to_mat3()
+    let anywhere = DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2)));
+    let nearer = finding.nearer.as_dvec3() * f64::from(part).powi(-2);
+    let of_thickness_m2 = of_thickness((information + anywhere).inverse() * nearer);
+    (own_m2 + of_thickness_m2).as_mat3() + finding.of_poses.variance_m2().to_mat3()
+}
+
+/// What a body's thickness makes of a place, square metres. Each look hears the face towards it, half a thickness nearer than the
+/// middle, and `off` is where the place goes, in half thicknesses from the middle. Looks from one side put it on the face that they
+/// hear, one away. Looks from two sides, all from above, agree on a place further above than the body reaches.
+fn of_thickness(off: DVec3) -> DMat3 {
+    let beyond = (off.length() - 1.0).max(0.0) * HALF_THICKNESS_M;
+    let beyond_m = off.normalize_or_zero() * beyond;
+    DMat3::from_cols(
+        beyond_m * beyond_m.x,
+        beyond_m * beyond_m.y,
+        beyond_m * beyond_m.z,
+    )
 }
 
 /// The scatter that a surface has across itself, of the scatter of what is seen of it within a ball of this radius. A
@@ -150,12 +170,58 @@ mod tests {
     use echosplat_model::glam::Vec3;
 
     use super::*;
+    use crate::refine::expectation::Pull;
 
     const VOXEL_M: f32 = 0.05;
 
     fn finding(information: Vec3, pose_m2: f32) -> Finding {
-        let information = SymmetricMat3::of(Mat3::from_diagonal(information));
-        Finding::of_look(information, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0)
+        let pull = Pull {
+            information: SymmetricMat3::of(Mat3::from_diagonal(information)),
+            ..Pull::default()
+        };
+        Finding::of_look(&pull, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0)
+    }
+
+    /// Of ranges along these directions, each as sure as one sigma says.
+    fn finding_along(directions: &[Vec3], sigma_m: f32) -> Finding {
+        let mut finding = Finding::default();
+        for away in directions.iter().map(|away| away.normalize()) {
+            let weight = sigma_m.powi(-2);
+            let square = Mat3::from_cols(away * away.x, away * away.y, away * away.z) * weight;
+            let pull = Pull {
+                information: SymmetricMat3::of(square),
+                nearer: -away * weight,
+                ..Pull::default()
+            };
+            finding.add(&Finding::of_look(&pull, SymmetricMat3::default(), 0.0));
+        }
+        finding
+    }
+
+    #[test]
+    fn what_is_heard_from_two_sides_and_from_above_alone_may_lie_above_the_body_that_it_is_of() {
+        let upwards_m = |finding: &Finding| {
+            let covariance = covariance_m2(finding, 1.0, None, VOXEL_M);
+            covariance.z_axis.z.sqrt()
+        };
+        let (left, right) = (Vec3::new(0.0, 1.0, -0.25), Vec3::new(0.0, -1.0, -0.25));
+        let along = Vec3::X;
+        let both = finding_along(&[left, right, along, -along], 1e-3);
+        // From each side the face towards it is heard; they meet 4.1 half thicknesses above the middle.
+        let above = 1.0_f32.hypot(0.25) / 0.25 - 1.0;
+        let expected_m = above * HALF_THICKNESS_M as f32;
+        assert!(
+            (upwards_m(&both) / expected_m - 1.0).abs() < 0.02,
+            "{}",
+            upwards_m(&both)
+        );
+        // What is seen from above and below as well is not off, and a face seen from its own side is where it is.
+        let (from_below, as_far) = (Vec3::new(0.0, 1.0, 0.25), Vec3::new(0.0, -1.0, 0.25));
+        let around = finding_along(&[left, right, from_below, as_far, along, -along], 1e-3);
+        assert!(upwards_m(&around) < 4e-3, "{}", upwards_m(&around));
+        let high = Vec3::new(0.0, 1.0, -1.0);
+        let face = finding_along(&[left, high, Vec3::new(0.3, 1.0, -0.6)], 1e-3);
+        assert!(upwards_m(&face) < 0.2 * expected_m, "{}", upwards_m(&face));
     }
 
     #[test]

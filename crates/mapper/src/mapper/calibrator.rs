@@ -119,7 +119,7 @@ impl Calibrator {
     }
 
     /// The likeliest speed of sound with what else was believed; `found` is the map with the configured one. A map of few
-    /// pings may be better than another by chance, so that what is off is asked once more of maps of other pings.
+    /// pings may be better than another by chance, so that what would be believed is asked once more of maps of other pings.
     fn sound(&self, told: &[Moving], verdict: &Verdict, found: &Mapped) -> Option<Estimate> {
         let range_m = mean_range_m(told)?;
         let blocks = |told: &[Moving], part: f64| {
@@ -133,13 +133,13 @@ impl Calibrator {
         })?;
         // Where poses smear echoes the likelihood is not that of the echoes.
         let is_likelihood = !self.blank.at_work.smeared;
-        if !first.is_off() {
+        if !(is_likelihood && first.is_off()) {
             return Some(first.told(is_likelihood));
         }
         // Those that the first maps were made of are held back now, and most of the others were.
         let others = told.get(1..)?;
         let second = sound::likeliest(range_m, |part| blocks(others, part))?;
-        Some(first.and(second).told(is_likelihood))
+        Some(first.and(second).told(true))
     }
 }
 

@@ -303,11 +303,13 @@ fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
     )
 }
 
-/// Gradient and Fisher information of the log likelihood in the mean of one Gaussian.
+/// Gradient and Fisher information of the log likelihood in the mean of one Gaussian, and what the gradient changes by were
+/// all echoes a metre nearer, 1/m².
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Pull {
     pub(crate) gradient: Vec3,
     pub(crate) information: SymmetricMat3,
+    pub(crate) nearer: Vec3,
 }
 
 impl Pull {
@@ -321,6 +323,7 @@ impl Pull {
         let [pull, push] = moments.residual.map(|sum| weight * sum);
         self.gradient += along * push + across * pull;
         let (by_along, by_across) = (along * bend + across * tilt, along * tilt + across * flat);
+        self.nearer -= by_along / splat.range_sigma_m;
         let information = &mut self.information;
         information.diagonal += by_along * along + by_across * across;
         information.mixed += Vec3::new(
@@ -334,6 +337,7 @@ impl Pull {
 impl Sum for Pull {
     fn join(&mut self, part: &Self) {
         self.gradient += part.gradient;
+        self.nearer += part.nearer;
         self.information.join(&part.information);
     }
 }
