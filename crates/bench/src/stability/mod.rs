@@ -5,6 +5,7 @@
 //! not theirs.
 
 mod crowds;
+mod cut;
 mod dive;
 mod frames;
 mod images;

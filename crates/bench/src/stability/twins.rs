@@ -1,11 +1,12 @@
 //! The kernels against their twins, and gradients against differences.
 
 use echosplat_acoustics::reference::online::{Cutoffs, numbers_of};
-use echosplat_acoustics::{GradientArrays, PARAMETER_COUNT, Real};
+use echosplat_acoustics::{GradientArrays, Real};
 use echosplat_paper::rendering::{PaperRenderer, Transmittance};
 use echosplat_paper::twin;
 
 use super::Row;
+use super::cut;
 use super::row::{Comparison, Label};
 use super::scene::{Numbers, Scene};
 use crate::draw::Draw;
@@ -60,18 +61,19 @@ fn worst_groups(count: usize, mut of: impl FnMut() -> Groups) -> Groups {
 }
 
 /// Each group of `program` and `naive` against `truth`.
-fn by_group(truth: &[Numbers<f64>], program: &[Numbers<f32>], naive: &[Numbers<f32>]) -> Groups {
+/// The program's gradient and the naive way's, each beside what it should be.
+fn by_group(
+    program: (&[Numbers<f64>], &[Numbers<f32>]),
+    naive: (&[Numbers<f64>], &[Numbers<f32>]),
+) -> Groups {
+    fn of<R: Copy>(rows: &[Numbers<R>], range: &std::ops::Range<usize>) -> Vec<R> {
+        let parts = rows.iter().flat_map(|row| row[range.clone()].iter());
+        parts.copied().collect()
+    }
     GROUPS.map(|(_, range)| {
-        let truth: Vec<f64> = truth
-            .iter()
-            .flat_map(|row| row[range.clone()].to_vec())
-            .collect();
-        let of = |rows: &[Numbers<f32>]| -> Vec<f32> {
-            rows.iter()
-                .flat_map(|row| row[range.clone()].to_vec())
-                .collect()
-        };
-        Comparison::of_many(&truth, &of(program)).with_naive_many(&truth, &of(naive))
+        let (truth, found) = (of(program.0, &range), of(program.1, &range));
+        let (naive_truth, naive) = (of(naive.0, &range), of(naive.1, &range));
+        Comparison::of_many(&truth, &found).with_naive_many(&naive_truth, &naive)
     })
 }
 
@@ -104,7 +106,7 @@ pub(super) fn online(seed: u64, quick: bool) -> Vec<Row> {
             let cutoffs = Cutoffs::default();
             let truth = scene.twin_gradient::<f64>(&slope, &cutoffs);
             let naive = scene.twin_gradient::<f32>(&slope, &cutoffs);
-            by_group(&truth, &scene.program_gradient(&slope), &naive)
+            by_group((&truth, &scene.program_gradient(&slope)), (&truth, &naive))
         });
         let of = format!("online, {}", way(occlusion));
         rows.extend(group_rows(groups, BACKWARD, &of, 1e-4));
@@ -194,31 +196,25 @@ pub(super) fn paper(seed: u64, quick: bool) -> Vec<Row> {
             let all = scene.all();
             let mut renderer = PaperRenderer::new();
             let image = renderer.forward(&scene.view, &scene.gaussians, &all, transmittance);
-            let truth = twin::forward(&setting, &numbers_of::<f64>(&scene.gaussians));
-            let naive = twin::forward(&setting, &numbers_of::<f32>(&scene.gaussians));
-            let here = Comparison::of_many(&truth, image).with_naive_many(&truth, &naive);
+            let exact = numbers_of::<f64>(&scene.gaussians);
+            let truth = cut::nearest_image(&setting, &exact, image);
+            let numbers = numbers_of::<f32>(&scene.gaussians);
+            let naive = twin::forward(&setting, &numbers);
+            let naive_truth = cut::nearest_image(&setting, &exact, &naive);
+            let here = Comparison::of_many(&truth, image).with_naive_many(&naive_truth, &naive);
             forward = Some(forward.map_or(here, |worst| worst.worse(here)));
 
             let slope: Vec<f32> = (0..truth.len()).map(|_| draw.between(-1.0, 1.0)).collect();
             let mut gradients = GradientArrays::zeros(scene.gaussians.len());
             renderer.backward(&scene.gaussians, &slope, &mut gradients);
             let program: Vec<_> = (0..gradients.len()).map(|i| gradients.get(i)).collect();
-            let truth = paper_gradient::<f64>(&setting, &scene.gaussians, &slope);
-            let naive = paper_gradient::<f32>(&setting, &scene.gaussians, &slope);
-            by_group(&truth, &program, &naive)
+            let naive = twin::backward(&setting, &numbers, &slope);
+            let nearest = |found: &_| cut::nearest_gradients(&setting, &exact, &slope, found);
+            by_group((&nearest(&program), &program), (&nearest(&naive), &naive))
         });
         let forward = forward.unwrap_or(Comparison::of(f64::NAN, f64::NAN, 1.0));
-        rows.push(forward.row(FORWARD, name, 3e-4));
-        rows.extend(group_rows(groups, BACKWARD, name, 1e-3));
+        rows.push(forward.row(FORWARD, name, 1e-4));
+        rows.extend(group_rows(groups, BACKWARD, name, 3e-4));
     }
     rows
-}
-
-fn paper_gradient<R: Real>(
-    setting: &twin::Setting<'_>,
-    gaussians: &echosplat_acoustics::GaussianArrays,
-    slope: &[f32],
-) -> Vec<[R; PARAMETER_COUNT]> {
-    let slope: Vec<R> = slope.iter().map(|&s| R::of_f32(s)).collect();
-    twin::backward(setting, &numbers_of(gaussians), &slope)
 }
