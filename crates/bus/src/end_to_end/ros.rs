@@ -199,6 +199,7 @@ fn odometry_of_others_comes_in_whatever_its_types_hash() {
         let publisher = other
             .session_for_tests()
             .declare_publisher(key)
+            .congestion_control(CongestionControl::Block)
             .wait()
             .unwrap();
         until("somebody takes it", || {
