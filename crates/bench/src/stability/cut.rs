@@ -47,16 +47,18 @@ fn nearest<const N: usize>(
             ..*setting
         })
     };
-    let (nearer, further) = (cut_at(1.0 - ROUNDING), cut_at(1.0 + ROUNDING));
-    let nearest = |((nearer, further), program): (([f64; N], [f64; N]), &[f32; N])| {
+    let pairs = cut_at(1.0 - ROUNDING)
+        .into_iter()
+        .zip(cut_at(1.0 + ROUNDING));
+    let nearest = |(index, (nearer, further)): (usize, ([f64; N], [f64; N]))| {
         std::array::from_fn(|k| {
             let (least, most) = (nearer[k].min(further[k]), nearer[k].max(further[k]));
-            // What is no number is compared with one, and fails.
-            f64::from(program[k]).max(least).min(most)
+            // What is no number, or is missing, is compared with one, and fails.
+            let number = program.get(index).map_or(f64::NAN, |row| row[k].into());
+            number.max(least).min(most)
         })
     };
-    let pairs = nearer.into_iter().zip(further).zip(program);
-    pairs.map(nearest).collect()
+    pairs.enumerate().map(nearest).collect()
 }
 
 #[cfg(test)]
@@ -84,7 +86,8 @@ mod tests {
         is(reach, 1.5, 1.0);
         is(0.9 * reach, 0.0, 1.0);
         is(1.1 * reach, 1.0, 0.0);
-        // What is no number is held to one.
+        // What is no number is held to one, and what is missing is not taken for nothing.
         is(0.9 * reach, f32::NAN, 1.0);
+        assert_eq!(nearest(&setting, |_| vec![[1.0]; 2], &[[1.0]]).len(), 2);
     }
 }
