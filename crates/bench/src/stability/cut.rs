@@ -1,4 +1,4 @@
-//! Where the paper's kernels are cut, which rounding moves: what lies at the cut may fall on either side of it.
+//! The edge of the paper's kernels. Rounding puts a pixel that lies on it inside or outside, and either is right.
 
 use echosplat_acoustics::PARAMETER_COUNT;
 use echosplat_paper::twin::{self, Row, Setting};
@@ -53,7 +53,7 @@ fn nearest<const N: usize>(
     let nearest = |(index, (nearer, further)): (usize, ([f64; N], [f64; N]))| {
         std::array::from_fn(|k| {
             let (least, most) = (nearer[k].min(further[k]), nearer[k].max(further[k]));
-            // What is no number, or is missing, is compared with one, and fails.
+            // Where the program has no number the twin's stands, and comparing the two fails.
             let number = program.get(index).map_or(f64::NAN, |row| row[k].into());
             number.max(least).min(most)
         })
@@ -86,7 +86,7 @@ mod tests {
         is(reach, 1.5, 1.0);
         is(0.9 * reach, 0.0, 1.0);
         is(1.1 * reach, 1.0, 0.0);
-        // What is no number is held to one, and what is missing is not taken for nothing.
+        // The twin's stands beside what is no number, and beside what is missing.
         is(0.9 * reach, f32::NAN, 1.0);
         assert_eq!(nearest(&setting, |_| vec![[1.0]; 2], &[[1.0]]).len(), 2);
     }

@@ -7,6 +7,7 @@ use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
 use super::parameters::Estimate;
+use crate::classify::certainty::HALF_THICKNESS_M;
 
 /// Log likelihoods of pings held back, by block of time.
 pub(crate) type Blocks = BTreeMap<u32, f64>;
@@ -18,7 +19,7 @@ const MOST_STEPS: i32 = 5;
 /// An echo comes from the near side of what it is taken for the middle of, and ranges that are a little short are as likely as a
 /// faster sound. Rods and pipes are up to 8 cm thick, so this much, metres; one sigma is that of any thickness up to
 /// there and 1.5 cm of a lever arm along the beam. Thicker piles are beyond it.
-const NEARER_M: f64 = 0.02;
+const NEARER_M: f64 = 0.5 * HALF_THICKNESS_M;
 const NEARER_SIGMA_M: f64 = 0.019;
 /// Another speed of sound is believed so many sigmas away.
 const BELIEVED_SIGMAS: f64 = 4.0;

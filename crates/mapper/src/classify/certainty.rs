@@ -24,7 +24,7 @@ const SURFACE_VOXELS: f32 = 1.5;
 
 /// Half the thickness of what may be taken for one place while looks from two sides hear a face of it each: that of a pipe
 /// of 8 cm.
-const HALF_THICKNESS_M: f64 = 0.04;
+pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
@@ -216,8 +216,8 @@ mod tests {
             upwards_m(&both)
         );
         // What is seen from above and below as well is not off, and a face seen from its own side is where it is.
-        let (from_below, as_far) = (Vec3::new(0.0, 1.0, 0.25), Vec3::new(0.0, -1.0, 0.25));
-        let around = finding_along(&[left, right, from_below, as_far, along, -along], 1e-3);
+        let (below_left, below_right) = (Vec3::new(0.0, 1.0, 0.25), Vec3::new(0.0, -1.0, 0.25));
+        let around = finding_along(&[left, right, below_left, below_right, along, -along], 1e-3);
         assert!(upwards_m(&around) < 4e-3, "{}", upwards_m(&around));
         let high = Vec3::new(0.0, 1.0, -1.0);
         let face = finding_along(&[left, high, Vec3::new(0.3, 1.0, -0.6)], 1e-3);
