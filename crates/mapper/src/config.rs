@@ -13,8 +13,8 @@ pub struct MapperConfig {
     pub beam: Beam,
     /// Nearer than this a ping is no evidence of anything: the transducer still rings. Metres.
     pub blanking_m: f64,
-    /// Edge of an evidence voxel, metres; 0 takes half the beam's width at the far end of the
-    /// first ping, which is what the data can resolve. Finer ones take memory by the third power: whoever lets others choose bounds it.
+    /// Edge of an evidence voxel, metres; 0 takes what the beam resolves at the range where most strongest echoes come from.
+    /// Finer ones take memory by the third power: whoever lets others choose bounds it.
     pub resolution_m: f64,
     /// One sigma of the sensor's position where the pose source says nothing, metres.
     pub position_sigma_m: f64,

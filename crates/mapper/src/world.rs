@@ -6,8 +6,17 @@ use echosplat_model::{Gaussian, Pose, PosedPing};
 use crate::MapperConfig;
 use crate::accumulate::evidence::Evidence;
 
-/// Half the beam's width at the far end is resolved; voxels stay within these bounds.
+/// Voxels stay within these bounds.
 const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
+/// Edge of a voxel in widths of the beam: at the far end of a ping, as coarse as ever, and where the strongest echoes come
+/// from.
+const AT_FAR_END: f64 = 0.35;
+const AT_WORKING_RANGE: f64 = 0.8;
+/// A unit that is set to hear much further than what is there has voxels at most this part of those of its far end: noise
+/// out there fills room as well.
+const FINEST_PART: f64 = 0.5;
+/// Voxels that would be finer or coarser by less stay as they are.
+const LEAST_CHANGE: f32 = 1.3;
 
 /// A map that begins within this distance of the poses' origin is published in the poses' own
 /// frame, so that it overlays the track in tools that know nothing of origins. Single precision
@@ -36,8 +45,26 @@ impl World {
             origin_m,
             published_origin_m: published_origin_m(origin_m),
             heading: DQuat::from_rotation_z(ahead.y.atan2(ahead.x)),
-            evidence: Evidence::new(voxel_m(first, config)),
+            evidence: Evidence::new(first_voxel_m(first, config)),
         }
+    }
+
+    /// The edge that voxels should have where pings end at `range_end_m` and the strongest echoes come from `working_range_m`,
+    /// metres; `None` if those they have will do, or are as configured.
+    pub(crate) fn better_voxel_m(
+        &self,
+        range_end_m: f64,
+        working_range_m: f32,
+        config: &MapperConfig,
+    ) -> Option<f32> {
+        let better_m = voxel_m(range_end_m, Some(working_range_m.into()), config);
+        let change = better_m / self.evidence.voxel_m();
+        (change.max(change.recip()) > LEAST_CHANGE).then_some(better_m)
+    }
+
+    /// Voxels of another size with nothing in them.
+    pub(crate) fn divide_anew(&mut self, voxel_m: f32) {
+        self.evidence = Evidence::new(voxel_m);
     }
 
     /// The same axes and nothing on them.
@@ -95,14 +122,43 @@ fn published_origin_m(first_ping_m: DVec3) -> DVec3 {
     }
 }
 
-/// Edge of a voxel, metres: as configured, or by the beam and the first ping's range.
-pub(crate) fn voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {
+/// Edge of a voxel before anything is known but a ping's range, metres.
+pub(crate) fn first_voxel_m(first: &PosedPing, config: &MapperConfig) -> f32 {
+    voxel_m(first.ping.settings().range_end_m(), None, config)
+}
+
+/// As configured, or as fine as the beam is narrow: where the strongest echoes come from, if that is known, and at the far end
+/// of a ping at most. Units are set to hear further than what is there, and a place near them is told better than one at
+/// the far end.
+fn voxel_m(range_end_m: f64, working_range_m: Option<f64>, config: &MapperConfig) -> f32 {
     if config.resolution_m > 0.0 {
         return config.resolution_m as f32;
     }
-    let width = f64::from(config.beam.azimuth_width_deg.to_radians());
-    let resolved_m = 0.35 * width * first.ping.settings().range_end_m();
+    let coarsest_m = AT_FAR_END * beam_width_rad(config) * range_end_m;
+    let resolved_m = working_range_m.map_or(coarsest_m, |range_m| {
+        let there_m = AT_WORKING_RANGE * beam_width_rad(config) * range_m;
+        there_m.min(coarsest_m).max(FINEST_PART * coarsest_m)
+    });
     resolved_m.clamp(VOXEL_LIMITS_M.0, VOXEL_LIMITS_M.1) as f32
+}
+
+fn beam_width_rad(config: &MapperConfig) -> f64 {
+    config.beam.azimuth_width_deg.to_radians().into()
+}
+
+impl MapperConfig {
+    /// The finest voxels that pings which end at `range_end_m` can bring about, metres: what memory is to be reckoned with.
+    #[must_use]
+    pub fn finest_voxel_m(&self, range_end_m: f64) -> f64 {
+        voxel_m(range_end_m, Some(0.0), self).into()
+    }
+}
+
+/// The furthest that a unit should be set to hear where the strongest echoes come from `working_range_m`, metres: up to there
+/// voxels are as fine as the beam resolves. `None` if they are as configured.
+pub(crate) fn useful_range_m(working_range_m: f32, config: &MapperConfig) -> Option<f32> {
+    let times = (AT_WORKING_RANGE / (FINEST_PART * AT_FAR_END)) as f32;
+    (config.resolution_m <= 0.0).then_some(times * working_range_m)
 }
 
 #[cfg(test)]
@@ -111,6 +167,32 @@ mod tests {
     use echosplat_model::glam::{Quat, Vec3};
 
     use super::*;
+
+    #[test]
+    fn voxels_are_as_fine_as_the_beam_where_the_echoes_come_from_and_no_coarser_than_at_the_far_end()
+     {
+        let config = MapperConfig::default();
+        let width = f64::from(config.beam.azimuth_width_deg.to_radians());
+        let of = |range_end_m: f64, working_range_m: Option<f64>| {
+            f64::from(voxel_m(range_end_m, working_range_m, &config)) / width
+        };
+        let is =
+            |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-4, "{found}");
+        is(of(10.0, None), 3.5);
+        is(of(10.0, Some(6.0)), 3.5);
+        is(of(20.0, Some(6.0)), 4.8);
+        is(of(40.0, Some(6.0)), 7.0);
+        let useful_m = f64::from(useful_range_m(6.0, &config).unwrap());
+        is(of(useful_m, Some(6.0)), 4.8);
+        assert!(of(1.1 * useful_m, Some(6.0)) > 4.8 * 1.05);
+        let fixed = MapperConfig {
+            resolution_m: 0.07,
+            ..config
+        };
+        is(voxel_m(40.0, Some(6.0), &fixed).into(), 0.07);
+        assert_eq!(useful_range_m(6.0, &fixed), None);
+        assert!((fixed.finest_voxel_m(40.0) - 0.07).abs() < 1e-6);
+    }
 
     #[test]
     fn a_map_is_published_in_the_poses_frame_as_far_as_single_precision_reaches() {

@@ -39,6 +39,11 @@ pub(crate) struct Past {
 }
 
 impl Past {
+    /// One sigma of an echo's range: pulse and pose.
+    pub(crate) fn range_sigma_m(&self) -> f32 {
+        (self.look.range_variance_m2 + self.blur.range_variance_m2).sqrt()
+    }
+
     /// The look with all that its pose blurs.
     pub(crate) fn blurred_look(&self) -> Look {
         self.blur.of(self.look)

@@ -12,6 +12,7 @@ pub(crate) mod profile;
 pub(crate) mod receiver;
 pub(crate) mod repeats;
 pub(crate) mod walkers;
+pub(crate) mod working_range;
 
 #[cfg(test)]
 pub(crate) use heard::posed;

@@ -65,6 +65,11 @@ impl Profile {
         self.state.at(bin) == BinState::Lit
     }
 
+    /// Has echoes light places this much nearer and farther from the next [`Self::judge`] on.
+    pub(crate) fn tolerate(&mut self, tolerance_m: f32, bin_length_m: f32) {
+        self.widen = widen_bins(tolerance_m.into(), bin_length_m.into());
+    }
+
     /// Tells echoes from noise and from the seabed, and passes over what is doubted.
     pub(crate) fn judge(&mut self, intensity: &[f32], ground: &Backdrop) {
         let count = intensity.len();

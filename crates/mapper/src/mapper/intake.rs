@@ -5,18 +5,19 @@ use std::sync::Arc;
 use echosplat_acoustics::{Look, SymmetricMat3};
 use echosplat_model::glam::{DVec3, Vec3};
 use echosplat_model::{Ping, PosedPing, Standing};
+use rayon::prelude::*;
 
 use super::status::InsertReport;
 use super::{Mapper, NEWBORN_STRENGTH};
 use crate::MapperConfig;
 use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
 use crate::detect::mirror::Source;
-use crate::detect::profile::{Backdrop, Levels, blank_bins, widen_bins};
+use crate::detect::profile::{Backdrop, Levels, Profile, blank_bins, widen_bins};
 use crate::parts::{Cue, Extent};
 use crate::seabed::Seabed;
 use crate::spawn::births;
 use crate::spawn::gaussians::{Gaussians, Verdict};
-use crate::world::{World, voxel_m};
+use crate::world::{World, first_voxel_m, useful_range_m};
 
 /// On the pings' clock, a slice does not wait longer than this to be complete.
 const LONGEST_SLICE_S: f64 = 0.1;
@@ -47,6 +48,7 @@ impl Mapper {
             };
         }
         self.status.pings += 1;
+        self.status.range_end_m = posed.ping.settings().range_end_m() as f32;
         if !self.is_evidence(posed) {
             self.status.pings_deaf += 1;
             return InsertReport::default();
@@ -98,7 +100,7 @@ impl Mapper {
         }
         let first = self.waiting.first().unwrap_or(posed);
         let origin_m = first.world_from_sensor.translation_m;
-        (origin_m, voxel_m(first, &self.config))
+        (origin_m, first_voxel_m(first, &self.config))
     }
 
     /// Whether a ping says anything of any place, before it waits for its slice: those that do not
@@ -162,7 +164,7 @@ impl Mapper {
         let seabed = &mut self.seabed;
         self.pool
             .install(|| seabed.listen(&look, intensity, &profile));
-        self.learn_unit_strength(&look, intensity, &profile.echoes);
+        self.learn_from_strongest(&look, intensity, &profile, weight);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
         self.cues.add(Cue {
             runs: profile.echoes.len(),
@@ -174,14 +176,22 @@ impl Mapper {
         past_of(look, blur, profile, weight, brightness, posed)
     }
 
-    /// The strength at which a Gaussian of one voxel would make the ping's strongest echo.
-    fn learn_unit_strength(&mut self, look: &Look, intensity: &[f32], echoes: &[(u32, u32)]) {
+    /// The range of the ping's strongest echo, and the strength at which a Gaussian of one voxel would make it.
+    fn learn_from_strongest(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+        weight: f32,
+    ) {
         let Some(world) = &self.world else { return };
-        let bins = echoes.iter().flat_map(|&(start, end)| start..end);
+        let bins = profile.echoes.iter().flat_map(|&(start, end)| start..end);
         let strongest =
             bins.max_by(|&a, &b| intensity[a as usize].total_cmp(&intensity[b as usize]));
         let Some(bin) = strongest else { return };
         let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+        let over_threshold = intensity[bin as usize] / profile.threshold();
+        self.working_range.hear(range_m, over_threshold, weight);
         let ahead = look.pose.position_m + look.pose.axes.x_axis * range_m;
         let round = SymmetricMat3::isotropic(0.5 * world.evidence.voxel_m());
         if let Some(splat) = look.project(ahead, &round) {
@@ -227,6 +237,38 @@ impl Mapper {
         self.sum_up_anew();
     }
 
+    /// The edge of voxels that the strongest echoes so far ask for, if it is another.
+    fn better_voxel_m(&mut self, slice: &[PosedPing]) -> Option<f32> {
+        let working_range_m = self.working_range.settle()?;
+        self.status.working_range_m = Some(working_range_m);
+        self.status.useful_range_m = useful_range_m(working_range_m, &self.config);
+        let range_end_m = slice.last()?.ping.settings().range_end_m();
+        let world = self.world.as_ref()?;
+        world.better_voxel_m(range_end_m, working_range_m, &self.config)
+    }
+
+    /// Cuts space into voxels of another size, as the strongest echoes so far ask for, and makes anew what was made of all
+    /// pings. Gaussians are born again where their evidence is; what is published of them is new.
+    fn divide_anew(&mut self, voxel_m: f32) {
+        let Some(world) = &mut self.world else { return };
+        self.workout = None;
+        let slots: Vec<usize> = self.gaussians.slots().collect();
+        self.gaussians.remove_all(&slots);
+        // What one sends back goes with its area.
+        self.unit_strength *= (world.evidence.voxel_m() / voxel_m).powi(2);
+        world.divide_anew(voxel_m);
+        let pings = self.history.pings_mut().par_iter_mut();
+        let tolerate = || {
+            pings.map(Arc::make_mut).for_each(|past| {
+                let tolerance_m = tolerance_m(voxel_m, past.range_sigma_m());
+                past.profile.tolerate(tolerance_m, past.look.bin_length_m);
+            });
+        };
+        self.pool.install(tolerate);
+        self.judge_all();
+        self.sum_up_anew();
+    }
+
     pub(super) fn take_in_slice(&mut self) -> InsertReport {
         let mut slice = std::mem::take(&mut self.waiting);
         slice.sort_by_key(|posed| (posed.ping.transmit_time(), posed.ping.sequence()));
@@ -242,6 +284,12 @@ impl Mapper {
         }
         for PosedPing { ping, .. } in &mut slice {
             *ping = self.receiver.refer(ping);
+        }
+        // What forgotten pings told is told of voxels as they are.
+        if self.history.forgotten() == 0
+            && let Some(voxel_m) = self.better_voxel_m(&slice)
+        {
+            self.divide_anew(voxel_m);
         }
         let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
         self.forget(fresh);

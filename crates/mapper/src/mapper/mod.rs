@@ -23,6 +23,7 @@ use crate::detect::profile::Levels;
 use crate::detect::receiver::Receiver;
 use crate::detect::repeats::Repeats;
 use crate::detect::walkers::Walkers;
+use crate::detect::working_range::WorkingRange;
 use crate::mapper::workout::Workout;
 use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::seabed::Seabed;
@@ -49,6 +50,7 @@ pub struct Mapper {
     bursts: Bursts,
     walkers: Walkers,
     levels: Levels,
+    working_range: WorkingRange,
     seabed: Seabed,
     repeats: Repeats,
     history: History,
@@ -93,6 +95,7 @@ impl Mapper {
             bursts: Bursts::default(),
             walkers: Walkers::default(),
             levels: Levels::default(),
+            working_range: WorkingRange::default(),
             repeats: Repeats::default(),
             gaussians: Gaussians::default(),
             waiting: Vec::new(),

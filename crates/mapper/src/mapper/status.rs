@@ -50,6 +50,13 @@ pub struct MapperStatus {
     pub evidence_blocks: u64,
     /// Edge of an evidence voxel, metres.
     pub voxel_m: f32,
+    /// Where the newest ping ends, metres.
+    pub range_end_m: f32,
+    /// Half of the pings' strongest echoes come from nearer, metres; `None` before some hundred pings heard a loud one.
+    pub working_range_m: Option<f32>,
+    /// The furthest that the unit should be set to hear, metres: beyond, voxels are coarser than the beam resolves there.
+    /// `None` as long as that is not known, and where voxels are as configured.
+    pub useful_range_m: Option<f32>,
     /// Voxel looks done so far.
     pub voxel_looks: u64,
     /// Gaussian–bin pairs done so far.

@@ -69,10 +69,15 @@ impl Mapper {
         let knows_more = self.seabed.is_there() || self.repeats.are_known();
         if knows_more && self.history.forgotten() == 0 {
             self.repeats.set_sources(sources(&self.gaussians, |_| true));
-            let (history, seabed, repeats) = (&mut self.history, &self.seabed, &self.repeats);
-            self.pool.install(|| judge_all(history, seabed, repeats));
+            self.judge_all();
             self.sum_up_anew();
         }
+    }
+
+    /// Judges every remembered ping by what is now known of the seabed and of echoes heard again.
+    pub(super) fn judge_all(&mut self) {
+        let (history, seabed, repeats) = (&mut self.history, &self.seabed, &self.repeats);
+        self.pool.install(|| judge_all(history, seabed, repeats));
     }
 
     /// Sums up all evidence anew, unless pings are forgotten, whose evidence cannot be.
@@ -228,8 +233,8 @@ fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {
 
 #[cfg(test)]
 mod tests {
-    use echosplat_model::glam::DVec3;
-    use echosplat_model::{Pose, PosedPing};
+    use echosplat_model::glam::{DVec3, Vec3};
+    use echosplat_model::{Gaussian, Pose, PosedPing, Standing};
 
     use super::*;
     use crate::MapperConfig;
@@ -281,6 +286,57 @@ mod tests {
         let after = mapper.finish();
         assert!(after.gaussians.iter().all(|gaussian| gaussian.id != id));
         assert!(after.gaussians.iter().all(|g| g.sigma_m.is_finite()));
+    }
+
+    /// The same of pings that end at 30 m.
+    fn with_long_range(number: u32, above_m: f64) -> PosedPing {
+        let near = going_by(number, above_m);
+        let mut power = near.ping.intensity().to_vec();
+        let noise = power[250..300].to_vec();
+        power.extend(noise.iter().cycle().take(1200));
+        posed(number, power, near.world_from_sensor)
+    }
+
+    #[test]
+    fn where_pings_end_far_beyond_what_they_hear_voxels_become_finer_and_nothing_old_stays() {
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        let mut insert = |numbers: std::ops::Range<u32>| {
+            for number in numbers {
+                let above_m = (0.1 * f64::from(number)).sin();
+                mapper.insert(&with_long_range(number, above_m));
+            }
+            (mapper.status(), mapper.snapshot())
+        };
+        let (early, coarse) = insert(0..200);
+        let (late, _) = insert(200..600);
+        assert_eq!(early.working_range_m, None);
+        assert!(
+            late.working_range_m
+                .is_some_and(|m| (4.0..4.3).contains(&m))
+        );
+        assert!((late.voxel_m / early.voxel_m - 0.5).abs() < 1e-3);
+        let fine = mapper.finish();
+        let is_old = |gaussian: &Gaussian| coarse.gaussians.iter().any(|old| old.id == gaussian.id);
+        assert!(!fine.gaussians.iter().any(is_old));
+        // As if voxels had been as fine from the beginning.
+        let mut other = Mapper::new(MapperConfig {
+            resolution_m: late.voxel_m.into(),
+            ..MapperConfig::default()
+        })
+        .unwrap();
+        for number in 0..600 {
+            other.insert(&with_long_range(number, (0.1 * f64::from(number)).sin()));
+        }
+        let asserted = |snapshot: &Snapshot| {
+            let all = snapshot.gaussians.iter();
+            let confident = all.filter(|g| g.standing == Standing::Confident);
+            confident.map(|g| g.mean_m).collect::<Vec<_>>()
+        };
+        let (fine, other) = (asserted(&fine), asserted(&other.finish()));
+        assert!(fine.len() > 20);
+        let is_near = |at_m: &Vec3| other.iter().any(|m| m.distance(*at_m) < late.voxel_m);
+        let near = fine.iter().filter(|at_m| is_near(at_m)).count();
+        assert!(10 * near >= 9 * fine.len(), "{near} of {}", fine.len());
     }
 
     #[test]

@@ -27,8 +27,6 @@ const BLOCK_EDGE: f64 = 8.0;
 const BLOCK_BYTES: f64 = 2.0 * 1024.0 + 256.0;
 /// Echoes at the far end of a ping that the bound is made for.
 const ARCS: f64 = 16.0;
-/// Least edge that the mapper takes by itself, metres.
-const LEAST_AUTOMATIC_M: f64 = 0.02;
 
 /// One setting's part.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -104,10 +102,7 @@ fn evidence_bytes(config: &Config) -> f64 {
     let (mapper, session) = (&config.mapper, &config.session);
     let range_m = session.range_start_m + session.range_length_m;
     let extent_m = |width_deg: f32| range_m * f64::from(width_deg).to_radians();
-    let voxel_m = match mapper.resolution_m > 0.0 {
-        true => mapper.resolution_m,
-        false => LEAST_AUTOMATIC_M.max(0.35 * extent_m(mapper.beam.azimuth_width_deg)),
-    };
+    let voxel_m = mapper.finest_voxel_m(range_m);
     let blocks = |width_deg: f32| 1.0 + extent_m(width_deg) / (BLOCK_EDGE * voxel_m);
     let arc = blocks(mapper.beam.azimuth_width_deg) * blocks(mapper.beam.elevation_width_deg);
     ARCS * BLOCK_BYTES * arc

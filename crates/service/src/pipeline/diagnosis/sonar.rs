@@ -22,6 +22,7 @@ impl Diagnosis {
     pub(super) fn sonar(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         if self.expectations.pace == Pace::Live {
             findings.extend(self.silence(status, now).or_else(|| self.slow(status, now)));
+            findings.extend(long_range(status));
         }
         findings.extend(self.refused(status, now));
         let listening = status.report.listening;
@@ -142,6 +143,23 @@ impl Diagnosis {
             ),
         ))
     }
+}
+
+/// The unit hears so much further than what is there that the map is coarser than it could be.
+fn long_range(status: &Status) -> Option<Finding> {
+    let mapper = &status.report.mapper;
+    let (working_m, useful_m) = mapper.working_range_m.zip(mapper.useful_range_m)?;
+    (mapper.range_end_m > useful_m).then(|| {
+        warning(
+            "long-range",
+            format!(
+                "pings end at {:.0} m, and half of the strongest echoes come from within {working_m:.1} m: the \
+                 map is coarser than the beam resolves there; set session.range_length_m to {useful_m:.0} m or \
+                 less",
+                mapper.range_end_m
+            ),
+        )
+    })
 }
 
 /// Profiles left out, by reason, those that are none left unsaid.

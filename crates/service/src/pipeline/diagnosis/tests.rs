@@ -49,6 +49,20 @@ fn a_healthy_run_has_nothing_to_tell() {
 }
 
 #[test]
+fn a_unit_that_hears_much_further_than_what_is_there_is_told_of() {
+    let of = |range_end_m: f32, useful_range_m: Option<f32>| {
+        let (mut report, sonar) = healthy();
+        report.mapper.range_end_m = range_end_m;
+        report.mapper.working_range_m = Some(6.5);
+        report.mapper.useful_range_m = useful_range_m;
+        codes(report, sonar)
+    };
+    assert_eq!(of(40.0, Some(29.7)), ["long-range"]);
+    assert_eq!(of(20.0, Some(29.7)), [""; 0]);
+    assert_eq!(of(40.0, None), [""; 0], "voxels as configured");
+}
+
+#[test]
 fn silence_is_told_by_the_first_link_of_the_chain_that_is_broken() {
     let after = |change: &dyn Fn(&mut DriverStatus)| {
         let (report, mut sonar) = healthy();
