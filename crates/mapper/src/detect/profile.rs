@@ -33,6 +33,8 @@ pub(crate) struct Profile {
     shadow: usize,
     /// Most bins beyond the blanking that the transducer may still ring in.
     most_ring_down: usize,
+    /// Bins from the ping's start that are known to ring in every ping.
+    rings: usize,
 }
 
 /// What the seabed sends back, power per bin; both empty where none is known.
@@ -70,6 +72,11 @@ impl Profile {
         self.widen = widen_bins(tolerance_m.into(), bin_length_m.into());
     }
 
+    /// Has nothing nearer than this say anything from the next [`Levels::renew`] on.
+    pub(crate) fn ring_until(&mut self, range_m: f64, range_start_m: f64, bin_length_m: f64) {
+        self.rings = ((range_m - range_start_m) / bin_length_m).ceil().max(0.0) as usize;
+    }
+
     /// Tells echoes from noise and from the seabed, and passes over what is doubted.
     pub(crate) fn judge(&mut self, intensity: &[f32], ground: &Backdrop) {
         let count = intensity.len();
@@ -83,6 +90,7 @@ impl Profile {
             is_doubted[start as usize..end as usize].fill(true);
         }
         let ring_down = ring_down_end(intensity, self.blank, self.most_ring_down, raised);
+        let ring_down = ring_down.max(self.rings);
         let doubts =
             |bin: usize| bin < ring_down || is_doubted.get(bin).is_some_and(|&doubted| doubted);
         let level = |bin: usize| {
@@ -126,7 +134,7 @@ const SHADOW_LENGTH_M: f64 = 0.6;
 
 /// Where noise is low the transducer is heard to ring for so long beyond the blanking: it falls by 10 dB in 0.1 m or
 /// faster, and ends 0.35 to 0.5 m away where real units had their noise.
-const RING_DOWN_M: f64 = 0.5;
+pub(crate) const RING_DOWN_M: f64 = 0.5;
 /// Bins that speckle may make dark in it, one after the other.
 const RING_DOWN_GAP: usize = 3;
 
@@ -139,6 +147,8 @@ pub(crate) struct Levels {
     loudest: f32,
     /// Pings in a row that were too loud to be believed.
     wild: u32,
+    /// Up to here every ping is heard to ring, metres.
+    rings_until_m: f64,
 }
 
 /// No echo is so many times the strongest before it; unless so many pings in a row say so.
@@ -146,6 +156,14 @@ const WILD: f32 = 1e6;
 const BELIEVED_AFTER: u32 = 8;
 
 impl Levels {
+    /// Of a unit that is heard to ring for so long in every ping, metres; 0 if each ping tells it.
+    pub(crate) fn ringing_until(rings_until_m: f64) -> Self {
+        Self {
+            rings_until_m,
+            ..Self::default()
+        }
+    }
+
     /// The strongest power of late.
     pub(crate) fn strongest(&self) -> f32 {
         self.strongest
@@ -175,8 +193,11 @@ impl Levels {
             widen: widen_bins(tolerance_m, bin_length_m),
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
             most_ring_down: (RING_DOWN_M / bin_length_m) as usize,
+            rings: 0,
             ground: Powers::default(),
         };
+        let start_m = ping.settings().range_start_m;
+        profile.ring_until(self.rings_until_m, start_m, bin_length_m);
         self.renew(&mut profile, ping.intensity(), ground, config);
         profile
     }
@@ -189,7 +210,7 @@ impl Levels {
         ground: &Backdrop,
         config: &MapperConfig,
     ) {
-        let blank = profile.blank;
+        let blank = profile.blank.max(profile.rings).min(intensity.len());
         let open = &intensity[blank..];
         let peak = greatest(open);
         let noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());

@@ -1,5 +1,6 @@
 //! What the receiver did to the pings: its gain, and amplification that grows with range. Both are undone by the
-//! noise, which a receiver that does neither hears alike at every range and in every ping.
+//! noise, which a receiver that does neither hears alike at every range and in every ping. And how long it hears its own
+//! transducer.
 //!
 //! Cost: one pass over the bins of a ping, and a sort of them in each of a dive's first pings.
 
@@ -33,6 +34,14 @@ const LEAST_EXPONENT: f32 = 0.5;
 const LEAST_SPAN: f32 = 0.7;
 /// Sections quieter than this part of the loudest bin hold no noise of a receiver: a ping spans at most 90 dB.
 const SILENT: f32 = 1e-9;
+/// The transducer is heard to ring where nothing that pings ever showed is below so many times the noise.
+const RINGS: f32 = 3.0;
+/// Ringing dies away: from one section to the next it grows by no more than this, as its log.
+const MOST_RISE: f32 = 0.2;
+/// Pings that tell ringing.
+const LEAST_RINGING_PINGS: u32 = 16;
+/// Ringing that ends elsewhere by less is no news, metres.
+const LEAST_RINGING_CHANGE_M: f64 = 0.1;
 /// Pings further apart than this may show something else.
 const TOGETHER_S: f64 = 0.5;
 /// Bins above nothing that two pings must share to compare their gains.
@@ -50,6 +59,8 @@ pub(crate) struct Receiver {
     is_asked: bool,
     /// Power of range that the noise grows by.
     exponent: f32,
+    /// Where the transducer is no longer heard to ring, if that is beyond what is taken for ringing in each ping, metres.
+    rings_until_m: f64,
     /// Index that the others' gains are over.
     reference: Option<i16>,
     gains: BTreeMap<i16, Gain>,
@@ -121,18 +132,31 @@ impl Receiver {
         self.is_asked |= self.pings.is_power_of_two();
     }
 
-    /// Takes over what pings so far say of the noise over range, if it is news. Returns how much the power of range
-    /// changes that [`Self::refer`] undoes.
-    pub(crate) fn settle(&mut self) -> Option<f32> {
+    /// Takes over what pings so far say of the noise over range and of ringing, if it is news. Returns how much the power of
+    /// range changes that [`Self::refer`] undoes. In each ping what goes on from its blanking to `told_m` is known to ring.
+    pub(crate) fn settle(&mut self, told_m: f64) -> Option<f32> {
         if !std::mem::take(&mut self.is_asked) {
             return None;
         }
         let change = exponent_of(&self.sections)? - self.exponent;
-        if change.abs() < LEAST_CHANGE {
-            return None;
+        let is_other = change.abs() >= LEAST_CHANGE;
+        if is_other {
+            self.exponent += change;
         }
-        self.exponent += change;
-        Some(change)
+        let rings_until_m = match self.pings >= LEAST_RINGING_PINGS {
+            true => rings_until_m(&self.sections, self.exponent, told_m),
+            false => 0.0,
+        };
+        let rings_otherwise = (rings_until_m - self.rings_until_m).abs() >= LEAST_RINGING_CHANGE_M;
+        if rings_otherwise {
+            self.rings_until_m = rings_until_m;
+        }
+        (is_other || rings_otherwise).then_some(if is_other { change } else { 0.0 })
+    }
+
+    /// Where the transducer is no longer heard to ring, metres; 0 if every ping tells it by itself.
+    pub(crate) fn rings_until_m(&self) -> f64 {
+        self.rings_until_m
     }
 
     /// The ping as it would be at the gain of the reference, and with noise that is flat over range.
@@ -309,6 +333,37 @@ fn exponent_of(sections: &[Section]) -> Option<f32> {
     })
 }
 
+/// Where ringing ends that goes on beyond `told_m`, metres; 0 if none does. It is what no group of pings was without, from
+/// the nearest section on and ever weaker: a structure is there in some pings, and there is quiet before it.
+fn rings_until_m(sections: &[Section], exponent: f32, told_m: f64) -> f64 {
+    let edge_m = |index: usize| f64::from(NEAREST_M * (index as f32 / SECTIONS_PER_E).exp());
+    let level = |index: usize, heard: Heard| {
+        let log_range = NEAREST_M.ln() + (index as f32 + 0.5) / SECTIONS_PER_E;
+        heard.log_mean() - exponent * log_range
+    };
+    let told = sections.iter().enumerate();
+    let told: Vec<(usize, f32)> = told
+        .filter_map(|(index, section)| Some((index, level(index, section.told()?))))
+        .collect();
+    let noise = told
+        .iter()
+        .map(|&(_, level)| level)
+        .fold(f32::MAX, f32::min);
+    let mut before: Option<(usize, f32)> = None;
+    for &(index, level) in &told {
+        let goes_on = match before {
+            Some((last, last_level)) => index == last + 1 && level <= last_level + MOST_RISE,
+            None => edge_m(index) <= told_m,
+        };
+        if !(goes_on && level > noise + RINGS.ln()) {
+            break;
+        }
+        before = Some((index, level));
+    }
+    let end_m = before.map_or(0.0, |(last, _)| edge_m(last + 1));
+    if end_m > told_m { end_m } else { 0.0 }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -351,7 +406,7 @@ mod tests {
         let mut receiver = Receiver::default();
         for index in 0..pings {
             receiver.learn(&Arc::new(of(index)), 30);
-            receiver.settle();
+            receiver.settle(1.0);
         }
         receiver
     }
@@ -392,6 +447,31 @@ mod tests {
         let loud = Arc::new(of(6));
         let referred = receiver.refer(&loud);
         assert!((referred.intensity()[10] * 12.0 / loud.intensity()[10] - 1.0).abs() < 0.15);
+    }
+
+    #[test]
+    fn ringing_is_told_as_far_as_no_ping_is_without_it_and_a_structure_near_by_is_none() {
+        // Falls by 10 dB in 0.35 m, below three times the noise at 2.1 m.
+        let ringing = |r: f32| 1.0 + 3e6 * (-r / 0.15).exp();
+        let told = |of: &dyn Fn(u64, f32) -> f32| {
+            learnt(64, |index| ping(index, 0, |r| of(index, r))).rings_until_m()
+        };
+        let rings = told(&|_, r| ringing(r));
+        assert!((1.9..2.5).contains(&rings), "{rings}");
+        assert_eq!(told(&|_, _| 1.0), 0.0);
+        // Ringing that each ping tells by itself.
+        assert_eq!(told(&|_, r| 1.0 + 1e6 * (-r / 0.045).exp()), 0.0);
+        // A wall that stays, ground that fills all beyond 1.5 m.
+        let wall = |_, r: f32| if (0.8..1.3).contains(&r) { 300.0 } else { 1.0 };
+        assert_eq!(told(&wall), 0.0);
+        assert_eq!(told(&|_, r| if r > 1.5 { 300.0 / r } else { 1.0 }), 0.0);
+        // What fills the near ranges for a second and then does not.
+        let passes = |index: u64| ping(index, 0, |r| if index < 64 { ringing(r) } else { 1.0 });
+        assert!(learnt(64, passes).rings_until_m() > 1.9);
+        assert_eq!(learnt(128, passes).rings_until_m(), 0.0);
+        // Few pings tell nothing.
+        let few = learnt(15, |index| ping(index, 0, ringing));
+        assert_eq!(few.rings_until_m(), 0.0);
     }
 
     #[test]

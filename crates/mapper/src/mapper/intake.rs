@@ -12,7 +12,7 @@ use super::{Mapper, NEWBORN_STRENGTH};
 use crate::MapperConfig;
 use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
 use crate::detect::mirror::Source;
-use crate::detect::profile::{Backdrop, Levels, Profile, blank_bins, widen_bins};
+use crate::detect::profile::{Backdrop, Levels, Profile, RING_DOWN_M, blank_bins, widen_bins};
 use crate::parts::{Cue, Extent};
 use crate::seabed::Seabed;
 use crate::spawn::births;
@@ -217,9 +217,11 @@ impl Mapper {
         true
     }
 
-    /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less.
+    /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less, or that
+    /// were thought to ring for another time.
     fn refer_anew(&mut self, change: f32) {
-        (self.levels, self.unit_strength) = (Levels::default(), 0.0);
+        let rings_until_m = self.receiver.rings_until_m();
+        (self.levels, self.unit_strength) = (Levels::ringing_until(rings_until_m), 0.0);
         self.workout = None;
         self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
@@ -230,8 +232,10 @@ impl Mapper {
             let factor = |bin: usize| range_m(bin).powf(-change);
             let referred = bins.map(|(bin, power)| Ping::nearest_power(power * factor(bin)));
             let intensity: Vec<f32> = referred.collect();
-            self.levels
-                .renew(&mut past.profile, &intensity, &ground, config);
+            let (start_m, length_m) = (past.look.range_start_m, past.look.bin_length_m);
+            let profile = &mut past.profile;
+            profile.ring_until(rings_until_m, start_m.into(), length_m.into());
+            self.levels.renew(profile, &intensity, &ground, config);
             past.brightness = 0.0;
         }
         self.sum_up_anew();
@@ -278,7 +282,7 @@ impl Mapper {
         }
         // Strengths kept of pings that were let go stay as those pings said.
         if self.history.forgotten() == 0
-            && let Some(change) = self.receiver.settle()
+            && let Some(change) = self.receiver.settle(self.config.blanking_m + RING_DOWN_M)
         {
             self.refer_anew(change);
         }

@@ -50,6 +50,8 @@ pub struct MapperStatus {
     pub evidence_blocks: u64,
     /// Edge of an evidence voxel, metres.
     pub voxel_m: f32,
+    /// Nearer than this every ping is heard to ring, and nothing is mapped, metres; 0 where each ping tells it by itself.
+    pub rings_until_m: f64,
     /// Where the newest ping ends, metres.
     pub range_end_m: f32,
     /// Half of the pings' strongest echoes come from nearer, metres; `None` before some hundred pings heard a loud one.
