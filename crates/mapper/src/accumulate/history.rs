@@ -41,7 +41,7 @@ pub(crate) struct Past {
 impl Past {
     /// One sigma of an echo's range: pulse and pose.
     pub(crate) fn range_sigma_m(&self) -> f32 {
-        (self.look.range_variance_m2 + self.blur.range_variance_m2).sqrt()
+        self.blur.range_sigma_m(self.look.range_variance_m2)
     }
 
     /// The look with all that its pose blurs.
@@ -163,6 +163,11 @@ impl PoseBlur {
                 .azimuth_variance_rad2
                 .max(jitter.attitude_rad.powi(2) as f32),
         }
+    }
+
+    /// One sigma of an echo's range, whose pulse has this variance.
+    pub(crate) fn range_sigma_m(self, pulse_variance_m2: f32) -> f32 {
+        (pulse_variance_m2 + self.range_variance_m2).sqrt()
     }
 
     fn of(self, look: Look) -> Look {

@@ -34,7 +34,7 @@ const LEAST_EXPONENT: f32 = 0.5;
 const LEAST_SPAN: f32 = 0.7;
 /// Sections quieter than this part of the loudest bin hold no noise of a receiver: a ping spans at most 90 dB.
 const SILENT: f32 = 1e-9;
-/// The transducer is heard to ring where nothing that pings ever showed is below so many times the noise.
+/// The transducer is heard to ring where even the quietest pings are above so many times the noise.
 const RINGS: f32 = 3.0;
 /// Ringing dies away: from one section to the next it grows by no more than this, as its log.
 const MOST_RISE: f32 = 0.2;
@@ -132,17 +132,16 @@ impl Receiver {
         self.is_asked |= self.pings.is_power_of_two();
     }
 
-    /// Takes over what pings so far say of the noise over range and of ringing, if it is news. Returns how much the power of
-    /// range changes that [`Self::refer`] undoes. In each ping what goes on from its blanking to `told_m` is known to ring.
+    /// Takes over what pings so far say of the noise over range and of ringing beyond `told_m`, if it is news. Returns how much the
+    /// power of range changes that [`Self::refer`] undoes, 0 if only ringing is news.
     pub(crate) fn settle(&mut self, told_m: f64) -> Option<f32> {
         if !std::mem::take(&mut self.is_asked) {
             return None;
         }
-        let change = exponent_of(&self.sections)? - self.exponent;
-        let is_other = change.abs() >= LEAST_CHANGE;
-        if is_other {
-            self.exponent += change;
-        }
+        let change = exponent_of(&self.sections).map_or(0.0, |told| told - self.exponent);
+        let grows_otherwise = change.abs() >= LEAST_CHANGE;
+        let change = if grows_otherwise { change } else { 0.0 };
+        self.exponent += change;
         let rings_until_m = match self.pings >= LEAST_RINGING_PINGS {
             true => rings_until_m(&self.sections, self.exponent, told_m),
             false => 0.0,
@@ -151,7 +150,7 @@ impl Receiver {
         if rings_otherwise {
             self.rings_until_m = rings_until_m;
         }
-        (is_other || rings_otherwise).then_some(if is_other { change } else { 0.0 })
+        (grows_otherwise || rings_otherwise).then_some(change)
     }
 
     /// Where the transducer is no longer heard to ring, metres; 0 if every ping tells it by itself.
@@ -334,7 +333,7 @@ fn exponent_of(sections: &[Section]) -> Option<f32> {
 }
 
 /// Where ringing ends that goes on beyond `told_m`, metres; 0 if none does. It is what no group of pings was without, from
-/// the nearest section on and ever weaker: a structure is there in some pings, and there is quiet before it.
+/// the nearest section on and ever weaker: a structure is not in all pings, or has quiet before it.
 fn rings_until_m(sections: &[Section], exponent: f32, told_m: f64) -> f64 {
     let edge_m = |index: usize| f64::from(NEAREST_M * (index as f32 / SECTIONS_PER_E).exp());
     let level = |index: usize, heard: Heard| {

@@ -368,8 +368,7 @@ fn jitter_m(posed: &PosedPing) -> f32 {
 
 /// One sigma of an echo's range: pulse and pose.
 fn range_sigma_m(posed: &PosedPing, config: &MapperConfig) -> f32 {
-    let pulse_variance_m2 = pulse_variance_m2(posed.ping.settings());
-    (pulse_variance_m2 + pose_blur(posed, config).range_variance_m2).sqrt()
+    pose_blur(posed, config).range_sigma_m(pulse_variance_m2(posed.ping.settings()))
 }
 
 /// Echoes light places this much nearer and farther.
