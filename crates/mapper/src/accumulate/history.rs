@@ -34,6 +34,8 @@ pub(crate) struct Past {
     pub(crate) weight: f32,
     pub(crate) sequence: u64,
     pub(crate) time: Timestamp,
+    /// As the ping has it.
+    pub(crate) gain_index: i16,
     /// Brightness of the seabed by this ping's gain.
     pub(crate) brightness: f32,
 }
@@ -244,6 +246,7 @@ pub(crate) fn past_of(
         weight,
         sequence: posed.ping.sequence(),
         time: posed.ping.transmit_time(),
+        gain_index: posed.ping.settings().gain_index,
         brightness,
     }
 }

@@ -191,7 +191,7 @@ fn look_at(at_m: Vec3, moving: &Moving, predicted: Option<&[f32]>) -> Option<Loo
     let place_m = turn * (at_m - look.pose.position_m);
     let range_m = place_m.length();
     let bin = |r: f32| (r - look.range_start_m) / look.bin_length_m;
-    let first = bin(range_m - REACH_M).max(past.profile.blank as f32) as usize;
+    let first = bin(range_m - REACH_M).max(past.profile.first_bin() as f32) as usize;
     let end = (bin(range_m + REACH_M) as usize + 1).min(look.bin_count as usize);
     if first >= end {
         return None;

@@ -219,7 +219,7 @@ mod tests {
         let copies = learnt(40.0, |_, range_m, _| Some((range_m + 1.3, 1e3)));
         let explained = |echo: (f64, f32)| {
             let (look, power, profile, _) = heard(0.0, &[(4.0, 1e4), echo]);
-            copies.explain(&look, &power, profile.blank, (echo.0 / 0.02) as u32)
+            copies.explain(&look, &power, profile.first_bin(), (echo.0 / 0.02) as u32)
         };
         assert!(explained((5.3, 1e3)));
         assert!(!explained((5.3, 5e3)) && !explained((5.6, 1e3)));

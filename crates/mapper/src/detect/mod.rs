@@ -8,9 +8,11 @@ pub(crate) mod copies;
 mod heard;
 pub(crate) mod mirror;
 pub(crate) mod multiples;
+pub(crate) mod noise_over_range;
 pub(crate) mod profile;
 pub(crate) mod receiver;
 pub(crate) mod repeats;
+pub(crate) mod ringing;
 pub(crate) mod walkers;
 pub(crate) mod working_range;
 

@@ -108,7 +108,9 @@ impl Multiples {
             three.iter().sum::<f32>() / three.len() as f32
         };
         let is_strong = |&bin: &usize| is_echo[bin] && power(bin) > STRONG_PART * strongest;
-        let strong: Vec<usize> = (profile.blank..intensity.len()).filter(is_strong).collect();
+        let strong: Vec<usize> = (profile.first_bin()..intensity.len())
+            .filter(is_strong)
+            .collect();
         for &bin in strong.iter().step_by(strong.len() / MOST_ASKED + 1) {
             let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
             let (log_range, source) = (f64::from(range_m).ln(), power(bin));
@@ -189,7 +191,7 @@ mod tests {
         assert!((ratio / 1.7 - 1.0).abs() < 0.012, "{ratio}");
         let explained = |echoes: &[(f64, f32)], bins: std::ops::Range<u32>| {
             let (look, power, profile, _) = heard(0.0, echoes);
-            let explain = |bin| multiples.explain(&look, &power, profile.blank, bin);
+            let explain = |bin| multiples.explain(&look, &power, profile.first_bin(), bin);
             bins.filter(|&bin| explain(bin)).collect::<Vec<u32>>()
         };
         let echoes = [(4.0, 1e4), (6.0, 1e3), (6.8, 1e3)];

@@ -5,6 +5,7 @@ use echosplat_model::Ping;
 use crate::MapperConfig;
 use crate::detect::bin_state::BinState;
 use crate::detect::compact::{Powers, States};
+use crate::detect::ringing::Ringing;
 
 /// One ping's intensities and what they say, shapes `[bin_count]`.
 #[derive(Debug, Clone)]
@@ -27,13 +28,13 @@ pub(crate) struct Profile {
     strongest: f32,
     /// An echo is above this.
     threshold: f32,
-    pub(crate) blank: usize,
+    blank: usize,
     /// Bins that echoes are widened by, and that they may hide.
     widen: usize,
     shadow: usize,
     /// Most bins beyond the blanking that the transducer may still ring in.
     most_ring_down: usize,
-    /// Bins from the ping's start that are known to ring in every ping.
+    /// Bins from the ping's start that are known to ring in every ping of its gain.
     rings: usize,
 }
 
@@ -49,6 +50,11 @@ impl Profile {
     /// An echo is above this power.
     pub(crate) fn threshold(&self) -> f32 {
         self.threshold
+    }
+
+    /// The first bin that may say anything: beyond the blanking, and beyond where the transducer is known to ring.
+    pub(crate) fn first_bin(&self) -> usize {
+        self.blank.max(self.rings)
     }
 
     /// Bins of echoes above `least` that nothing within two bins is above, ascending.
@@ -72,9 +78,9 @@ impl Profile {
         self.widen = widen_bins(tolerance_m.into(), bin_length_m.into());
     }
 
-    /// Has nothing nearer than this say anything from the next [`Levels::renew`] on.
+    /// Has nothing nearer than this say anything from the next [`Levels::renew`] on: the transducer is known to ring there.
     pub(crate) fn ring_until(&mut self, range_m: f64, range_start_m: f64, bin_length_m: f64) {
-        self.rings = ((range_m - range_start_m) / bin_length_m).ceil().max(0.0) as usize;
+        self.rings = bins_nearer(range_m, range_start_m, bin_length_m);
     }
 
     /// Tells echoes from noise and from the seabed, and passes over what is doubted.
@@ -147,8 +153,7 @@ pub(crate) struct Levels {
     loudest: f32,
     /// Pings in a row that were too loud to be believed.
     wild: u32,
-    /// Up to here every ping is heard to ring, metres.
-    rings_until_m: f64,
+    ringing: Ringing,
 }
 
 /// No echo is so many times the strongest before it; unless so many pings in a row say so.
@@ -156,10 +161,10 @@ const WILD: f32 = 1e6;
 const BELIEVED_AFTER: u32 = 8;
 
 impl Levels {
-    /// Of a unit that is heard to ring for so long in every ping, metres; 0 if each ping tells it.
-    pub(crate) fn ringing_until(rings_until_m: f64) -> Self {
+    /// Of a unit that is known to ring.
+    pub(crate) fn ringing(ringing: Ringing) -> Self {
         Self {
-            rings_until_m,
+            ringing,
             ..Self::default()
         }
     }
@@ -196,8 +201,9 @@ impl Levels {
             rings: 0,
             ground: Powers::default(),
         };
-        let start_m = ping.settings().range_start_m;
-        profile.ring_until(self.rings_until_m, start_m, bin_length_m);
+        let settings = ping.settings();
+        let rings_until_m = self.ringing.until_m(settings.gain_index);
+        profile.ring_until(rings_until_m, settings.range_start_m, bin_length_m);
         self.renew(&mut profile, ping.intensity(), ground, config);
         profile
     }
@@ -210,7 +216,7 @@ impl Levels {
         ground: &Backdrop,
         config: &MapperConfig,
     ) {
-        let blank = profile.blank.max(profile.rings).min(intensity.len());
+        let blank = profile.first_bin().min(intensity.len());
         let open = &intensity[blank..];
         let peak = greatest(open);
         let noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
@@ -318,8 +324,13 @@ fn is_clipped(open: &[f32]) -> bool {
 /// Bins that begin nearer than the blanking.
 pub(crate) fn blank_bins(ping: &Ping, blanking_m: f64) -> usize {
     let settings = ping.settings();
-    let bins = (blanking_m - settings.range_start_m) / settings.bin_length_m();
-    (bins.ceil().max(0.0) as usize).min(settings.bin_count)
+    let bins = bins_nearer(blanking_m, settings.range_start_m, settings.bin_length_m());
+    bins.min(settings.bin_count)
+}
+
+/// Bins that begin nearer than this, if there are so many.
+fn bins_nearer(range_m: f64, range_start_m: f64, bin_length_m: f64) -> usize {
+    ((range_m - range_start_m) / bin_length_m).ceil().max(0.0) as usize
 }
 
 fn runs_above(intensity: &[f32], from: usize, threshold: impl Fn(usize) -> f32) -> Vec<(u32, u32)> {

@@ -7,41 +7,15 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use echosplat_model::{Ping, PingSettings};
+use echosplat_model::Ping;
 
-/// Sections of range for each factor of e, in which noise is told.
-const SECTIONS_PER_E: f32 = 6.0;
-/// Sections that are told apart, from [`NEAREST_M`] to 400 m.
-const SECTIONS: usize = 48;
-const NEAREST_M: f32 = 0.15;
-/// Fewest bins of a section that tell a quartile.
-const LEAST_BINS: usize = 6;
-/// Fewest sections on a line that tell its slope: a factor of 3 in range.
-const LEAST_SECTIONS: i32 = 7;
-/// Pings whose noise is averaged, about a second.
-const GROUP: f32 = 64.0;
+use crate::detect::noise_over_range::{NoiseOverRange, Quartile, log_range, lower_quartile};
+use crate::detect::ringing::Ringing;
+
 /// Pings after which the noise over range is known, some minutes.
 const ENOUGH_PINGS: u32 = 16_384;
 /// Another power of range is taken over if it changes what is 10 times as far by 1 dB.
 const LEAST_CHANGE: f32 = 0.1;
-/// Standard error of the log of a lower quartile of exponential noise, times the root of the number of bins.
-const QUARTILE_ERROR: f32 = 2.0;
-/// Sections this near a straight line lie on it beside their own error: 0.4 dB.
-const ROUGHNESS: f32 = 0.1;
-/// Noise that grows by less than this power of range is flat: units that correct for range do it by r² or more.
-const LEAST_EXPONENT: f32 = 0.5;
-/// Least factor of range between two sections whose slope is tried, as its log.
-const LEAST_SPAN: f32 = 0.7;
-/// Sections quieter than this part of the loudest bin hold no noise of a receiver: a ping spans at most 90 dB.
-const SILENT: f32 = 1e-9;
-/// The transducer is heard to ring where even the quietest pings are above so many times the noise.
-const RINGS: f32 = 3.0;
-/// Ringing dies away: from one section to the next it grows by no more than this, as its log.
-const MOST_RISE: f32 = 0.2;
-/// Pings that tell ringing.
-const LEAST_RINGING_PINGS: u32 = 16;
-/// Ringing that ends elsewhere by less is no news, metres.
-const LEAST_RINGING_CHANGE_M: f64 = 0.1;
 /// Pings further apart than this may show something else.
 const TOGETHER_S: f64 = 0.5;
 /// Bins above nothing that two pings must share to compare their gains.
@@ -52,62 +26,17 @@ const MOST_GAINS: usize = 64;
 /// What is learnt of the receiver as pings come in.
 #[derive(Debug, Default)]
 pub(crate) struct Receiver {
-    /// Shape `[SECTIONS]`, empty before the first ping.
-    sections: Vec<Section>,
-    pings: u32,
+    noise: NoiseOverRange,
+    noise_of_gain: BTreeMap<i16, NoiseOverRange>,
     /// Whether enough pings came since the noise over range was last told.
     is_asked: bool,
     /// Power of range that the noise grows by.
     exponent: f32,
-    /// Where the transducer is no longer heard to ring, if that is beyond what is taken for ringing in each ping, metres.
-    rings_until_m: f64,
+    ringing: Ringing,
     /// Index that the others' gains are over.
     reference: Option<i16>,
     gains: BTreeMap<i16, Gain>,
     before: Option<Arc<Ping>>,
-}
-
-/// Noise at some range.
-#[derive(Debug, Clone, Copy, Default)]
-struct Section {
-    /// Of the pings of late.
-    now: Heard,
-    /// Of the quietest group of pings: what the seabed fills is free of it when the vehicle is higher or rolls.
-    quietest: Option<Heard>,
-}
-
-/// What some pings had in a section.
-#[derive(Debug, Clone, Copy, Default)]
-struct Heard {
-    /// Sum over pings of the log of the lower quartile.
-    log_sum: f32,
-    pings: f32,
-    bins: f32,
-}
-
-impl Heard {
-    fn log_mean(&self) -> f32 {
-        self.log_sum / self.pings
-    }
-}
-
-impl Section {
-    fn add(&mut self, quartile: f32, bins: usize) {
-        self.now.log_sum += quartile.ln();
-        self.now.pings += 1.0;
-        self.now.bins += bins as f32;
-        if self.now.pings >= GROUP {
-            let before = self.quietest.unwrap_or(self.now);
-            let is_quieter = self.now.log_mean() < before.log_mean();
-            self.quietest = Some(if is_quieter { self.now } else { before });
-            self.now = Heard::default();
-        }
-    }
-
-    fn told(&self) -> Option<Heard> {
-        let now = (self.now.pings > 0.0).then_some(self.now);
-        self.quietest.or(now)
-    }
 }
 
 /// Of one gain index.
@@ -124,12 +53,11 @@ impl Receiver {
     pub(crate) fn learn(&mut self, ping: &Arc<Ping>, blank: usize) {
         self.learn_gain(ping, blank);
         self.before = Some(Arc::clone(ping));
-        if self.pings >= ENOUGH_PINGS {
+        if self.noise.pings() >= ENOUGH_PINGS {
             return;
         }
         self.learn_noise(ping, blank);
-        self.pings += 1;
-        self.is_asked |= self.pings.is_power_of_two();
+        self.is_asked |= self.noise.pings().is_power_of_two();
     }
 
     /// Takes over what pings so far say of the noise over range and of ringing beyond `told_m`, if it is news. Returns how much the
@@ -138,24 +66,23 @@ impl Receiver {
         if !std::mem::take(&mut self.is_asked) {
             return None;
         }
-        let change = exponent_of(&self.sections).map_or(0.0, |told| told - self.exponent);
+        let change = self
+            .noise
+            .exponent()
+            .map_or(0.0, |told| told - self.exponent);
         let grows_otherwise = change.abs() >= LEAST_CHANGE;
         let change = if grows_otherwise { change } else { 0.0 };
         self.exponent += change;
-        let rings_until_m = match self.pings >= LEAST_RINGING_PINGS {
-            true => rings_until_m(&self.sections, self.exponent, told_m),
-            false => 0.0,
-        };
-        let rings_otherwise = (rings_until_m - self.rings_until_m).abs() >= LEAST_RINGING_CHANGE_M;
+        let ringing = Ringing::of(&self.noise, &self.noise_of_gain, self.exponent, told_m);
+        let rings_otherwise = ringing.is_news(&self.ringing);
         if rings_otherwise {
-            self.rings_until_m = rings_until_m;
+            self.ringing = ringing;
         }
         (grows_otherwise || rings_otherwise).then_some(change)
     }
 
-    /// Where the transducer is no longer heard to ring, metres; 0 if every ping tells it by itself.
-    pub(crate) fn rings_until_m(&self) -> f64 {
-        self.rings_until_m
+    pub(crate) fn ringing(&self) -> &Ringing {
+        &self.ringing
     }
 
     /// The ping as it would be at the gain of the reference, and with noise that is flat over range.
@@ -204,35 +131,13 @@ impl Receiver {
     }
 
     fn learn_noise(&mut self, ping: &Ping, blank: usize) {
-        self.sections.resize(SECTIONS, Section::default());
-        let (settings, power) = (ping.settings(), ping.intensity());
-        let log_gain = self.log_gain(settings.gain_index);
-        let loudest = power[blank..].iter().copied().fold(0.0, f32::max);
-        let section_of = |bin: usize| {
-            let log = log_range(settings, bin) - NEAREST_M.ln();
-            (log.max(0.0) * SECTIONS_PER_E) as usize
-        };
-        let mut start = blank;
-        while start < power.len() {
-            let section = section_of(start);
-            let is_beyond = |bin: &usize| section_of(*bin) != section;
-            let end = (start..power.len()).find(is_beyond).unwrap_or(power.len());
-            if section < SECTIONS && end - start >= LEAST_BINS {
-                let quartile = lower_quartile(&mut power[start..end].to_vec());
-                if quartile > SILENT * loudest {
-                    self.sections[section].add(quartile * (-log_gain).exp(), end - start);
-                }
-            }
-            start = end;
+        let index = ping.settings().gain_index;
+        let quartiles = Quartile::of_ping(ping, blank, self.log_gain(index));
+        self.noise.add(&quartiles);
+        if self.noise_of_gain.contains_key(&index) || self.noise_of_gain.len() < MOST_GAINS {
+            self.noise_of_gain.entry(index).or_default().add(&quartiles);
         }
     }
-}
-
-/// Log of the range of a bin's middle over 1 m.
-fn log_range(settings: &PingSettings, bin: usize) -> f32 {
-    (settings.bin_center_m(bin) as f32)
-        .max(f32::MIN_POSITIVE)
-        .ln()
 }
 
 /// Log of how much louder a ping is than the one before it. Echoes and noise alike change with the gain, so the
@@ -269,104 +174,10 @@ fn log_quartile_step(before: &Ping, ping: &Ping, blank: usize) -> f32 {
     log_quartile(ping) - log_quartile(before)
 }
 
-/// 0 of nothing.
-fn lower_quartile(powers: &mut [f32]) -> f32 {
-    let quarter = powers.len() / 4;
-    if powers.is_empty() {
-        return 0.0;
-    }
-    *powers.select_nth_unstable_by(quarter, f32::total_cmp).1
-}
-
-/// The power of range that noise grows by: the straight line, log over log, that most sections lie on. Echoes lie
-/// above it, also where the seabed fills every section beyond some range; nothing may lie below.
-///
-/// `None` if too few sections do.
-fn exponent_of(sections: &[Section]) -> Option<f32> {
-    struct Point {
-        x: f32,
-        y: f32,
-        error: f32,
-    }
-    let told = sections.iter().enumerate();
-    let told = told.filter_map(|(index, section)| Some((index, section.told()?)));
-    let points: Vec<Point> = told
-        .map(|(index, heard)| Point {
-            x: index as f32 / SECTIONS_PER_E,
-            y: heard.log_mean(),
-            error: QUARTILE_ERROR / heard.bins.sqrt() + ROUGHNESS,
-        })
-        .collect();
-    let is_on =
-        |p: &Point, slope: f32, offset: f32| (p.y - offset - slope * p.x).abs() <= 2.0 * p.error;
-    let mut best = (0.0, 0.0, 0);
-    for (i, a) in points.iter().enumerate() {
-        for b in &points[i + 1..] {
-            if b.x - a.x < LEAST_SPAN {
-                continue;
-            }
-            let slope = (b.y - a.y) / (b.x - a.x);
-            let offset = a.y - slope * a.x;
-            let count = |p: &Point| match is_on(p, slope, offset) {
-                true => 1,
-                false => -i32::from(p.y < offset + slope * p.x),
-            };
-            let score: i32 = points.iter().map(count).sum();
-            if score > best.2 {
-                best = (slope, offset, score);
-            }
-        }
-    }
-    let (slope, offset, score) = best;
-    if score < LEAST_SECTIONS {
-        return None;
-    }
-    let on: Vec<&Point> = points.iter().filter(|p| is_on(p, slope, offset)).collect();
-    let sum = |of: &dyn Fn(&Point) -> f32| on.iter().map(|p| of(p) / p.error.powi(2)).sum::<f32>();
-    let (w, x, y) = (sum(&|_| 1.0), sum(&|p| p.x), sum(&|p| p.y));
-    let (xx, xy) = (sum(&|p| p.x * p.x), sum(&|p| p.x * p.y));
-    let exponent = (w * xy - x * y) / (w * xx - x * x);
-    Some(match exponent >= LEAST_EXPONENT {
-        true => exponent,
-        false => 0.0,
-    })
-}
-
-/// Where ringing ends that goes on beyond `told_m`, metres; 0 if none does. It is what no group of pings was without, from
-/// the nearest section on and ever weaker: a structure is not in all pings, or has quiet before it.
-fn rings_until_m(sections: &[Section], exponent: f32, told_m: f64) -> f64 {
-    let edge_m = |index: usize| f64::from(NEAREST_M * (index as f32 / SECTIONS_PER_E).exp());
-    let level = |index: usize, heard: Heard| {
-        let log_range = NEAREST_M.ln() + (index as f32 + 0.5) / SECTIONS_PER_E;
-        heard.log_mean() - exponent * log_range
-    };
-    let told = sections.iter().enumerate();
-    let told: Vec<(usize, f32)> = told
-        .filter_map(|(index, section)| Some((index, level(index, section.told()?))))
-        .collect();
-    let noise = told
-        .iter()
-        .map(|&(_, level)| level)
-        .fold(f32::MAX, f32::min);
-    let mut before: Option<(usize, f32)> = None;
-    for &(index, level) in &told {
-        let goes_on = match before {
-            Some((last, last_level)) => index == last + 1 && level <= last_level + MOST_RISE,
-            None => edge_m(index) <= told_m,
-        };
-        if !(goes_on && level > noise + RINGS.ln()) {
-            break;
-        }
-        before = Some((index, level));
-    }
-    let end_m = before.map_or(0.0, |(last, _)| edge_m(last + 1));
-    if end_m > told_m { end_m } else { 0.0 }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_model::Timestamp;
+    use echosplat_model::{PingSettings, Timestamp};
 
     /// A ping of exponential noise times `power` of the range in metres.
     fn ping(index: u64, gain_index: i16, power: impl Fn(f32) -> f32) -> Ping {
@@ -453,7 +264,9 @@ mod tests {
         // Falls by 10 dB in 0.35 m, below three times the noise at 2.1 m.
         let ringing = |r: f32| 1.0 + 3e6 * (-r / 0.15).exp();
         let told = |of: &dyn Fn(u64, f32) -> f32| {
-            learnt(64, |index| ping(index, 0, |r| of(index, r))).rings_until_m()
+            learnt(64, |index| ping(index, 0, |r| of(index, r)))
+                .ringing()
+                .longest_m()
         };
         let rings = told(&|_, r| ringing(r));
         assert!((1.9..2.5).contains(&rings), "{rings}");
@@ -466,11 +279,31 @@ mod tests {
         assert!(told(&|_, r| if r > 1.5 { 300.0 / r } else { 1.0 }) < 1e-9);
         // What fills the near ranges for a second and then does not.
         let passes = |index: u64| ping(index, 0, |r| if index < 64 { ringing(r) } else { 1.0 });
-        assert!(learnt(64, passes).rings_until_m() > 1.9);
-        assert!(learnt(128, passes).rings_until_m() < 1e-9);
+        assert!(learnt(64, passes).ringing().longest_m() > 1.9);
+        assert!(learnt(128, passes).ringing().longest_m() < 1e-9);
         // Few pings tell nothing.
         let few = learnt(15, |index| ping(index, 0, ringing));
-        assert!(few.rings_until_m() < 1e-9);
+        assert!(few.ringing().longest_m() < 1e-9);
+    }
+
+    #[test]
+    fn a_gain_that_rings_for_long_is_told_from_one_that_does_not() {
+        let power = |gain_index: i16, r: f32| match gain_index {
+            4 => 1.0 + 3e6 * (-r / 0.15).exp(),
+            _ => 10.0,
+        };
+        let of = |index: u64| {
+            let gain_index = [4, 7, 7][(index / 5 % 3) as usize];
+            ping(index, gain_index, |r| power(gain_index, r))
+        };
+        let receiver = learnt(128, of);
+        let [low_m, high_m, other_m] = [4, 7, 5].map(|index| receiver.ringing().until_m(index));
+        assert!((1.9..2.5).contains(&low_m), "{low_m}");
+        assert!(high_m < 1e-9, "{high_m}");
+        // Of a gain that few pings had it is what no pings were without.
+        assert!(other_m < low_m, "{other_m}");
+        let longest_m = receiver.ringing().longest_m();
+        assert!((longest_m - low_m).abs() < 1e-9);
     }
 
     #[test]

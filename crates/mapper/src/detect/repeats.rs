@@ -82,7 +82,7 @@ impl Repeats {
     /// Bins of a ping's echoes, half-open runs, that may be others heard again.
     fn runs(&self, look: &Look, intensity: &[f32], profile: &Profile) -> Vec<(u32, u32)> {
         let mut runs: Vec<(u32, u32)> = Vec::new();
-        let blank = profile.blank;
+        let blank = profile.first_bin();
         let images = self.mirror.explained(look, intensity);
         for bin in profile.echoes.iter().flat_map(|&(start, end)| start..end) {
             if !images[bin as usize]

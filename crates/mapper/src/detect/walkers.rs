@@ -76,7 +76,7 @@ impl Walkers {
         for (&bin, &peak) in bins.iter().zip(&peaks) {
             self.learn(look, peak);
             if self.is_pulse(look, peak) {
-                let (start, end) = pulse(intensity, profile.blank, bin);
+                let (start, end) = pulse(intensity, profile.first_bin(), bin);
                 match runs.last_mut() {
                     Some(last) if last.1 >= start => last.1 = last.1.max(end),
                     _ => runs.push((start, end)),

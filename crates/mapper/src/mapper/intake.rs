@@ -220,8 +220,8 @@ impl Mapper {
     /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less, or that
     /// were thought to ring for another time.
     fn refer_anew(&mut self, change: f32) {
-        let rings_until_m = self.receiver.rings_until_m();
-        (self.levels, self.unit_strength) = (Levels::ringing_until(rings_until_m), 0.0);
+        let ringing = self.receiver.ringing();
+        (self.levels, self.unit_strength) = (Levels::ringing(ringing.clone()), 0.0);
         self.workout = None;
         self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
@@ -234,6 +234,7 @@ impl Mapper {
             let intensity: Vec<f32> = referred.collect();
             let (start_m, length_m) = (past.look.range_start_m, past.look.bin_length_m);
             let profile = &mut past.profile;
+            let rings_until_m = ringing.until_m(past.gain_index);
             profile.ring_until(rings_until_m, start_m.into(), length_m.into());
             self.levels.renew(profile, &intensity, &ground, config);
             past.brightness = 0.0;

@@ -182,7 +182,7 @@ impl Mapper {
                 .as_ref()
                 .map_or(0, |w| w.evidence.block_count() as u64),
             voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
-            rings_until_m: self.receiver.rings_until_m(),
+            rings_until_m: self.receiver.ringing().longest_m(),
             ground_log_ratio: self.seabed.log_ratio(),
             water_surface_m: self.water_surface_m(),
             ..self.status

@@ -50,7 +50,7 @@ pub struct MapperStatus {
     pub evidence_blocks: u64,
     /// Edge of an evidence voxel, metres.
     pub voxel_m: f32,
-    /// Nearer than this every ping is heard to ring, and nothing is mapped, metres; 0 where each ping tells it by itself.
+    /// Nearer than this pings of some gain are heard to ring, and say nothing, metres; 0 where each ping tells it by itself.
     pub rings_until_m: f64,
     /// Where the newest ping ends, metres.
     pub range_end_m: f32,

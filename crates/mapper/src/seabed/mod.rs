@@ -161,8 +161,8 @@ impl Seabed {
             return;
         }
         let plane = FanPlane::of(look);
-        let near_m = look.range_start_m + profile.blank as f32 * look.bin_length_m;
-        let (from, noise) = (profile.blank, profile.noise);
+        let (from, noise) = (profile.first_bin(), profile.noise);
+        let near_m = look.range_start_m + from as f32 * look.bin_length_m;
         self.runs
             .fill(intensity, from, noise, near_m, look.bin_length_m);
         if !self.runs.can_tell(&plane, &self.fan) {

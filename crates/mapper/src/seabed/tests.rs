@@ -66,16 +66,22 @@ fn dive(power: impl Fn(f32, usize) -> f32) -> Seabed {
     dive_with(Seabed::new(&Beam::default(), Switch::Auto), power)
 }
 
-fn dive_with(mut seabed: Seabed, power: impl Fn(f32, usize) -> f32) -> Seabed {
+fn dive_with(seabed: Seabed, power: impl Fn(f32, usize) -> f32) -> Seabed {
+    dive_ringing(seabed, 0.0, power)
+}
+
+/// The same of a unit that is known to ring for so long.
+fn dive_ringing(mut seabed: Seabed, until_m: f64, power: impl Fn(f32, usize) -> f32) -> Seabed {
     let mut levels = Levels::default();
     for index in 0..400 {
         let height_m = 2.0 + 0.5 * (0.05 * index as f32).sin();
         // The noise floor is heard before the ground is.
         let quiet = index < 40;
-        let (intensity, profile) = heard(&mut levels, index, |bin| match quiet {
+        let (intensity, mut profile) = heard(&mut levels, index, |bin| match quiet {
             true => 0.0,
             false => power(height_m, bin),
         });
+        profile.ring_until(until_m, 0.0, BIN_M.into());
         let look = look(height_m, 0.005 * index as f32);
         seabed.listen(&look, &intensity, &profile);
     }
@@ -99,6 +105,18 @@ fn flat_ground_is_found_at_its_height_and_explains_its_echoes() {
     }
     assert!(backdrop.most[200] <= 0.0);
     assert!(seabed.hides(Vec3::new(1.0, 4.0, -0.6)) && !seabed.hides(Vec3::new(1.0, 4.0, 0.2)));
+}
+
+#[test]
+fn ground_is_found_beyond_what_is_known_to_ring() {
+    let ringing = |bin: usize| 300.0 * (-(bin as f32) * BIN_M / 0.4).exp();
+    let power = |height_m: f32, bin: usize| ringing(bin) + ground(height_m, bin);
+    let seabed = dive_ringing(Seabed::new(&Beam::default(), Switch::Auto), 2.3, power);
+    let published = seabed.published(BRIGHTNESS * 1e4);
+    assert!(!published.is_empty());
+    let off_m = published.iter().map(|gaussian| gaussian.mean_m.z.abs());
+    let most_m = off_m.fold(0.0, f32::max);
+    assert!(most_m < 0.12, "{most_m} m off");
 }
 
 #[test]

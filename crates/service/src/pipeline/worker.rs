@@ -363,8 +363,10 @@ impl Worker {
         self.state.report.work = self.work();
         self.state.report.poses = self.poses.report();
         self.state.report.listening = self.state.listening.report();
-        let frame_check = self.frame_check.as_ref();
-        self.state.report.frames = frame_check.and_then(FrameCheck::verdict);
+        if let Some(frame_check) = &self.frame_check {
+            frame_check.ring_until(self.state.report.mapper.rings_until_m);
+            self.state.report.frames = frame_check.verdict();
+        }
         self.state.report.calibration = self.calibration.found();
         self.state.report.prediction = self.outlet.predicted();
         self.shared.hand_over(self.state.report.clone());

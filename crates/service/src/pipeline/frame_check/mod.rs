@@ -12,7 +12,7 @@
 
 mod watch;
 
-use std::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU32, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -49,6 +49,8 @@ pub(crate) struct FrameCheck {
 #[derive(Default)]
 struct Shared {
     is_over: AtomicBool,
+    /// Nearer than this pings may ring, metres, as the bits of a number.
+    rings_until_m: AtomicU64,
     confirmed: Mutex<Option<FrameVerdict>>,
 }
 
@@ -111,6 +113,12 @@ impl FrameCheck {
         let _ = self.pings.as_ref().map(|pings| pings.try_send(arrived));
     }
 
+    /// Pings may be heard to ring as far as this, metres: nothing nearer counts from the next check on.
+    pub(crate) fn ring_until(&self, range_m: f64) {
+        let bits = range_m.to_bits();
+        self.shared.rings_until_m.store(bits, Ordering::Relaxed);
+    }
+
     /// Nothing more comes: begins a last check of what came last.
     pub(crate) fn end(&mut self) {
         self.pings = None;
@@ -148,6 +156,11 @@ impl Drop for FrameCheck {
 fn check_all(pings: &Receiver<Arrived>, config: &MapperConfig, mount: &Pose, shared: &Shared) {
     let (mut watch, mut rest_until) = (Watch::default(), Instant::now());
     let check = |watch: &mut Watch| {
+        let rings_until_m = f64::from_bits(shared.rings_until_m.load(Ordering::Relaxed));
+        let config = &MapperConfig {
+            blanking_m: config.blanking_m.max(rings_until_m),
+            ..config.clone()
+        };
         let verdict = judge(watch.window(), mount, config);
         tracing::debug!(?verdict, "how poses are read");
         watch.checked(verdict);
