@@ -26,7 +26,7 @@ pub struct MapperConfig {
     /// A bin is an echo above this many times the mean noise power. 6 lets noise through once
     /// in 400 bins, at places that do not agree from ping to ping; echoes of rods are 5 to 15 dB.
     pub detection_factor: f32,
-    /// Echoes this far below the strongest are the beam's tails rather than surfaces, decibels.
+    /// Echoes this far below the strongest of late at about their range are the beam's tails rather than surfaces, decibels.
     pub dynamic_range_db: f32,
     /// Pings whose evidence is taken in together; bounds the latency of the map.
     pub slice_pings: usize,

@@ -103,7 +103,7 @@ impl Copies {
         let weight = f64::from(weight);
         let direction = weight * look.pose.axes.x_axis.as_dvec3();
         let peaks = profile.peaks(intensity, STRONG_PART * strongest);
-        let audible = AUDIBLE * profile.threshold();
+        let thresholds = profile.thresholds(intensity.len());
         for &bin in peaks.iter().step_by(peaks.len() / MOST_ASKED + 1) {
             let source = intensity[bin];
             for (step, tried) in self.tried.iter_mut().enumerate() {
@@ -112,7 +112,7 @@ impl Copies {
                     break;
                 };
                 let heard = greatest(there);
-                let could_hear = |part: f32| part * source > audible;
+                let could_hear = |part: f32| part * source > AUDIBLE * thresholds[bin + behind];
                 for (tried, &part) in tried.iter_mut().zip(&*PART_OF_LEVEL) {
                     if !could_hear(part) {
                         break;

@@ -115,8 +115,9 @@ impl Mirror {
         if !self.heard.is_multiple_of(ASKING_STRIDE) {
             return;
         }
-        let least = (STRONG_PART * strongest).max(LOSS * profile.threshold());
-        let peaks = profile.peaks(intensity, least);
+        let thresholds = profile.thresholds(intensity.len());
+        let mut peaks = profile.peaks(intensity, STRONG_PART * strongest);
+        peaks.retain(|&bin| intensity[bin] > LOSS * thresholds[bin]);
         if peaks.is_empty() {
             return;
         }
@@ -131,7 +132,7 @@ impl Mirror {
             let around = &loudest[around(bin)];
             let source = around.iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
             if let Some(&(_, place_m)) = source {
-                let is_image = |power: f32| power > profile.threshold() && power < intensity[bin];
+                let is_image = |power: f32| power > thresholds[bin] && power < intensity[bin];
                 self.ask(look, intensity, place_m, f64::from(weight), is_image);
             }
         }

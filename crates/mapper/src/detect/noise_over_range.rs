@@ -8,7 +8,7 @@ use echosplat_model::{Ping, PingSettings};
 /// Sections of range for each factor of e, in which noise is told.
 const SECTIONS_PER_E: f32 = 6.0;
 /// Sections that are told apart, from [`NEAREST_M`] to 400 m.
-const SECTIONS: usize = 48;
+pub(crate) const SECTIONS: usize = 48;
 const NEAREST_M: f32 = 0.15;
 /// Fewest bins of a section that tell a quartile.
 const LEAST_BINS: usize = 6;

@@ -5,6 +5,7 @@ use echosplat_model::Ping;
 use crate::MapperConfig;
 use crate::detect::bin_state::BinState;
 use crate::detect::compact::{Powers, States};
+use crate::detect::noise_over_range::{SECTIONS, section_edge_m};
 use crate::detect::ringing::Ringing;
 
 /// One ping's intensities and what they say, shapes `[bin_count]`.
@@ -20,14 +21,22 @@ pub(crate) struct Profile {
     pub(crate) doubted: Box<[(u32, u32)]>,
     /// Runs of bins that are another sonar's pulses: they say nothing either.
     pub(crate) bursts: Box<[(u32, u32)]>,
+    range_start_m: f32,
+    bin_length_m: f32,
     /// Mean power of the noise in this ping.
     pub(crate) noise: f32,
+    /// What echoes are told from: the noise, and that of a silent simulator would make darkness infinitely telling.
+    pub(crate) background: f32,
     /// What the seabed sends back, as thought; empty where none is known.
     pub(crate) ground: Powers,
-    /// Strongest power of late.
-    strongest: f32,
+    /// Strongest power of late at about the range of the loudest echo of this ping.
+    strongest_here: f32,
+    /// The same at about each range, by section of it.
+    strongest: Powers,
     /// An echo is above this.
     threshold: f32,
+    /// Echoes below this part of the strongest at about their range are tails of the beam.
+    tail_part: f32,
     blank: usize,
     /// Bins that echoes are widened by, and that they may hide.
     widen: usize,
@@ -47,9 +56,16 @@ pub(crate) struct Backdrop {
 }
 
 impl Profile {
-    /// An echo is above this power.
-    pub(crate) fn threshold(&self) -> f32 {
-        self.threshold
+    /// Echoes are above these powers, shape `[bin_count]`.
+    pub(crate) fn thresholds(&self, bin_count: usize) -> Vec<f32> {
+        let mut thresholds = vec![self.threshold; bin_count];
+        let mut start = 0;
+        for (section, strongest) in self.strongest.iter().enumerate() {
+            let end = self.end_of(section).clamp(start, bin_count);
+            thresholds[start..end].fill(self.threshold.max(self.tail_part * strongest));
+            start = end;
+        }
+        thresholds
     }
 
     /// The first bin that may say anything: beyond the blanking, and beyond where the transducer is known to ring.
@@ -74,21 +90,33 @@ impl Profile {
     }
 
     /// Has echoes light places this much nearer and farther from the next [`Self::judge`] on.
-    pub(crate) fn tolerate(&mut self, tolerance_m: f32, bin_length_m: f32) {
-        self.widen = widen_bins(tolerance_m.into(), bin_length_m.into());
+    pub(crate) fn tolerate(&mut self, tolerance_m: f32) {
+        self.widen = widen_bins(tolerance_m.into(), self.bin_length_m.into());
     }
 
     /// Has nothing nearer than this say anything from the next [`Levels::renew`] on: the transducer is known to ring there.
-    pub(crate) fn ring_until(&mut self, range_m: f64, range_start_m: f64, bin_length_m: f64) {
-        self.rings = bins_nearer(range_m, range_start_m, bin_length_m);
+    pub(crate) fn ring_until(&mut self, range_m: f64) {
+        self.rings = self.bins_nearer(range_m);
+    }
+
+    /// The first bin beyond a section of range.
+    fn end_of(&self, section: usize) -> usize {
+        self.bins_nearer(section_edge_m(section + 1))
+    }
+
+    fn bins_nearer(&self, range_m: f64) -> usize {
+        let (start_m, length_m) = (self.range_start_m, self.bin_length_m);
+        bins_nearer(range_m, start_m.into(), length_m.into())
     }
 
     /// Tells echoes from noise and from the seabed, and passes over what is doubted.
     pub(crate) fn judge(&mut self, intensity: &[f32], ground: &Backdrop) {
         let count = intensity.len();
+        let least = self.thresholds(count);
         let raised = |bin: usize| {
             let ground = ground.most.get(bin).copied().unwrap_or(0.0);
-            self.threshold.max(GROUND_FACTOR * ground)
+            let least = least.get(bin).copied().unwrap_or(f32::INFINITY);
+            least.max(GROUND_FACTOR * ground)
         };
         let doubted = || self.doubted.iter().chain(&self.bursts);
         let mut is_doubted = vec![false; doubted().next().map_or(0, |_| count)];
@@ -109,10 +137,13 @@ impl Profile {
         let echoes = runs_above(intensity, self.blank, level);
         let mut states = states(count, self.blank, &echoes, self.widen, self.shadow);
         // The brighter the seabed, the fewer structures would stand out: their absence is no news.
-        let dull = self.threshold.powf(DULL_SHARE) * self.strongest.powf(1.0 - DULL_SHARE);
         for (bin, state) in states.iter_mut().enumerate() {
             let level = raised(bin);
-            if *state == BinState::Dark && level > self.threshold && level > dull {
+            if *state != BinState::Dark || !(level > least[bin]) {
+                continue;
+            }
+            let dull = least[bin].powf(DULL_SHARE) * self.strongest_here.powf(1.0 - DULL_SHARE);
+            if level > dull {
                 *state = BinState::Shadowed;
             }
         }
@@ -132,6 +163,14 @@ const GROUND_FACTOR: f32 = 5.0;
 /// Where a threshold leaves less than this share of the decibels up to the strongest echo, darkness
 /// says little.
 const DULL_SHARE: f32 = 0.35;
+/// Noise is reckoned with at least so far below the strongest echo of late.
+const LEAST_NOISE: f32 = 1e-4;
+/// What is heard of an echo off the beam's axis or by another way is at about its range: within a factor of two.
+const NEAR_SECTIONS: usize = 4;
+/// What is left, a section of range further, of what comes after an echo: real units' echoes fall by 40 dB a decade.
+const FALL_PER_SECTION: f32 = 0.513;
+/// What is left of the strongest echo after each ping: 1 dB in 115.
+const LEFT: f32 = 0.998;
 /// Bins without the seabed that tell noise.
 const LEAST_QUIET_BINS: usize = 48;
 
@@ -149,6 +188,8 @@ const RING_DOWN_GAP: usize = 3;
 pub(crate) struct Levels {
     noise: Option<f32>,
     strongest: f32,
+    /// The same by section of range.
+    strongest_at: Vec<f32>,
     /// The same of all pings heard, echoes or not.
     loudest: f32,
     /// Pings in a row that were too loud to be believed.
@@ -169,7 +210,7 @@ impl Levels {
         }
     }
 
-    /// The strongest power of late.
+    /// The strongest power of late about as far away as what the newest ping heard loudest.
     pub(crate) fn strongest(&self) -> f32 {
         self.strongest
     }
@@ -191,9 +232,14 @@ impl Levels {
             echoes: Box::default(),
             doubted: Box::default(),
             bursts,
+            range_start_m: ping.settings().range_start_m as f32,
+            bin_length_m: bin_length_m as f32,
             noise: 0.0,
-            strongest: 0.0,
+            background: 0.0,
+            strongest_here: 0.0,
+            strongest: Powers::default(),
             threshold: 0.0,
+            tail_part: 10f32.powf(-0.1 * config.dynamic_range_db),
             blank: blank_bins(ping, config.blanking_m),
             widen: widen_bins(tolerance_m, bin_length_m),
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
@@ -201,9 +247,8 @@ impl Levels {
             rings: 0,
             ground: Powers::default(),
         };
-        let settings = ping.settings();
-        let rings_until_m = self.ringing.until_m(settings.gain_index);
-        profile.ring_until(rings_until_m, settings.range_start_m, bin_length_m);
+        let rings_until_m = self.ringing.until_m(ping.settings().gain_index);
+        profile.ring_until(rings_until_m);
         self.renew(&mut profile, ping.intensity(), ground, config);
         profile
     }
@@ -220,17 +265,57 @@ impl Levels {
         let open = &intensity[blank..];
         let peak = greatest(open);
         let noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
-        let of_echoes = greatest_without(intensity, blank, &profile.bursts);
-        if of_echoes > config.detection_factor * noise {
-            self.strongest = risen(self.strongest, of_echoes);
+        let threshold = config.detection_factor * noise;
+        let loudest = self.learn_strongest_at(profile, intensity, threshold);
+        let near = self.strongest_near();
+        if let Some(section) = loudest {
+            self.strongest = near[section];
         }
-        let floor = self.strongest * 10f32.powf(-0.1 * config.dynamic_range_db);
         profile.intensity = Powers::of(intensity, peak);
         profile.noise = noise;
-        profile.strongest = self.strongest;
-        profile.threshold = (config.detection_factor * noise).max(floor);
+        profile.background = noise.max(LEAST_NOISE * self.strongest);
+        profile.strongest_here = self.strongest;
+        profile.strongest = Powers::of(&near, greatest(&near));
+        profile.threshold = threshold;
         profile.doubted = Box::default();
         profile.judge(intensity, ground);
+    }
+
+    /// Takes in the strongest echo that a ping has at each range. Returns the section of the strongest of all, if there is
+    /// one.
+    fn learn_strongest_at(
+        &mut self,
+        profile: &Profile,
+        intensity: &[f32],
+        threshold: f32,
+    ) -> Option<usize> {
+        self.strongest_at.resize(SECTIONS, 0.0);
+        let count = intensity.len();
+        let mut start = profile.first_bin().min(count);
+        let mut loudest = (threshold, None);
+        for (section, strongest) in self.strongest_at.iter_mut().enumerate() {
+            let end = profile.end_of(section).clamp(start, count);
+            let peak = greatest_without(&intensity[..end], start, &profile.bursts);
+            let is_echo = peak > threshold;
+            *strongest = risen(*strongest, if is_echo { peak } else { 0.0 });
+            if peak > loudest.0 {
+                loudest = (peak, Some(section));
+            }
+            start = end;
+        }
+        loudest.1
+    }
+
+    /// The strongest echo of late at about each section of range, or what is left of one that came long before.
+    fn strongest_near(&self) -> Vec<f32> {
+        let mut left = 0.0_f32;
+        let near = |section: usize| {
+            let first = section.saturating_sub(NEAR_SECTIONS);
+            left = FALL_PER_SECTION * left.max(self.strongest_at[first]);
+            let around = first..(section + NEAR_SECTIONS + 1).min(SECTIONS);
+            left.max(greatest(&self.strongest_at[around]))
+        };
+        (0..SECTIONS).map(near).collect()
     }
 
     /// Whether a ping is evidence of anything: its receiver is not at its stop, and it is not louder
@@ -290,7 +375,7 @@ pub(crate) fn mean_of_noise(powers: &mut [f32]) -> f32 {
 
 /// Rises at once and falls slowly, so that one glint does not hide what follows.
 fn risen(strongest: f32, peak: f32) -> f32 {
-    peak.max(strongest * 0.9995)
+    peak.max(strongest * LEFT)
 }
 
 /// The greatest power; 0 of none.
@@ -302,10 +387,12 @@ pub(crate) fn greatest(powers: &[f32]) -> f32 {
 fn greatest_without(powers: &[f32], blank: usize, runs: &[(u32, u32)]) -> f32 {
     let (mut most, mut from) = (0.0_f32, blank);
     for &(start, end) in runs {
-        most = most.max(greatest(&powers[from.min(start as usize)..start as usize]));
-        from = end as usize;
+        let until = powers.len().min(start as usize);
+        let before = powers.get(from..until).unwrap_or_default();
+        most = most.max(greatest(before));
+        from = from.max(end as usize);
     }
-    most.max(greatest(&powers[from..]))
+    most.max(greatest(powers.get(from..).unwrap_or_default()))
 }
 
 /// Bins that echoes are widened by where places are told to `tolerance_m`.
@@ -459,6 +546,36 @@ mod tests {
             (state(333), state(334)),
             (BinState::Shadowed, BinState::Dark)
         );
+    }
+
+    #[test]
+    fn tails_are_told_from_echoes_at_their_range_alone_and_not_for_long() {
+        let mut levels = Levels::default();
+        let mut echoes = |strong: &[(usize, f32)]| {
+            let mut power = noise(600);
+            for &(bin, level) in strong {
+                power[bin..bin + 3].fill(level);
+            }
+            let profile = levels.profile(
+                &ping(power),
+                0.04,
+                &Backdrop::default(),
+                Box::default(),
+                &strict(),
+            );
+            profile.echoes.to_vec()
+        };
+        // At 1.2 m, and 40 dB weaker at 1.6 and 8 m.
+        assert_eq!(
+            echoes(&[(60, 1e6), (80, 100.0), (400, 100.0)]),
+            [(60, 63), (400, 403)]
+        );
+        // The strong one is no longer there.
+        assert_eq!(echoes(&[(80, 100.0)]), []);
+        for _ in 0..4_000 {
+            echoes(&[]);
+        }
+        assert_eq!(echoes(&[(80, 100.0)]), [(80, 83)]);
     }
 
     #[test]

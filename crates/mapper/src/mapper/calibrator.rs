@@ -67,7 +67,6 @@ impl Mapper {
         Scene {
             evidence: &world.evidence,
             gaussians: &self.gaussians,
-            floor: self.floor(),
             is_blurred: false,
             at_work: self.at_work,
         }

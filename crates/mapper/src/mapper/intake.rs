@@ -190,7 +190,8 @@ impl Mapper {
             bins.max_by(|&a, &b| intensity[a as usize].total_cmp(&intensity[b as usize]));
         let Some(bin) = strongest else { return };
         let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
-        let over_threshold = intensity[bin as usize] / profile.threshold();
+        let threshold = profile.thresholds(intensity.len())[bin as usize];
+        let over_threshold = intensity[bin as usize] / threshold;
         self.working_range.hear(range_m, over_threshold, weight);
         let ahead = look.pose.position_m + look.pose.axes.x_axis * range_m;
         let round = SymmetricMat3::isotropic(0.5 * world.evidence.voxel_m());
@@ -232,10 +233,9 @@ impl Mapper {
             let factor = |bin: usize| range_m(bin).powf(-change);
             let referred = bins.map(|(bin, power)| Ping::nearest_power(power * factor(bin)));
             let intensity: Vec<f32> = referred.collect();
-            let (start_m, length_m) = (past.look.range_start_m, past.look.bin_length_m);
             let profile = &mut past.profile;
             let rings_until_m = ringing.until_m(past.gain_index);
-            profile.ring_until(rings_until_m, start_m.into(), length_m.into());
+            profile.ring_until(rings_until_m);
             self.levels.renew(profile, &intensity, &ground, config);
             past.brightness = 0.0;
         }
@@ -266,7 +266,7 @@ impl Mapper {
         let tolerate = || {
             pings.map(Arc::make_mut).for_each(|past| {
                 let tolerance_m = tolerance_m(voxel_m, past.range_sigma_m());
-                past.profile.tolerate(tolerance_m, past.look.bin_length_m);
+                past.profile.tolerate(tolerance_m);
             });
         };
         self.pool.install(tolerate);

@@ -33,9 +33,6 @@ use crate::{ConfigError, MapperConfig};
 pub use calibrator::Calibrator;
 pub use status::{InsertReport, MapperStatus};
 
-/// Noise is reckoned with at least this far below the strongest echo, so that a silent simulator
-/// does not make darkness infinitely telling.
-const LEAST_NOISE: f32 = 1e-4;
 /// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
 /// disturb what explains the echo already, and is raised by what it explains.
 const NEWBORN_STRENGTH: f32 = 0.02;
@@ -131,11 +128,6 @@ impl Mapper {
     #[must_use]
     pub fn left_out(&self) -> &[LeftOut] {
         &self.left_out
-    }
-
-    /// Least noise power to reckon with.
-    fn floor(&self) -> f32 {
-        LEAST_NOISE * self.levels.strongest()
     }
 
     fn publish(&mut self) -> Snapshot {

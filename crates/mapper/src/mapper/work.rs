@@ -103,7 +103,6 @@ impl Mapper {
         let terms = Terms {
             config: &self.config,
             at_work: self.at_work,
-            floor: self.floor(),
             unit_strength: self.unit_strength,
         };
         let Some(world) = &self.world else {
@@ -118,7 +117,7 @@ impl Mapper {
 
     /// Lets go of the oldest pings when there are too many; `recent` of them stay in any case. What they told stays.
     pub(super) fn forget(&mut self, recent: usize) {
-        let (gone, floor) = (self.history.forget(recent), self.floor());
+        let gone = self.history.forget(recent);
         let Some(world) = &mut self.world else { return };
         if gone.is_empty() {
             return;
@@ -131,7 +130,6 @@ impl Mapper {
         let terms = Terms {
             config: &self.config,
             at_work: self.at_work,
-            floor,
             unit_strength: self.unit_strength,
         };
         let map = &mut self.gaussians;
@@ -259,7 +257,6 @@ mod tests {
         Terms {
             config: &mapper.config,
             at_work: mapper.at_work,
-            floor: mapper.floor(),
             unit_strength: mapper.unit_strength,
         }
     }

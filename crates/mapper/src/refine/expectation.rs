@@ -499,7 +499,6 @@ mod tests {
             Scene {
                 evidence: &self.evidence,
                 gaussians: &self.gaussians,
-                floor: NOISE,
                 is_blurred: false,
                 at_work,
             }

@@ -9,8 +9,6 @@ use crate::spawn::gaussians::Gaussians;
 pub(crate) struct Scene<'a> {
     pub(crate) evidence: &'a Evidence,
     pub(crate) gaussians: &'a Gaussians,
-    /// Least noise power to reckon with.
-    pub(crate) floor: f32,
     /// Whether looks are as blurred as their poses may be off.
     pub(crate) is_blurred: bool,
     pub(crate) at_work: AtWork,

@@ -87,7 +87,7 @@ impl Sight {
         let profile = &past.profile;
         let padded = (profile.intensity.len() + LANES).next_multiple_of(LANES);
         self.predicted.clear();
-        self.background = profile.noise.max(scene.floor);
+        self.background = profile.background;
         self.predicted.resize(padded, self.background);
         for (predicted, ground) in self.predicted.iter_mut().zip(profile.ground.iter()) {
             *predicted += ground;

@@ -81,7 +81,7 @@ fn dive_ringing(mut seabed: Seabed, until_m: f64, power: impl Fn(f32, usize) -> 
             true => 0.0,
             false => power(height_m, bin),
         });
-        profile.ring_until(until_m, 0.0, BIN_M.into());
+        profile.ring_until(until_m);
         let look = look(height_m, 0.005 * index as f32);
         seabed.listen(&look, &intensity, &profile);
     }

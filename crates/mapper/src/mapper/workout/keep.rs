@@ -26,7 +26,6 @@ pub(crate) fn keep(
     let scene = |gaussians, is_blurred| Scene {
         evidence: &world.evidence,
         gaussians,
-        floor: terms.floor,
         is_blurred,
         at_work: terms.at_work,
     };

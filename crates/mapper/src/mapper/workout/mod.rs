@@ -125,7 +125,6 @@ pub(crate) struct Workout {
     draft: Gaussians,
     at_work: AtWork,
     demand: Demand,
-    floor: f32,
     most_pairs: f64,
     /// The same were there no need to be done soon.
     most_pairs_in_full: f64,
@@ -145,8 +144,6 @@ pub(crate) struct Workout {
 pub(crate) struct Terms<'a> {
     pub(crate) config: &'a MapperConfig,
     pub(crate) at_work: AtWork,
-    /// Least noise power to reckon with.
-    pub(crate) floor: f32,
     /// Strength that a typical echo needs of a Gaussian of one voxel.
     pub(crate) unit_strength: f32,
 }
@@ -201,7 +198,6 @@ impl Workout {
             draft: Gaussians::default(),
             at_work: terms.at_work,
             demand: Demand::of(terms.config, terms.at_work),
-            floor: terms.floor,
             most_pairs: most_pairs(terms.config, is_live, pings.len()),
             most_pairs_in_full: terms.config.workout_pairs as f64,
             pings,
@@ -257,7 +253,6 @@ impl Workout {
         Scene {
             evidence: &world.evidence,
             gaussians: &self.draft,
-            floor: self.floor,
             is_blurred,
             at_work: self.at_work,
         }
