@@ -33,7 +33,7 @@ pub(crate) struct Profile {
     strongest_here: f32,
     /// The same at about each range, by section of it.
     strongest: Powers,
-    /// An echo is above this.
+    /// An echo is above this, and no tail.
     threshold: f32,
     /// Echoes below this part of the strongest at about their range are tails of the beam.
     tail_part: f32,
@@ -115,8 +115,7 @@ impl Profile {
         let least = self.thresholds(count);
         let raised = |bin: usize| {
             let ground = ground.most.get(bin).copied().unwrap_or(0.0);
-            let least = least.get(bin).copied().unwrap_or(f32::INFINITY);
-            least.max(GROUND_FACTOR * ground)
+            least[bin].max(GROUND_FACTOR * ground)
         };
         let doubted = || self.doubted.iter().chain(&self.bursts);
         let mut is_doubted = vec![false; doubted().next().map_or(0, |_| count)];

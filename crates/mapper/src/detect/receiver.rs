@@ -307,6 +307,14 @@ mod tests {
     }
 
     #[test]
+    fn ringing_is_told_of_many_gains_that_few_pings_had_each() {
+        let of = |index: u64| ping(index, (index % 4) as i16, |r| 1.0 + 3e6 * (-r / 0.15).exp());
+        let receiver = learnt(16, of);
+        let until_m = receiver.ringing().until_m(2);
+        assert!((1.9..2.5).contains(&until_m), "{until_m}");
+    }
+
+    #[test]
     fn silence_and_other_ranges_tell_nothing_and_break_nothing() {
         let receiver = learnt(8, |index| ping(index, index as i16, |_| 0.0));
         assert!(receiver.exponent.abs() < 1e-9);

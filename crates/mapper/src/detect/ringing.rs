@@ -17,9 +17,9 @@ const LEAST_RINGING_CHANGE_M: f64 = 0.1;
 /// Where the transducer is no longer heard to ring.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Ringing {
-    /// Of gains that enough pings had, by index, metres; 0 where every ping tells it by itself.
+    /// Of gains that pings had, by index, metres; 0 where every ping tells it by itself.
     of_gain: BTreeMap<i16, f64>,
-    /// The same of all pings, for other gains.
+    /// The same of all pings, for gains that none had and those that too few had.
     of_all_m: f64,
 }
 
@@ -36,12 +36,12 @@ impl Ringing {
             let is_enough = noise.pings() >= LEAST_RINGING_PINGS;
             is_enough.then(|| until_m(&noise.levels(exponent), told_m))
         };
+        let of_all_m = until_m(all).unwrap_or(0.0);
         let gains = by_gain.iter();
+        let of_gain = gains.map(|(&index, noise)| (index, until_m(noise).unwrap_or(of_all_m)));
         Self {
-            of_gain: gains
-                .filter_map(|(&index, noise)| Some((index, until_m(noise)?)))
-                .collect(),
-            of_all_m: until_m(all).unwrap_or(0.0),
+            of_gain: of_gain.collect(),
+            of_all_m,
         }
     }
 
