@@ -54,6 +54,7 @@ mod config;
 mod detect;
 mod mapper;
 mod parts;
+mod progress;
 mod refine;
 mod seabed;
 mod spawn;

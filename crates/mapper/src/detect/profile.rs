@@ -19,8 +19,8 @@ pub(crate) struct Profile {
     pub(crate) echoes: Box<[(u32, u32)]>,
     /// Runs of bins that may be echoes heard again: they say nothing.
     pub(crate) doubted: Box<[(u32, u32)]>,
-    /// Runs of bins that are another sonar's pulses: they say nothing either.
-    pub(crate) bursts: Box<[(u32, u32)]>,
+    /// Runs of bins that are another sonar's pulses or the vehicle itself, by where they begin: they say nothing either.
+    pub(crate) foreign: Box<[(u32, u32)]>,
     range_start_m: f32,
     bin_length_m: f32,
     /// Mean power of the noise in this ping.
@@ -117,7 +117,7 @@ impl Profile {
             let ground = ground.most.get(bin).copied().unwrap_or(0.0);
             least[bin].max(GROUND_FACTOR * ground)
         };
-        let doubted = || self.doubted.iter().chain(&self.bursts);
+        let doubted = || self.doubted.iter().chain(&self.foreign);
         let mut is_doubted = vec![false; doubted().next().map_or(0, |_| count)];
         for &(start, end) in doubted() {
             is_doubted[start as usize..end as usize].fill(true);
@@ -215,13 +215,13 @@ impl Levels {
     }
 
     /// Turns a ping into evidence and learns from it. `tolerance_m` widens the echoes; `ground` is
-    /// what the seabed sends back, empty where none is known; `bursts` are no echoes.
+    /// what the seabed sends back, empty where none is known; `foreign` are no echoes.
     pub(crate) fn profile(
         &mut self,
         ping: &Ping,
         tolerance_m: f64,
         ground: &Backdrop,
-        bursts: Box<[(u32, u32)]>,
+        foreign: Box<[(u32, u32)]>,
         config: &MapperConfig,
     ) -> Profile {
         let bin_length_m = ping.settings().bin_length_m();
@@ -230,7 +230,7 @@ impl Levels {
             state: States::default(),
             echoes: Box::default(),
             doubted: Box::default(),
-            bursts,
+            foreign,
             range_start_m: ping.settings().range_start_m as f32,
             bin_length_m: bin_length_m as f32,
             noise: 0.0,
@@ -294,7 +294,7 @@ impl Levels {
         let mut loudest = (threshold, None);
         for (section, strongest) in self.strongest_at.iter_mut().enumerate() {
             let end = profile.end_of(section).clamp(start, count);
-            let peak = greatest_without(&intensity[..end], start, &profile.bursts);
+            let peak = greatest_without(&intensity[..end], start, &profile.foreign);
             let is_echo = peak > threshold;
             *strongest = risen(*strongest, if is_echo { peak } else { 0.0 });
             if peak > loudest.0 {

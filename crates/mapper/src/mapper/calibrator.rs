@@ -249,7 +249,7 @@ fn mapped(blank: &Mapper, moving: &[Moving]) -> Option<Mapper> {
     }
     let extent = map.at_work.converged;
     let evidence = &mut map.world.as_mut()?.evidence;
-    map.status.voxel_looks = evidence.integrate_anew(&map.history, extent);
+    map.status.voxel_looks = evidence.integrate_anew(&map.history, extent, &map.progress);
     let (spawn, strength) = (
         map.config.spawn_evidence,
         NEWBORN_STRENGTH * map.unit_strength,

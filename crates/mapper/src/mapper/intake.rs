@@ -13,6 +13,7 @@ use crate::MapperConfig;
 use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
 use crate::detect::mirror::Source;
 use crate::detect::profile::{Backdrop, Levels, Profile, RING_DOWN_M, blank_bins, widen_bins};
+use crate::detect::working_range::WorkingRange;
 use crate::parts::{Cue, Extent};
 use crate::seabed::Seabed;
 use crate::spawn::births;
@@ -132,9 +133,16 @@ impl Mapper {
         );
         let widen = widen_bins(tolerance_m.into(), bin_length_m);
         let bursts = self.bursts.runs(&look, ping.intensity(), blank, widen);
+        let settings = ping.settings();
+        let of_vehicle = self.own_vehicle.runs(
+            settings.range_start_m,
+            settings.bin_length_m(),
+            settings.bin_count,
+        );
+        let foreign = in_order(&[&bursts, &of_vehicle]);
         let mut profile = self
             .levels
-            .profile(ping, tolerance_m.into(), &ground, bursts, config);
+            .profile(ping, tolerance_m.into(), &ground, foreign, config);
         let weight = match posed.ping.view() {
             Some(_) => 1.0,
             None => novelty(&look, self.last_look.as_ref()),
@@ -142,12 +150,10 @@ impl Mapper {
         let (intensity, strongest) = (posed.ping.intensity(), self.levels.strongest());
         let walking = self.walkers.runs(&look, intensity, &profile);
         if !walking.is_empty() {
-            let mut bursts = [&*profile.bursts, &*walking].concat();
-            bursts.sort_unstable();
-            profile.bursts = bursts.into();
+            profile.foreign = in_order(&[&profile.foreign, &walking]);
             profile.judge(intensity, &ground);
         }
-        let pulses = profile.bursts.iter();
+        let pulses = bursts.iter().chain(&walking);
         self.status.bins_interfered += pulses
             .map(|&(start, end)| u64::from(end - start))
             .sum::<u64>();
@@ -218,15 +224,17 @@ impl Mapper {
         true
     }
 
-    /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less, or that
-    /// were thought to ring for another time.
+    /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less, that
+    /// were thought to ring for another time, or whose echoes of the vehicle itself were not known.
     fn refer_anew(&mut self, change: f32) {
         let ringing = self.receiver.ringing();
         (self.levels, self.unit_strength) = (Levels::ringing(ringing.clone()), 0.0);
         self.workout = None;
+        self.working_range = WorkingRange::default();
         self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
         for past in self.history.pings_mut().iter_mut().map(Arc::make_mut) {
+            self.progress.tell();
             let range_m =
                 |bin: usize| past.look.range_start_m + (bin as f32 + 0.5) * past.look.bin_length_m;
             let bins = past.profile.intensity.iter().enumerate();
@@ -236,6 +244,11 @@ impl Mapper {
             let profile = &mut past.profile;
             let rings_until_m = ringing.until_m(past.gain_index);
             profile.ring_until(rings_until_m);
+            let (start_m, length_m) = (past.look.range_start_m, past.look.bin_length_m);
+            let of_vehicle = self
+                .own_vehicle
+                .runs_in(start_m.into(), length_m.into(), &intensity);
+            profile.foreign = in_order(&[&profile.foreign, &of_vehicle]);
             self.levels.renew(profile, &intensity, &ground, config);
             past.brightness = 0.0;
         }
@@ -274,21 +287,35 @@ impl Mapper {
         self.sum_up_anew();
     }
 
+    /// Learns what the receiver and the vehicle themselves do to pings, and refers them to one gain. Returns what is news and can
+    /// be taken over of the power of range that noise grows by, 0 if only something else is.
+    fn learn_of_unit(&mut self, slice: &mut [PosedPing]) -> Option<f32> {
+        let blanking_m = self.config.blanking_m;
+        for PosedPing { ping, .. } in &*slice {
+            self.receiver.learn(ping, blank_bins(ping, blanking_m));
+        }
+        let can_take_over = self.history.forgotten() == 0;
+        let settle = || self.receiver.settle(blanking_m + RING_DOWN_M);
+        let change = can_take_over.then(settle).flatten();
+        let mut has_new_part = false;
+        for posed in slice {
+            posed.ping = self.receiver.refer(&posed.ping);
+            let (ping, at_m) = (&posed.ping, posed.world_from_sensor.translation_m);
+            let blank = blank_bins(ping, blanking_m);
+            has_new_part |= self
+                .own_vehicle
+                .learn(ping.settings(), ping.intensity(), at_m, blank);
+        }
+        change.or_else(|| (has_new_part && can_take_over).then_some(0.0))
+    }
+
     pub(super) fn take_in_slice(&mut self) -> InsertReport {
         let mut slice = std::mem::take(&mut self.waiting);
         slice.sort_by_key(|posed| (posed.ping.transmit_time(), posed.ping.sequence()));
-        for PosedPing { ping, .. } in &slice {
-            let blank = blank_bins(ping, self.config.blanking_m);
-            self.receiver.learn(ping, blank);
-        }
+        let news = self.learn_of_unit(&mut slice);
         // Strengths kept of pings that were let go stay as those pings said.
-        if self.history.forgotten() == 0
-            && let Some(change) = self.receiver.settle(self.config.blanking_m + RING_DOWN_M)
-        {
+        if let Some(change) = news {
             self.refer_anew(change);
-        }
-        for PosedPing { ping, .. } in &mut slice {
-            *ping = self.receiver.refer(ping);
         }
         // What forgotten pings told is told of voxels as they are.
         if self.history.forgotten() == 0
@@ -375,6 +402,13 @@ fn range_sigma_m(posed: &PosedPing, config: &MapperConfig) -> f32 {
 /// Echoes light places this much nearer and farther.
 fn tolerance_m(voxel_m: f32, range_sigma_m: f32) -> f32 {
     0.45 * voxel_m + 2.2 * range_sigma_m
+}
+
+/// Runs of bins by where they begin.
+fn in_order(runs: &[&[(u32, u32)]]) -> Box<[(u32, u32)]> {
+    let mut all = runs.concat();
+    all.sort_unstable();
+    all.into()
 }
 
 /// Quarter of the horizon that a direction is in.

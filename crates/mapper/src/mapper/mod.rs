@@ -19,6 +19,7 @@ use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::accumulate::history::History;
 use crate::detect::bursts::Bursts;
+use crate::detect::own_vehicle::OwnVehicle;
 use crate::detect::profile::Levels;
 use crate::detect::receiver::Receiver;
 use crate::detect::repeats::Repeats;
@@ -26,6 +27,7 @@ use crate::detect::walkers::Walkers;
 use crate::detect::working_range::WorkingRange;
 use crate::mapper::workout::Workout;
 use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
+use crate::progress::Progress;
 use crate::seabed::Seabed;
 use crate::spawn::gaussians::Gaussians;
 use crate::world::World;
@@ -44,6 +46,7 @@ pub struct Mapper {
     pool: Arc<ThreadPool>,
     world: Option<World>,
     receiver: Receiver,
+    own_vehicle: OwnVehicle,
     bursts: Bursts,
     walkers: Walkers,
     levels: Levels,
@@ -65,6 +68,7 @@ pub struct Mapper {
     at_work: AtWork,
     left_out: Vec<LeftOut>,
     status: MapperStatus,
+    progress: Progress,
 }
 
 impl Mapper {
@@ -89,6 +93,7 @@ impl Mapper {
             pool,
             world: None,
             receiver: Receiver::default(),
+            own_vehicle: OwnVehicle::default(),
             bursts: Bursts::default(),
             walkers: Walkers::default(),
             levels: Levels::default(),
@@ -105,12 +110,19 @@ impl Mapper {
             at_work,
             left_out,
             status: MapperStatus::default(),
+            progress: Progress::default(),
         }
     }
 
     /// The map as it stands. Looking at it leaves no trace.
     pub fn snapshot(&mut self) -> Snapshot {
         self.publish()
+    }
+
+    /// Has `tell` called again and again, from any of the mapper's threads, while a step of [`Self::insert`] goes on that may
+    /// take seconds: when all pings so far are judged or summed up anew. Who watches over the mapper knows by it that it works.
+    pub fn on_progress(&mut self, tell: impl Fn() + Send + Sync + 'static) {
+        self.progress = Progress::told_to(tell);
     }
 
     /// Its threads. A caller who is one of them hands nothing over at each call.
@@ -175,6 +187,7 @@ impl Mapper {
                 .map_or(0, |w| w.evidence.block_count() as u64),
             voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
             rings_until_m: self.receiver.ringing().longest_m(),
+            own_vehicle_m: self.own_vehicle.nearest_m(),
             ground_log_ratio: self.seabed.log_ratio(),
             water_surface_m: self.water_surface_m(),
             ..self.status

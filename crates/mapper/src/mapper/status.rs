@@ -52,6 +52,9 @@ pub struct MapperStatus {
     pub voxel_m: f32,
     /// Nearer than this pings of some gain are heard to ring, and say nothing, metres; 0 where each ping tells it by itself.
     pub rings_until_m: f64,
+    /// Where a part of the vehicle itself begins to be heard, the nearest if there are several, metres: it is passed over. `None`
+    /// where none is in view.
+    pub own_vehicle_m: Option<f64>,
     /// Where the newest ping ends, metres.
     pub range_end_m: f32,
     /// Half of the pings' strongest echoes come from nearer, metres; `None` before some hundred pings heard a loud one.

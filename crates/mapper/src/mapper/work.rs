@@ -13,6 +13,7 @@ use crate::detect::repeats::Repeats;
 use crate::mapper::schedule::{Due, Start};
 use crate::mapper::workout::{Terms, Workout, keep};
 use crate::parts::{MapCues, decide};
+use crate::progress::Progress;
 use crate::seabed::Seabed;
 
 /// Tiles are due when this part of what they hold comes from looks that it was not worked out with: they were looked
@@ -77,7 +78,9 @@ impl Mapper {
     /// Judges every remembered ping by what is now known of the seabed and of echoes heard again.
     pub(super) fn judge_all(&mut self) {
         let (history, seabed, repeats) = (&mut self.history, &self.seabed, &self.repeats);
-        self.pool.install(|| judge_all(history, seabed, repeats));
+        let progress = &self.progress;
+        self.pool
+            .install(|| judge_all(history, seabed, repeats, progress));
     }
 
     /// Sums up all evidence anew, unless pings are forgotten, whose evidence cannot be.
@@ -87,10 +90,10 @@ impl Mapper {
             return;
         }
         let (history, extent) = (&self.history, self.at_work.converged);
-        let evidence: &mut Evidence = &mut world.evidence;
+        let (evidence, progress): (&mut Evidence, _) = (&mut world.evidence, &self.progress);
         self.status.voxel_looks += self
             .pool
-            .install(|| evidence.integrate_anew(history, extent));
+            .install(|| evidence.integrate_anew(history, extent, progress));
         evidence.doubt_all();
     }
 
@@ -218,8 +221,9 @@ pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
     (!more.is_empty()).then(|| in_full(more, Start::Map))
 }
 
-fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {
+fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats, progress: &Progress) {
     history.pings_mut().par_iter_mut().for_each(|past| {
+        progress.tell();
         let past = Arc::make_mut(past);
         let ground = seabed.backdrop(&past.look, past.brightness);
         let intensity: Vec<f32> = past.profile.intensity.iter().collect();
@@ -231,6 +235,8 @@ fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats) {
 
 #[cfg(test)]
 mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
     use echosplat_model::glam::{DVec3, Vec3};
     use echosplat_model::{Gaussian, Pose, PosedPing, Standing};
 
@@ -283,6 +289,25 @@ mod tests {
         let after = mapper.finish();
         assert!(after.gaussians.iter().all(|gaussian| gaussian.id != id));
         assert!(after.gaussians.iter().all(|g| g.sigma_m.is_finite()));
+    }
+
+    #[test]
+    fn a_long_step_says_that_it_goes_on() {
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        for number in 0..40 {
+            mapper.insert(&going_by(number, 0.0));
+        }
+        let told = Arc::new(AtomicUsize::new(0));
+        let count = Arc::clone(&told);
+        mapper.on_progress(move || {
+            count.fetch_add(1, Ordering::Relaxed);
+        });
+        mapper.judge_all();
+        let of_pings = told.swap(0, Ordering::Relaxed);
+        assert!(of_pings >= 8, "{of_pings}");
+        mapper.sum_up_anew();
+        let of_blocks = told.load(Ordering::Relaxed) as u64;
+        assert_eq!(of_blocks, mapper.status().evidence_blocks);
     }
 
     /// The same of pings that end at 30 m.

@@ -111,8 +111,14 @@ impl Worker {
     /// Maps until the sonar's events end; gives the finished map.
     ///
     /// Runs as one of the mapper's threads, so that its many small pieces of work begin at once.
-    pub(crate) fn run(self) -> Arc<Snapshot> {
+    pub(crate) fn run(mut self) -> Arc<Snapshot> {
+        self.beat_as_mapper_works();
         self.mapper.pool().install(move || self.map_all())
+    }
+
+    fn beat_as_mapper_works(&mut self) {
+        let heartbeat = self.heartbeat.clone();
+        self.mapper.on_progress(move || heartbeat.beat());
     }
 
     fn map_all(mut self) -> Arc<Snapshot> {
@@ -263,6 +269,8 @@ impl Worker {
         // This thread is one of the pool's: the map that goes on keeps it.
         mapper.swap_threads(&mut self.mapper);
         std::mem::swap(&mut mapper, &mut self.mapper);
+        self.beat_as_mapper_works();
+        mapper.on_progress(|| {});
         self.allow_work();
         let state = &mut self.state;
         state.past_work = work;
@@ -387,6 +395,8 @@ impl Worker {
         if let Some(frame_check) = self.frame_check.as_mut().filter(|_| self.inputs_left == 0) {
             frame_check.end();
         }
+        // A beat would take back what is allowed.
+        self.mapper.on_progress(|| {});
         self.heartbeat.beat_allowing(FINISH);
         let snapshot = self.mapper.finish();
         let first = self.state.first_ping.unwrap_or_default();

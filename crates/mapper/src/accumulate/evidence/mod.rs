@@ -22,6 +22,7 @@ use rayon::prelude::*;
 use crate::accumulate::fan::Reach;
 use crate::accumulate::history::{History, Past};
 use crate::parts::Extent;
+use crate::progress::Progress;
 pub(crate) use block::{Block, Horizon, Sums};
 
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
@@ -198,7 +199,12 @@ impl Evidence {
     }
 
     /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
-    pub(crate) fn integrate_anew(&mut self, history: &History, extent: Extent) -> u64 {
+    pub(crate) fn integrate_anew(
+        &mut self,
+        history: &History,
+        extent: Extent,
+        progress: &Progress,
+    ) -> u64 {
         let known = self.tiles.len();
         for key in self.wanted(history.pings()) {
             self.create(key);
@@ -209,6 +215,7 @@ impl Evidence {
         let blocks = self.blocks.par_iter_mut().with_min_len(16);
         blocks
             .map(|block| {
+                progress.tell();
                 block.forget();
                 let looks = block.integrate_all(history, voxel_m, extent);
                 // Once for what was looked from, and once for good.

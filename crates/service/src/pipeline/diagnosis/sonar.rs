@@ -23,6 +23,7 @@ impl Diagnosis {
         if self.expectations.pace == Pace::Live {
             findings.extend(self.silence(status, now).or_else(|| self.slow(status, now)));
             findings.extend(long_range(status));
+            findings.extend(own_vehicle(status));
         }
         findings.extend(self.refused(status, now));
         let listening = status.report.listening;
@@ -143,6 +144,18 @@ impl Diagnosis {
             ),
         ))
     }
+}
+
+/// Something of the vehicle is in the fan: the map is right, and there may be less of it.
+fn own_vehicle(status: &Status) -> Option<Finding> {
+    let range_m = status.report.mapper.own_vehicle_m?;
+    Some(warning(
+        "own-vehicle",
+        format!(
+            "something {range_m:.1} m away goes with the vehicle: a gripper, or a frame in the fan; it is passed over. Keep it \
+             out of the fan, if it need not be there"
+        ),
+    ))
 }
 
 /// The unit hears so much further than what is there that the map is coarser than it could be.

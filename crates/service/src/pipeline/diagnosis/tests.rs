@@ -63,6 +63,13 @@ fn a_unit_that_hears_much_further_than_what_is_there_is_told_of() {
 }
 
 #[test]
+fn what_goes_with_the_vehicle_is_told() {
+    let (mut report, sonar) = healthy();
+    report.mapper.own_vehicle_m = Some(1.08);
+    assert_eq!(codes(report, sonar), ["own-vehicle"]);
+}
+
+#[test]
 fn silence_is_told_by_the_first_link_of_the_chain_that_is_broken() {
     let after = |change: &dyn Fn(&mut DriverStatus)| {
         let (report, mut sonar) = healthy();
