@@ -9,14 +9,14 @@
 use echosplat_model::PingSettings;
 use echosplat_model::glam::{DMat3, DVec3};
 
-/// An echo begins where power rises by so much, 6 dB, over all of the bins before it but the next. Noise, speckle and
+/// An echo begins where power rises by so much, 6 dB, over each of the three bins that end two before it. Noise, speckle and
 /// surfaces without end do so once in 35 bins: 6/(5·6·7).
 const RISE: f32 = 4.0;
 const BEFORE: usize = 4;
 /// Pings after which parts are told anew, and what is left then of what pings before told: a mean of 2,048 pings.
 const GROUP: u32 = 64;
 const LEFT: f64 = 0.969;
-/// Fewest pings that tell a part.
+/// Fewest pings that tell a part, as they are left: the first 320.
 const LEAST_PINGS: f64 = 256.0;
 /// Share of the pings in which a part begins at its bin, to be found and to be kept. Where the vehicle moves by
 /// [`LEAST_SCATTER_BINS`] or more, what stands in the water begins in one bin an eighth of the time.

@@ -404,10 +404,11 @@ fn tolerance_m(voxel_m: f32, range_sigma_m: f32) -> f32 {
     0.45 * voxel_m + 2.2 * range_sigma_m
 }
 
-/// Runs of bins by where they begin.
+/// Runs of bins by where they begin, each once.
 fn in_order(runs: &[&[(u32, u32)]]) -> Box<[(u32, u32)]> {
     let mut all = runs.concat();
     all.sort_unstable();
+    all.dedup();
     all.into()
 }
 
