@@ -43,28 +43,51 @@ fn poses_of_another_time_are_no_verdict() {
     assert!(error.contains("have a pose"), "{error}");
 }
 
-#[test]
-fn late_poses_are_told_in_the_status_and_as_a_notice() {
-    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("late-dive");
+/// What a replay says of two minutes of a simulated dive in which this is off.
+fn told(name: &str, disturbance: &str) -> serde_json::Value {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
     let out = directory.display().to_string();
-    let late = ["simulate", "--duration", "125", "--out", &out];
-    let late = [&late[..], &["--disturb", "pose_latency_s=0.06"]].concat();
-    Program::echosplat(&late).wait_exit_code(0, LONG);
+    let dive = ["simulate", "--duration", "125", "--out", &out];
+    let dive = [&dive[..], &["--disturb", disturbance]].concat();
+    Program::echosplat(&dive).wait_exit_code(0, LONG);
     let of = |name: &str| directory.join(name).display().to_string();
     let (log, poses) = (of("dive.svlog"), of("dive.tum"));
     let mut program = Program::echosplat(&["replay", &log, "--poses", &poses, "--json"]);
     program.wait_exit_code(0, LONG);
-    let said = program.only_json();
+    program.only_json()
+}
+
+/// Whether a notice of this code has these words.
+fn has_notice(said: &serde_json::Value, code: &str, words: &str) -> bool {
+    let notices = said["notices"].as_array().expect("notices");
+    let notice = notices.iter().find(|notice| notice["code"] == code);
+    let sentence = notice.and_then(|notice| notice["sentence"].as_str());
+    sentence.is_some_and(|sentence| sentence.contains(words))
+}
+
+#[test]
+fn late_poses_are_told_in_the_status_and_as_a_notice() {
+    let said = told("late-dive", "pose_latency_s=0.06");
     let found = &said["calibration"];
     let late_ms = found["time_offset_ms"]["value"].as_f64();
     let is_near = |late_ms: f64| (late_ms - 60.0).abs() < 15.0;
     assert!(late_ms.is_some_and(is_near), "{found}");
     assert_eq!(found["mount_yaw_deg"]["is_believed"], false, "{found}");
-    let notices = said["notices"].as_array().expect("notices");
-    let sentence = notices.iter().find(|notice| notice["code"] == "pose-clock");
-    let sentence = sentence.and_then(|notice| notice["sentence"].as_str());
-    assert!(
-        sentence.is_some_and(|said| said.contains("pose.time_offset_s = 0.0")),
-        "{notices:?}"
+    let words = "pose.time_offset_s = 0.0";
+    assert!(has_notice(&said, "pose-clock", words), "{said}");
+}
+
+#[test]
+fn a_compass_that_deviates_is_told_in_the_status_and_as_a_notice() {
+    let said = told("compass-dive", "compass_b_deg=4");
+    let found = &said["calibration"];
+    let cosine_deg = found["compass_cosine_deg"]["value"].as_f64();
+    let is_near = |cosine_deg: f64| (cosine_deg + 4.0).abs() < 1.0;
+    assert!(cosine_deg.is_some_and(is_near), "{found}");
+    assert_eq!(
+        found["sound_speed_percent"]["is_believed"], false,
+        "{found}"
     );
+    let words = "pose.compass_deviation_deg = [";
+    assert!(has_notice(&said, "pose-compass", words), "{said}");
 }

@@ -9,7 +9,7 @@ use crate::harness::Program;
 
 const LONG: Duration = Duration::from_secs(120);
 
-const ALL: [&str; 11] = [
+const ALL: [&str; 12] = [
     "copy_offset_m=1.3",
     "spikes=3",
     "walker_mps=0.5",
@@ -21,6 +21,7 @@ const ALL: [&str; 11] = [
     "pose_latency_s=0.03",
     "mount_yaw_deg=2",
     "mount_roll_deg=-1",
+    "compass_b_deg=2",
 ];
 
 fn simulate(out: &Path, pairs: &[&str]) {

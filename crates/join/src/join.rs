@@ -12,6 +12,8 @@ use echosplat_model::{
 };
 use serde::{Deserialize, Serialize};
 
+use crate::CompassDeviation;
+
 /// How pings and poses are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -27,6 +29,8 @@ pub struct PoseJoinConfig {
     pub smoothing: Switch,
     /// How the sensor is mounted: its pose in the vehicle's frame.
     pub vehicle_from_sensor: Pose,
+    /// What the headings of poses are freed from as they come.
+    pub compass: CompassDeviation,
     /// Added to a ping's time before its pose is looked up, seconds.
     pub time_offset_s: f64,
     /// Most pings that wait for a pose; beyond that the newest is dropped and counted. Who can
@@ -46,6 +50,7 @@ impl Default for PoseJoinConfig {
             lookahead_s: LOOKAHEAD_S,
             smoothing: Switch::Auto,
             vehicle_from_sensor: Pose::IDENTITY,
+            compass: CompassDeviation::default(),
             time_offset_s: 0.0,
             waiting_capacity: 4096,
             max_wait_s: None,
@@ -141,6 +146,9 @@ pub struct PoseJoin {
     counters: JoinCounters,
 }
 
+/// A compass that deviates by more has to be compensated first.
+const MOST_DEVIATION_DEG: f64 = 45.0;
+
 /// Stands for "no pose yet".
 const BEFORE_ALL_POSES: Timestamp = Timestamp::from_nanos(i64::MIN);
 
@@ -189,7 +197,10 @@ impl PoseJoin {
     /// # Errors
     /// Says why it was left out.
     pub fn push_pose(&mut self, pose: StampedPose) -> Result<(), PoseError> {
-        let pushed = self.trajectory.push(pose);
+        let pushed = self.trajectory.push(StampedPose {
+            world_from_vehicle: self.config.compass.corrected(&pose.world_from_vehicle),
+            ..pose
+        });
         let counter = match pushed {
             Ok(()) => &mut self.counters.poses_taken,
             Err(PoseError::NotFinite) => &mut self.counters.poses_not_finite,
@@ -354,6 +365,9 @@ impl PoseJoinConfig {
         let mount_fits = Pose::checked(mount.rotation, mount.translation_m).is_some();
         let gap_fits = self.max_pose_gap_s > 0.0 && self.max_pose_gap_s <= 60.0;
         let lookahead_fits = (0.0..=1.0).contains(&self.lookahead_s);
+        let CompassDeviation { b_deg, c_deg } = self.compass;
+        let is_small = |angle_deg: &f64| angle_deg.abs() <= MOST_DEVIATION_DEG;
+        let compass_fits = [b_deg, c_deg].iter().all(is_small);
         let offset_fits = self.time_offset_s.is_finite();
         let wait_fits = self
             .max_wait_s
@@ -379,6 +393,12 @@ impl PoseJoinConfig {
                 "lookahead_s",
                 found(&self.lookahead_s),
                 "0 to 1",
+            ),
+            (
+                compass_fits,
+                "compass",
+                found(&self.compass),
+                "-45 to 45 degrees each",
             ),
             (
                 offset_fits,

@@ -8,10 +8,12 @@
 //! arguments, each with the time that it arrived.
 
 mod arrived;
+mod compass;
 mod guard;
 mod join;
 
 pub use arrived::{ArrivedPose, StampClock};
+pub use compass::CompassDeviation;
 pub use guard::{GuardReport, Guarded, PoseGuard};
 pub use join::{
     JoinCounters, PoseJoin, PoseJoinConfig, PoseJoinError, RejectReason, RejectedPing, Verdict,

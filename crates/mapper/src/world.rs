@@ -75,6 +75,11 @@ impl World {
         }
     }
 
+    /// Heading of the mapper's own x axis, from the world's x to y, radians.
+    pub(crate) fn axis_rad(&self) -> f64 {
+        2.0 * self.heading.z.atan2(self.heading.w)
+    }
+
     /// The ping on the mapper's own axes.
     pub(crate) fn enter(&self, posed: &PosedPing) -> PosedPing {
         let into = self.heading.conjugate();

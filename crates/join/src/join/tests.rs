@@ -88,6 +88,32 @@ fn mount_and_lever_arm_turn_the_pose_and_the_motion() {
 }
 
 #[test]
+fn headings_are_freed_from_the_compass_as_poses_come() {
+    let east = CompassDeviation {
+        b_deg: 3.0,
+        c_deg: 0.0,
+    };
+    let mut deviating = join(|config| config.compass = east);
+    deviating.push_pose(eastward(1.0)).unwrap();
+    deviating.push_pose(eastward(1.2)).unwrap();
+    deviating.push_ping(ping(0, 1.1));
+    let posed = deviating.poll().unwrap().result.unwrap();
+    let ahead = posed.world_from_sensor.rotation * DVec3::X;
+    // Told east, it is 3° further clockwise.
+    let yaw_deg = ahead.y.atan2(ahead.x).to_degrees();
+    assert!((yaw_deg + 3.0).abs() < 1e-9, "{yaw_deg}");
+    let wild = PoseJoinConfig {
+        compass: CompassDeviation {
+            b_deg: f64::NAN,
+            c_deg: 0.0,
+        },
+        ..PoseJoinConfig::default()
+    };
+    let error = PoseJoin::new(wild).unwrap_err().to_string();
+    assert!(error.contains("pose.compass"), "{error}");
+}
+
+#[test]
 fn the_twist_agrees_with_the_sensors_own_track() {
     let mount = Pose::from_yaw_pitch_roll(0.4, -0.3, 1.1, DVec3::new(0.5, -0.2, 0.3));
     let vehicle = |t: f64| {

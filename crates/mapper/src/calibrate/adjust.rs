@@ -4,7 +4,7 @@ use rayon::prelude::*;
 
 use super::landmarks::Landmarks;
 use super::linear::{Square, cholesky, inverse_times, solve};
-use super::parameters::{Found, PARAMETERS, PRIOR, Values};
+use super::parameters::{Compass, Found, PARAMETERS, PRIOR, Values};
 use super::point::{FREE, Free};
 use super::sums::{Kernel, Reduced};
 
@@ -25,6 +25,7 @@ const LONGEST_M: f64 = 0.1;
 /// Where the estimation stands.
 struct State<'a> {
     landmarks: &'a Landmarks,
+    prior: Values,
     values: Values,
     free: Vec<Free>,
     /// How much more blocks of time scatter than their curvature has it.
@@ -40,12 +41,13 @@ struct Total {
 
 impl Landmarks {
     /// `None` if they are too few.
-    pub(crate) fn estimate(&self) -> Option<Found> {
+    pub(crate) fn estimate(&self, compass: Compass) -> Option<Found> {
         if self.of.len() < LEAST_LANDMARKS || self.blocks < LEAST_BLOCKS {
             return None;
         }
         let mut state = State {
             landmarks: self,
+            prior: compass.prior(),
             values: [0.0; PARAMETERS],
             free: vec![[0.0; FREE]; self.of.len()],
             dispersion: 1.0,
@@ -96,7 +98,7 @@ impl State<'_> {
     }
 
     fn prior(&self, of: usize) -> f64 {
-        self.dispersion / PRIOR[of].powi(2)
+        self.dispersion / self.prior[of].powi(2)
     }
 
     /// One step of Gauss and Newton with the prior.
@@ -110,7 +112,7 @@ impl State<'_> {
             return;
         };
         let mut step = solve(&factor, &gradient);
-        let sizes = (0..PARAMETERS).map(|i| (step[i] / PRIOR[i]).abs());
+        let sizes = (0..PARAMETERS).map(|i| (step[i] / self.prior[i]).abs());
         let part = (LONGEST / sizes.fold(0.0, f64::max)).min(1.0);
         for (value, step) in self.values.iter_mut().zip(&mut step) {
             *step *= part;
@@ -149,7 +151,7 @@ impl State<'_> {
         let mut curvature = total.curvature;
         for i in 0..PARAMETERS {
             curvature[i][i] += self.prior(i);
-            scatter[i][i] += (self.dispersion / PRIOR[i]).powi(2);
+            scatter[i][i] += (self.dispersion / self.prior[i]).powi(2);
         }
         let factor = cholesky(&curvature)?;
         // Twice from the left, since all are symmetric.
@@ -165,7 +167,7 @@ mod tests {
 
     use super::*;
     use crate::calibrate::landmarks::{Landmark, LookAt};
-    use crate::calibrate::parameters::{RANGE, TIME, TURN};
+    use crate::calibrate::parameters::{COMPASS, RANGE, TIME, TURN};
     use crate::calibrate::point::Point;
 
     const BEAM_SIGMA_RAD: f32 = 0.006;
@@ -246,7 +248,7 @@ mod tests {
         ] {
             let mut values = [0.0; PARAMETERS];
             values[which] = value;
-            let found = landmarks(&values).estimate().unwrap();
+            let found = landmarks(&values).estimate(Compass::True).unwrap();
             let off = found.values[which] - value;
             assert!(
                 off.abs() < tolerance,
@@ -257,8 +259,30 @@ mod tests {
     }
 
     #[test]
+    fn a_compass_that_deviates_is_found_where_it_is_asked_for() {
+        let mut values = [0.0; PARAMETERS];
+        values[COMPASS] = 3f64.to_radians();
+        let landmarks = landmarks(&values);
+        let found = landmarks.estimate(Compass::Deviates).unwrap();
+        let off_deg = (found.values[COMPASS] - values[COMPASS]).to_degrees();
+        assert!(off_deg.abs() < 0.3, "{off_deg}");
+        // All headings are within 35°: their cosine is as good as constant, as a turn of the mount is.
+        let sigma = |i: usize| found.covariance[i][i].sqrt();
+        let (sine, cosine) = (sigma(COMPASS), sigma(COMPASS + 1));
+        assert!(cosine > 2.0 * sine, "{sine} {cosine}");
+        let known = landmarks.estimate(Compass::True).unwrap();
+        assert!(
+            known.values[COMPASS..]
+                .iter()
+                .all(|value| value.abs() < 1e-4)
+        );
+    }
+
+    #[test]
     fn nothing_is_found_where_nothing_is_off_and_little_said_of_what_is_not_seen() {
-        let found = landmarks(&[0.0; PARAMETERS]).estimate().unwrap();
+        let found = landmarks(&[0.0; PARAMETERS])
+            .estimate(Compass::True)
+            .unwrap();
         assert!(found.values[TIME].abs() < 1e-3, "{:?}", found.values);
         assert!(found.values[TURN + 2].abs() < 2e-3, "{:?}", found.values);
         assert!(found.values[RANGE].abs() < 2e-3, "{:?}", found.values);
@@ -271,7 +295,7 @@ mod tests {
     fn too_few_landmarks_say_nothing() {
         let mut few = landmarks(&[0.0; PARAMETERS]);
         few.of.truncate(LEAST_LANDMARKS - 1);
-        assert!(few.estimate().is_none());
-        assert!(Landmarks::default().estimate().is_none());
+        assert!(few.estimate(Compass::True).is_none());
+        assert!(Landmarks::default().estimate(Compass::True).is_none());
     }
 }

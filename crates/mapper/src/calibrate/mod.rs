@@ -1,7 +1,7 @@
-//! What is systematically wrong with poses and ranges: time offset, mount and speed of sound, told by how
+//! What is systematically wrong with poses and ranges: time offset, mount, compass and speed of sound, told by how
 //! well the looks at landmarks of the map agree, and by how likely maps make pings that they were not made of.
 //!
-//! The method is in `docs/algorithm.md`, section "Clock, mount and sound". Nothing of it changes the map.
+//! The method is in `docs/algorithm.md`, section "Clock, mount, compass and sound". Nothing of it changes the map.
 
 mod adjust;
 mod landmarks;
@@ -15,4 +15,4 @@ mod sums;
 pub(crate) use landmarks::Landmarks;
 pub(crate) use moving::{Moving, corrected, moving};
 pub use parameters::{Calibration, Estimate};
-pub(crate) use parameters::{Difference, RANGE, Verdict};
+pub(crate) use parameters::{Compass, Difference, RANGE, Verdict};

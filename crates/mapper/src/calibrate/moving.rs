@@ -4,7 +4,8 @@ use std::sync::Arc;
 
 use echosplat_model::glam::{DMat3, DQuat, Mat3, Quat, Vec3};
 
-use super::parameters::{LEVER, RANGE, TIME, TURN, Values};
+use super::parameters::{COMPASS, LEVER, RANGE, TIME, TURN, Values};
+use super::point::heading;
 use crate::accumulate::fan::Fan;
 use crate::accumulate::history::{FAN_SIGMAS, Past};
 
@@ -31,9 +32,13 @@ impl Moving {
         let v = values.map(|v| v as f32);
         let mut past = Past::clone(&self.past);
         let look = &mut past.look;
-        let turned = self.angular_radps * v[TIME] + Vec3::new(v[TURN], v[TURN + 1], v[TURN + 2]);
-        let moved = self.linear_mps * v[TIME] + Vec3::new(0.0, v[LEVER], v[LEVER + 1]);
         let axes = look.pose.axes;
+        let turn = axes.transpose();
+        let [sine, cosine] = heading(&turn);
+        let turned = self.angular_radps * v[TIME]
+            + Vec3::new(v[TURN], v[TURN + 1], v[TURN + 2])
+            + turn.z_axis * (v[COMPASS] * sine + v[COMPASS + 1] * cosine);
+        let moved = self.linear_mps * v[TIME] + Vec3::new(0.0, v[LEVER], v[LEVER + 1]);
         look.pose.position_m += axes * moved;
         look.pose.axes = axes * Mat3::from_quat(Quat::from_scaled_axis(turned));
         look.range_start_m *= 1.0 + v[RANGE];

@@ -1,15 +1,19 @@
 //! What is estimated, and how it is told.
 
+use std::ops::Range;
+
 use serde::Serialize;
 
 use super::linear::{Square, cholesky, solve};
 
-/// Time offset, mount about x, y and z, lever arm along y and z, and scale of ranges.
-pub(crate) const PARAMETERS: usize = 7;
+/// Time offset, mount about x, y and z, lever arm along y and z, scale of ranges, and the deviation of the compass with sine and
+/// cosine of the heading.
+pub(crate) const PARAMETERS: usize = 9;
 pub(super) const TIME: usize = 0;
 pub(super) const TURN: usize = 1;
 pub(super) const LEVER: usize = 4;
 pub(crate) const RANGE: usize = 6;
+pub(super) const COMPASS: usize = 7;
 
 pub(crate) type Values = [f64; PARAMETERS];
 
@@ -24,7 +28,31 @@ pub(super) const PRIOR: Values = [
     0.1,
     0.1,
     0.02,
+    3.0 * DEGREE,
+    3.0 * DEGREE,
 ];
+/// One sigma of what is taken for known.
+const KNOWN: f64 = 1e-6;
+
+/// What is asked of the heading. Where a vehicle always looks one way its compass cannot be told from its mount, and either would
+/// hide the other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Compass {
+    /// It is as told.
+    True,
+    /// It deviates.
+    Deviates,
+}
+
+impl Compass {
+    pub(super) fn prior(self) -> Values {
+        let mut prior = PRIOR;
+        if self == Self::True {
+            prior[COMPASS..].fill(KNOWN);
+        }
+        prior
+    }
+}
 
 /// A value with its sigma.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -54,6 +82,11 @@ pub struct Calibration {
     pub lever_up_m: Estimate,
     /// True over reported speed of sound, less 1, per cent.
     pub sound_speed_percent: Estimate,
+    /// How far the sonar is turned to the left of where poses have it, degrees, by the sine of its heading, which is counted from
+    /// the world's x to y.
+    pub compass_sine_deg: Estimate,
+    /// The same, by the cosine.
+    pub compass_cosine_deg: Estimate,
     /// Landmarks that it rests on.
     pub landmarks: u64,
     /// Looks at them.
@@ -81,7 +114,7 @@ const TRIED_SIGMAS: f64 = 4.0;
 /// Another value is believed if it makes pings likelier by so many standard errors.
 const LIKELIER_SIGMAS: f64 = 4.0;
 /// What part of an error a map made with it leaves to see, as on the survey of a fence; of ranges that is not asked.
-const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 1.0];
+const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 1.0, 0.65, 0.65];
 /// Least part that one is taken for.
 const SEEN_AT_LEAST: f64 = 0.4;
 /// What part of the step has to vanish from the residual where it is right, and at most does.
@@ -109,26 +142,49 @@ impl Default for Verdict {
 }
 
 impl Verdict {
-    /// Whether a trial of a parameter by `step` is believed: it takes away what it should, and makes pings likelier.
+    /// Whether a trial is believed: it takes away what it should of that which explains most, and makes pings likelier.
     pub(crate) fn judge(
         &mut self,
-        which: usize,
-        step: f64,
+        trial: &Step,
         before: &Difference,
         after: &Difference,
         gain_sigmas: f64,
     ) -> bool {
-        let seen = (before.residual()[which] - after.residual()[which]) / step;
+        let which = trial.which;
+        let seen = (before.residual()[which] - after.residual()[which]) / trial.by[which];
         let is_seen = (LEAST_SEEN..MOST_SEEN).contains(&seen);
         let is_believed = is_seen && gain_sigmas > LIKELIER_SIGMAS;
-        self.tried[which] = true;
-        self.believed[which] = is_believed;
-        if is_believed {
-            self.values[which] += step;
-            self.seen[which] = seen.clamp(SEEN_AT_LEAST, 1.0);
+        for i in group(which) {
+            self.tried[i] = true;
+            self.believed[i] = is_believed;
+            if is_believed {
+                self.values[i] += trial.by[i];
+                self.seen[i] = seen.clamp(SEEN_AT_LEAST, 1.0);
+            }
         }
         is_believed
     }
+
+    /// The values with a step more.
+    pub(crate) fn after(&self, step: &Step) -> Values {
+        std::array::from_fn(|i| self.values[i] + step.by[i])
+    }
+}
+
+/// What is tried together: both parts of the compass are one thing.
+fn group(which: usize) -> Range<usize> {
+    match which {
+        COMPASS.. => COMPASS..PARAMETERS,
+        _ => which..which + 1,
+    }
+}
+
+/// Other values to be tried.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Step {
+    /// The parameter that explains most.
+    which: usize,
+    by: Values,
 }
 
 impl Difference {
@@ -137,11 +193,6 @@ impl Difference {
             heard: *heard,
             predicted: *predicted,
         }
-    }
-
-    /// What is heard alone.
-    pub(crate) fn raw(&self) -> Values {
-        self.heard.values
     }
 
     fn residual(&self) -> Values {
@@ -158,24 +209,49 @@ impl Difference {
         std::array::from_fn(|i| covariance[i][i].max(0.0).sqrt())
     }
 
-    /// The parameter not yet tried that alone explains most of the residual, if any is more than chance makes it; the
-    /// speed of sound is never one.
-    pub(crate) fn most_off(&self, verdict: &Verdict) -> Option<usize> {
+    /// What to try next: the parameter not yet tried that alone explains most of the residual, if any is more than chance makes
+    /// it; the speed of sound is never one.
+    pub(crate) fn most_off(&self, verdict: &Verdict) -> Option<Step> {
         let factor = cholesky(&self.covariance())?;
         let scaled = solve(&factor, &self.residual());
         let gain = |i: usize| {
             let unit: Values = std::array::from_fn(|j| f64::from(u8::from(i == j)));
             scaled[i] * scaled[i] / solve(&factor, &unit)[i]
         };
-        let (residual, sigmas) = (self.residual(), self.sigmas());
-        let is_off = |&i: &usize| residual[i].abs() > TRIED_SIGMAS * sigmas[i] && !verdict.tried[i];
+        let is_off = |&i: &usize| self.is_off(i) && !verdict.tried[i];
         let off = (0..PARAMETERS).filter(|&i| i != RANGE).filter(is_off);
-        off.max_by(|&a, &b| gain(a).total_cmp(&gain(b)))
+        let which = off.max_by(|&a, &b| gain(a).total_cmp(&gain(b)))?;
+        let mut by = [0.0; PARAMETERS];
+        by[which] = self.heard.values[which];
+        for other in group(which).filter(|&other| other != which) {
+            by[other] = self.sure_part(other) * self.heard.values[other];
+        }
+        Some(Step { which, by })
+    }
+
+    fn is_off(&self, which: usize) -> bool {
+        self.residual()[which].abs() > TRIED_SIGMAS * self.sigmas()[which]
+    }
+
+    /// Whether the heading of poses is more off than chance makes it, and that was not tried yet.
+    pub(crate) fn is_compass_off(&self, verdict: &Verdict) -> bool {
+        (COMPASS..PARAMETERS).any(|i| self.is_off(i) && !verdict.tried[i])
+    }
+
+    /// What part of a value is likely to be its own and not its error: Wiener's filter.
+    fn sure_part(&self, which: usize) -> f64 {
+        let (value, sigma) = (self.residual()[which], self.sigmas()[which]);
+        value * value / (value * value + sigma * sigma).max(f64::MIN_POSITIVE)
     }
 
     /// What is left over, added to what was believed. What was tried and not believed is an error of the method, and
-    /// counts as such. `sound` is what is told of the speed of sound, in parts of it.
-    pub(crate) fn told(&self, verdict: &Verdict, sound: Estimate) -> Calibration {
+    /// counts as such. `sound` is what is told of the speed of sound, in parts of it, and `compass` of the heading.
+    pub(crate) fn told(
+        &self,
+        verdict: &Verdict,
+        sound: Estimate,
+        compass: [Estimate; 2],
+    ) -> Calibration {
         let (residual, sigmas) = (self.residual(), self.sigmas());
         let at = |i: usize, unit: f64| {
             let is_refuted = verdict.tried[i] && !verdict.believed[i];
@@ -199,9 +275,38 @@ impl Difference {
                 sigma: 100.0 * sound.sigma,
                 ..sound
             },
+            compass_sine_deg: compass[0],
+            compass_cosine_deg: compass[1],
             landmarks: self.heard.landmarks,
             looks: self.heard.looks,
         }
+    }
+
+    /// What is told of the heading, degrees by sine and cosine of the heading in the world, where the map's x axis has the
+    /// heading `axis_rad`.
+    pub(crate) fn compass(&self, verdict: &Verdict, axis_rad: f64) -> [Estimate; 2] {
+        let (residual, covariance) = (self.residual(), self.covariance());
+        let (seen, is_believed) = (verdict.seen[COMPASS], verdict.believed[COMPASS]);
+        let left = |i: usize| residual[i] / seen;
+        let (sine, cosine) = axis_rad.sin_cos();
+        let along = |on_sine: f64, on_cosine: f64| {
+            let value = on_sine * (verdict.values[COMPASS] + left(COMPASS))
+                + on_cosine * (verdict.values[COMPASS + 1] + left(COMPASS + 1));
+            let variance = on_sine * on_sine * covariance[COMPASS][COMPASS]
+                + 2.0 * on_sine * on_cosine * covariance[COMPASS][COMPASS + 1]
+                + on_cosine * on_cosine * covariance[COMPASS + 1][COMPASS + 1];
+            let is_refuted = verdict.tried[COMPASS] && !is_believed;
+            let refuted = left(COMPASS).hypot(left(COMPASS + 1));
+            let sigma = variance.max(0.0).sqrt() / seen;
+            Estimate {
+                value: value.to_degrees(),
+                sigma: sigma
+                    .hypot(if is_refuted { refuted } else { 0.0 })
+                    .to_degrees(),
+                is_believed,
+            }
+        };
+        [along(cosine, sine), along(-sine, cosine)]
     }
 }
 
@@ -228,15 +333,49 @@ mod tests {
         Difference::of(&found(which, value), &found(which, 0.0))
     }
 
+    fn late(by_s: f64) -> Step {
+        let mut by = [0.0; PARAMETERS];
+        by[TIME] = by_s;
+        Step { which: TIME, by }
+    }
+
+    fn told(left: &Difference, verdict: &Verdict, sound: Estimate) -> Calibration {
+        left.told(verdict, sound, [Estimate::default(); 2])
+    }
+
+    #[test]
+    fn both_parts_of_the_compass_are_tried_together_and_told_by_the_worlds_headings() {
+        let degree = 1f64.to_radians();
+        let mut heard = found(COMPASS, 3.0 * degree);
+        heard.values[COMPASS + 1] = -2.0 * degree;
+        let none = found(COMPASS, 0.0);
+        let before = Difference::of(&heard, &none);
+        let mut verdict = Verdict::default();
+        assert!(before.is_compass_off(&verdict));
+        let step = before.most_off(&verdict).unwrap();
+        assert!((step.by[COMPASS] - 3.0 * degree).abs() < 1e-9);
+        assert!((step.by[COMPASS + 1] + 2.0 * degree).abs() < 1e-4);
+        let after = Difference::of(&none, &none);
+        assert!(verdict.judge(&step, &before, &after, 6.0));
+        assert!(!before.is_compass_off(&verdict));
+        // The map looks along the world's y: its sine is the world's cosine less its sign.
+        let axis_rad = std::f64::consts::FRAC_PI_2;
+        let [sine, cosine] = after.compass(&verdict, axis_rad);
+        assert!(sine.is_believed && cosine.is_believed);
+        assert!((sine.value + 2.0).abs() < 1e-2, "{sine:?}");
+        assert!((cosine.value + 3.0).abs() < 1e-2, "{cosine:?}");
+    }
+
     #[test]
     fn what_a_trial_bears_out_is_believed_and_what_is_left_over_is_added() {
         let mut verdict = Verdict::default();
         let before = difference(TIME, 0.024);
-        assert_eq!(before.most_off(&verdict), Some(TIME));
+        let step = before.most_off(&verdict).unwrap();
+        assert_eq!(step.which, TIME);
         let after = difference(TIME, 0.0008);
-        assert!(verdict.judge(TIME, 0.029, &before, &after, 6.0));
-        assert_eq!(after.most_off(&verdict), None);
-        let told = after.told(&verdict, Estimate::default()).time_offset_ms;
+        assert!(verdict.judge(&late(0.029), &before, &after, 6.0));
+        assert!(after.most_off(&verdict).is_none());
+        let told = told(&after, &verdict, Estimate::default()).time_offset_ms;
         assert!(
             told.is_believed && (told.value - 30.0).abs() < 0.1,
             "{told:?}"
@@ -249,9 +388,9 @@ mod tests {
             let mut verdict = Verdict::default();
             let before = difference(TIME, 0.024);
             let after = difference(TIME, after);
-            assert!(!verdict.judge(TIME, 0.029, &before, &after, gain));
-            assert_eq!(before.most_off(&verdict), None);
-            let told = before.told(&verdict, Estimate::default()).time_offset_ms;
+            assert!(!verdict.judge(&late(0.029), &before, &after, gain));
+            assert!(before.most_off(&verdict).is_none());
+            let told = told(&before, &verdict, Estimate::default()).time_offset_ms;
             assert!(
                 !told.is_believed && told.value.abs() < 1.01 * told.sigma,
                 "{told:?}"
@@ -262,13 +401,13 @@ mod tests {
     #[test]
     fn the_speed_of_sound_is_told_as_it_was_found_and_not_tried_by_landmarks() {
         let off = difference(RANGE, 0.015);
-        assert_eq!(off.most_off(&Verdict::default()), None);
+        assert!(off.most_off(&Verdict::default()).is_none());
         let sound = Estimate {
             value: 0.012,
             sigma: 0.003,
             is_believed: true,
         };
-        let told = off.told(&Verdict::default(), sound).sound_speed_percent;
+        let told = told(&off, &Verdict::default(), sound).sound_speed_percent;
         assert!(
             told.is_believed && (told.value - 1.2).abs() < 1e-6,
             "{told:?}"

@@ -1,9 +1,9 @@
 //! Where a look hears a landmark, and how that moves with what is estimated.
 
-use echosplat_model::glam::Vec3;
+use echosplat_model::glam::{Mat3, Vec3};
 
 use super::landmarks::LookAt;
-use super::parameters::{LEVER, PARAMETERS, RANGE, TIME, TURN, Values};
+use super::parameters::{COMPASS, LEVER, PARAMETERS, RANGE, TIME, TURN, Values};
 
 /// A landmark's place on the map's axes, and how much nearer than it its surface is, metres.
 pub(super) const FREE: usize = 4;
@@ -21,13 +21,18 @@ pub(super) struct Point {
 }
 
 impl Point {
-    /// With `s` the landmark in the sensor's frame, `s ← s − (ω t + m) × s − v t − l`, `t` the time offset and what
-    /// the echo takes, `m` the mount's turn and `l` its place; ranges are told `1/(1 + k)` as long as they are.
+    /// With `s` the landmark in the sensor's frame, `s ← s − (ω t + m + u δ) × s − v t − l`, `t` the time offset and what
+    /// the echo takes, `m` the mount's turn and `l` its place, `δ` the compass's deviation about `u`, which is up; ranges are
+    /// told `1/(1 + k)` as long as they are.
     pub(super) fn of(look: &LookAt, values: &Values, free: &Free) -> Self {
         let v = values.map(|value| value as f32);
         let [x, y, z, nearer_m] = free.map(|value| value as f32);
         let late_s = v[TIME] + look.after_s;
-        let turned = look.angular_radps * late_s + Vec3::new(v[TURN], v[TURN + 1], v[TURN + 2]);
+        let up = look.turn.z_axis;
+        let [sine, cosine] = heading(&look.turn);
+        let turned = look.angular_radps * late_s
+            + Vec3::new(v[TURN], v[TURN + 1], v[TURN + 2])
+            + up * (v[COMPASS] * sine + v[COMPASS + 1] * cosine);
         let lever_m = Vec3::new(0.0, v[LEVER], v[LEVER + 1]);
         let at_m = look.place_m + look.turn * Vec3::new(x, y, z);
         let s = at_m - turned.cross(at_m) - look.linear_mps * late_s - lever_m;
@@ -51,6 +56,8 @@ impl Point {
             moves(TURN + axis, -along_axis.cross(s));
             moves(PARAMETERS + axis, look.turn * along_axis);
         }
+        moves(COMPASS, -(up * sine).cross(s));
+        moves(COMPASS + 1, -(up * cosine).cross(s));
         moves(LEVER, -Vec3::Y);
         moves(LEVER + 1, -Vec3::Z);
         point.by_range[RANGE] = -f64::from(surface_m * scale * scale);
@@ -59,10 +66,17 @@ impl Point {
     }
 }
 
+/// Sine and cosine of the heading on the map's axes by `turn`, sensor from map; both 0 if it looks straight up or down.
+pub(super) fn heading(turn: &Mat3) -> [f32; 2] {
+    let ahead = turn.row(0);
+    let level = ahead.x.hypot(ahead.y).max(f32::MIN_POSITIVE);
+    [ahead.y / level, ahead.x / level]
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_model::glam::{EulerRot, Mat3, Quat};
+    use echosplat_model::glam::{EulerRot, Quat};
 
     #[test]
     fn derivatives_are_those_of_range_and_azimuth() {

@@ -1,4 +1,4 @@
-//! Clock, mount and sound by the dive so far: maps of it as it is and as it would be with other ones.
+//! Clock, mount, compass and sound by the dive so far: maps of it as it is and as it would be with other ones.
 
 use std::sync::Arc;
 
@@ -10,7 +10,8 @@ use super::{Mapper, NEWBORN_STRENGTH};
 use crate::accumulate::history::{History, Past};
 use crate::calibrate::sound::{self, Blocks};
 use crate::calibrate::{
-    Calibration, Difference, Estimate, Landmarks, Moving, RANGE, Verdict, corrected, moving,
+    Calibration, Compass, Difference, Estimate, Landmarks, Moving, RANGE, Verdict, corrected,
+    moving,
 };
 use crate::mapper::work::due_at_end;
 use crate::refine::field::Field;
@@ -96,16 +97,20 @@ impl Calibrator {
         let told = moving(&self.pings);
         let mut best = Trial::of(&self.blank, told.clone())?;
         let mut verdict = Verdict::default();
+        // Where poses smear echoes their own errors go with the heading by chance, and likelihoods are not those of echoes.
+        let is_asked = !self.blank.at_work.smeared;
         for _ in 0..TRIALS {
-            let Some(most) = best.difference.most_off(&verdict) else {
+            let compass = match is_asked && best.deviating.is_compass_off(&verdict) {
+                true => Compass::Deviates,
+                false => Compass::True,
+            };
+            let Some(step) = best.difference(compass).most_off(&verdict) else {
                 break;
             };
-            let step = best.difference.raw()[most];
-            let mut values = verdict.values;
-            values[most] += step;
-            let trial = Trial::of(&self.blank, corrected(&told, &values))?;
+            let trial = Trial::of(&self.blank, corrected(&told, &verdict.after(&step)))?;
             let gain = trial.mapped.likelier(&best.mapped);
-            if verdict.judge(most, step, &best.difference, &trial.difference, gain) {
+            let (before, after) = (best.difference(compass), trial.difference(compass));
+            if verdict.judge(&step, before, after, gain) {
                 best = trial;
             }
         }
@@ -114,7 +119,15 @@ impl Calibrator {
             verdict.values[RANGE] = sound.value;
             best = Trial::of(&self.blank, corrected(&told, &verdict.values))?;
         }
-        Some(best.difference.told(&verdict, sound.unwrap_or(NO_SOUND)))
+        let compass = best.deviating.compass(&verdict, self.axis_rad());
+        let sound = sound.unwrap_or(NO_SOUND);
+        Some(best.as_told.told(&verdict, sound, compass))
+    }
+
+    /// Heading of the map's x axis.
+    fn axis_rad(&self) -> f64 {
+        let world = self.blank.world.as_ref();
+        world.map_or(0.0, World::axis_rad)
     }
 
     /// The likeliest speed of sound with what else was believed; `found` is the map with the configured one. A map of few
@@ -172,7 +185,10 @@ struct Mapped {
 /// Such a map, and what it leaves to see.
 struct Trial {
     mapped: Mapped,
-    difference: Difference,
+    /// With headings as told.
+    as_told: Difference,
+    /// With a compass that deviates.
+    deviating: Difference,
 }
 
 impl Trial {
@@ -180,12 +196,24 @@ impl Trial {
         let mapped = Mapped::of(blank, moving)?;
         let Mapped { map, moving } = &mapped;
         let scene = map.scene(map.world.as_ref()?);
-        let heard = Landmarks::find(moving, scene, false).estimate()?;
-        let predicted = Landmarks::find(moving, scene, true).estimate()?;
+        let heard = Landmarks::find(moving, scene, false);
+        let predicted = Landmarks::find(moving, scene, true);
+        let difference = |compass: Compass| {
+            let predicted = predicted.estimate(compass)?;
+            Some(Difference::of(&heard.estimate(compass)?, &predicted))
+        };
         Some(Self {
-            difference: Difference::of(&heard, &predicted),
+            as_told: difference(Compass::True)?,
+            deviating: difference(Compass::Deviates)?,
             mapped,
         })
+    }
+
+    fn difference(&self, compass: Compass) -> &Difference {
+        match compass {
+            Compass::True => &self.as_told,
+            Compass::Deviates => &self.deviating,
+        }
     }
 }
 

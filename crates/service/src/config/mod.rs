@@ -90,6 +90,8 @@ pub struct PoseConfig {
     pub(crate) url: PoseUrl,
     /// Added to the pings' times before poses are looked up.
     pub time_offset_s: f64,
+    /// Coefficients B and C of the compass's deviation.
+    pub(crate) compass_deviation_deg: [f64; 2],
     /// Longest time between two poses that is interpolated across.
     pub(crate) max_pose_gap_s: f64,
     /// How long a ping waits for later poses, to tell their jitter from motion; 0 interpolates.
@@ -110,6 +112,7 @@ impl Default for PoseConfig {
     fn default() -> Self {
         Self {
             url: PoseUrl::Zenoh,
+            compass_deviation_deg: [0.0; 2],
             time_offset_s: 0.0,
             max_pose_gap_s: 0.5,
             lookahead_s: 0.1,
@@ -324,6 +327,9 @@ impl SonarConfig {
 impl PoseConfig {
     fn check(&self) -> Result<(), BadSetting> {
         within("pose.time_offset_s", self.time_offset_s, -1e9, 1e9)?;
+        for value in self.compass_deviation_deg {
+            within("pose.compass_deviation_deg", value, -45.0, 45.0)?;
+        }
         within("pose.max_pose_gap_s", self.max_pose_gap_s, 0.001, 60.0)?;
         within("pose.lookahead_s", self.lookahead_s, 0.0, 1.0)?;
         within("pose.capacity", self.capacity as f64, 2.0, 1e7)?;

@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use echosplat_join::{
-    ArrivedPose, GuardReport, Guarded, JoinCounters, PoseGuard, PoseJoin, PoseJoinConfig,
-    StampClock, Verdict,
+    ArrivedPose, CompassDeviation, GuardReport, Guarded, JoinCounters, PoseGuard, PoseJoin,
+    PoseJoinConfig, StampClock, Verdict,
 };
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{Ping, PosedPing, StampedPose, Timestamp};
@@ -112,12 +112,14 @@ impl Poses {
         patience: Patience,
         recorder: Option<Recorder>,
     ) -> anyhow::Result<Self> {
+        let [b_deg, c_deg] = config.compass_deviation_deg;
         let join = PoseJoin::new(PoseJoinConfig {
             trajectory_capacity: config.capacity.max(source.known_len()),
             max_pose_gap_s: config.max_pose_gap_s,
             lookahead_s: config.lookahead_s,
             smoothing: config.smoothing,
             vehicle_from_sensor: config.vehicle_from_sensor.pose(),
+            compass: CompassDeviation { b_deg, c_deg },
             time_offset_s: config.time_offset_s,
             waiting_capacity: config.waiting_pings,
             max_wait_s: (patience == Patience::LetGo).then_some(config.max_wait_s),

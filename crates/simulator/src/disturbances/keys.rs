@@ -32,7 +32,7 @@ const fn key(
 
 /// All of them; the first of a kind switches it on.
 #[rustfmt::skip]
-pub const DISTURBANCE_KEYS: [DisturbanceKey; 21] = [
+pub const DISTURBANCE_KEYS: [DisturbanceKey; 23] = [
     key("copy_offset_m", "a copy of every echo this much further away, metres", (0.0, 100.0), |d| &mut d.copies.offset_m),
     key("copy_db", "how much weaker the copy is, decibels", (0.0, 60.0), |d| &mut d.copies.weaker_db),
     key("spikes", "another sonar's pulses a ping, at random ranges; 0.05 is one in 20 pings", (0.0, 64.0), |d| &mut d.spikes.per_ping),
@@ -54,6 +54,8 @@ pub const DISTURBANCE_KEYS: [DisturbanceKey; 21] = [
     key("mount_yaw_deg", "how the sonar is mounted unknown to the configuration, degrees", (-45.0, 45.0), |d| &mut d.navigation.mount_yaw_deg),
     key("mount_pitch_deg", "the same, positive lowers the nose", (-45.0, 45.0), |d| &mut d.navigation.mount_pitch_deg),
     key("mount_roll_deg", "the same, positive lifts the left side", (-45.0, 45.0), |d| &mut d.navigation.mount_roll_deg),
+    key("compass_b_deg", "deviation of the compass: what the sine of the heading adds to it, degrees", (-45.0, 45.0), |d| &mut d.navigation.compass_b_deg),
+    key("compass_c_deg", "the same, of the cosine", (-45.0, 45.0), |d| &mut d.navigation.compass_c_deg),
 ];
 
 impl DisturbanceKey {

@@ -28,6 +28,7 @@ pub(crate) struct Settings {
     time_offset_s: f64,
     vehicle_from_sensor: DQuat,
     translation_m: DVec3,
+    compass_deviation_deg: [f64; 2],
     speed_of_sound_mps: f64,
 }
 
@@ -38,6 +39,7 @@ impl Settings {
             time_offset_s: config.pose.time_offset_s,
             vehicle_from_sensor: mount.rotation,
             translation_m: mount.translation_m,
+            compass_deviation_deg: config.pose.compass_deviation_deg,
             speed_of_sound_mps: config.session.speed_of_sound_mps,
         }
     }
@@ -47,6 +49,7 @@ impl Settings {
             self.clock(found),
             self.mount(found),
             self.lever(found),
+            self.compass(found),
             self.sound(found),
         ];
         all.into_iter().flatten().collect()
@@ -118,6 +121,32 @@ impl Settings {
         })
     }
 
+    fn compass(&self, found: &Calibration) -> Option<Advice> {
+        let (sine, cosine) = (found.compass_sine_deg, found.compass_cosine_deg);
+        let most_deg = sine.value.hypot(cosine.value);
+        let sigma_deg = sine.sigma.max(cosine.sigma);
+        let is_off = sine.is_believed && most_deg > (TELLING_SIGMAS * sigma_deg).max(LEAST_DEG);
+        if !is_off {
+            return None;
+        }
+        // From the sonar's heading to the vehicle's, and from turns to the left by the angle from the world's x to turns
+        // to the right by the angle from its y.
+        let ahead = self.vehicle_from_sensor * DVec3::X;
+        let (across, along) = ahead.y.atan2(ahead.x).sin_cos();
+        let b_deg = -(sine.value * across + cosine.value * along);
+        let c_deg = -(sine.value * along - cosine.value * across);
+        let [set_b_deg, set_c_deg] = self.compass_deviation_deg;
+        Some(Advice {
+            code: "pose-compass",
+            sentence: format!(
+                "the compass deviates by up to {most_deg:.1} ± {sigma_deg:.1}°: set pose.compass_deviation_deg \
+                 = [{:.1}, {:.1}]",
+                set_b_deg + b_deg + 0.0,
+                set_c_deg + c_deg + 0.0
+            ),
+        })
+    }
+
     fn sound(&self, found: &Calibration) -> Option<Advice> {
         let Estimate { value, sigma, .. } = telling(found.sound_speed_percent, LEAST_PERCENT)?;
         let side = if value > 0.0 { "faster" } else { "slower" };
@@ -161,6 +190,8 @@ mod tests {
             lever_left_m: zero,
             lever_up_m: zero,
             sound_speed_percent: zero,
+            compass_sine_deg: zero,
+            compass_cosine_deg: zero,
             landmarks: 100,
             looks: 1000,
         }
@@ -187,6 +218,8 @@ mod tests {
             mount_yaw_deg: is(-2.0, 0.2),
             lever_left_m: is(0.2, 0.01),
             sound_speed_percent: is(1.5, 0.2),
+            compass_sine_deg: is(-2.0, 0.2),
+            compass_cosine_deg: is(1.0, 0.2),
             ..nothing()
         };
         assert_eq!(
@@ -197,6 +230,7 @@ mod tests {
                  pose.vehicle_from_sensor.yaw_pitch_roll_deg = [88.0, 0.0, 0.0]",
                 "the sonar sits +0.20 ± 0.01 m left of its mount: set \
                  pose.vehicle_from_sensor.translation_m = [-0.20, 0.00, 0.00]",
+                "the compass deviates by up to 2.2 ± 0.2°: set pose.compass_deviation_deg = [2.0, 1.0]",
                 "sound is 1.5 ± 0.2 % faster than ranges were worked out with: set \
                  session.speed_of_sound_mps = 1502",
             ]
