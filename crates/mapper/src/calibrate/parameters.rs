@@ -210,8 +210,8 @@ impl Difference {
     }
 
     /// What to try next: the parameter not yet tried that alone explains most of the residual, if any is more than chance makes
-    /// it; the speed of sound is never one.
-    pub(crate) fn most_off(&self, verdict: &Verdict) -> Option<Step> {
+    /// it; the speed of sound is never one, and the compass only where it was asked whether it deviates.
+    pub(crate) fn most_off(&self, verdict: &Verdict, compass: Compass) -> Option<Step> {
         let factor = cholesky(&self.covariance())?;
         let scaled = solve(&factor, &self.residual());
         let gain = |i: usize| {
@@ -219,7 +219,11 @@ impl Difference {
             scaled[i] * scaled[i] / solve(&factor, &unit)[i]
         };
         let is_off = |&i: &usize| self.is_off(i) && !verdict.tried[i];
-        let off = (0..PARAMETERS).filter(|&i| i != RANGE).filter(is_off);
+        let end = match compass {
+            Compass::True => COMPASS,
+            Compass::Deviates => PARAMETERS,
+        };
+        let off = (0..end).filter(|&i| i != RANGE).filter(is_off);
         let which = off.max_by(|&a, &b| gain(a).total_cmp(&gain(b)))?;
         let mut by = [0.0; PARAMETERS];
         by[which] = self.heard.values[which];
@@ -352,7 +356,8 @@ mod tests {
         let before = Difference::of(&heard, &none);
         let mut verdict = Verdict::default();
         assert!(before.is_compass_off(&verdict));
-        let step = before.most_off(&verdict).unwrap();
+        assert!(before.most_off(&verdict, Compass::True).is_none());
+        let step = before.most_off(&verdict, Compass::Deviates).unwrap();
         assert!((step.by[COMPASS] - 3.0 * degree).abs() < 1e-9);
         assert!((step.by[COMPASS + 1] + 2.0 * degree).abs() < 1e-4);
         let after = Difference::of(&none, &none);
@@ -370,11 +375,11 @@ mod tests {
     fn what_a_trial_bears_out_is_believed_and_what_is_left_over_is_added() {
         let mut verdict = Verdict::default();
         let before = difference(TIME, 0.024);
-        let step = before.most_off(&verdict).unwrap();
+        let step = before.most_off(&verdict, Compass::True).unwrap();
         assert_eq!(step.which, TIME);
         let after = difference(TIME, 0.0008);
         assert!(verdict.judge(&late(0.029), &before, &after, 6.0));
-        assert!(after.most_off(&verdict).is_none());
+        assert!(after.most_off(&verdict, Compass::True).is_none());
         let told = told(&after, &verdict, Estimate::default()).time_offset_ms;
         assert!(
             told.is_believed && (told.value - 30.0).abs() < 0.1,
@@ -389,7 +394,7 @@ mod tests {
             let before = difference(TIME, 0.024);
             let after = difference(TIME, after);
             assert!(!verdict.judge(&late(0.029), &before, &after, gain));
-            assert!(before.most_off(&verdict).is_none());
+            assert!(before.most_off(&verdict, Compass::True).is_none());
             let told = told(&before, &verdict, Estimate::default()).time_offset_ms;
             assert!(
                 !told.is_believed && told.value.abs() < 1.01 * told.sigma,
@@ -401,7 +406,7 @@ mod tests {
     #[test]
     fn the_speed_of_sound_is_told_as_it_was_found_and_not_tried_by_landmarks() {
         let off = difference(RANGE, 0.015);
-        assert!(off.most_off(&Verdict::default()).is_none());
+        assert!(off.most_off(&Verdict::default(), Compass::True).is_none());
         let sound = Estimate {
             value: 0.012,
             sigma: 0.003,

@@ -104,7 +104,7 @@ impl Calibrator {
                 true => Compass::Deviates,
                 false => Compass::True,
             };
-            let Some(step) = best.difference(compass).most_off(&verdict) else {
+            let Some(step) = best.difference(compass).most_off(&verdict, compass) else {
                 break;
             };
             let trial = Trial::of(&self.blank, corrected(&told, &verdict.after(&step)))?;

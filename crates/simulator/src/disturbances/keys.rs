@@ -54,8 +54,8 @@ pub const DISTURBANCE_KEYS: [DisturbanceKey; 23] = [
     key("mount_yaw_deg", "how the sonar is mounted unknown to the configuration, degrees", (-45.0, 45.0), |d| &mut d.navigation.mount_yaw_deg),
     key("mount_pitch_deg", "the same, positive lowers the nose", (-45.0, 45.0), |d| &mut d.navigation.mount_pitch_deg),
     key("mount_roll_deg", "the same, positive lifts the left side", (-45.0, 45.0), |d| &mut d.navigation.mount_roll_deg),
-    key("compass_b_deg", "deviation of the compass: what the sine of the heading adds to it, degrees", (-45.0, 45.0), |d| &mut d.navigation.compass_b_deg),
-    key("compass_c_deg", "the same, of the cosine", (-45.0, 45.0), |d| &mut d.navigation.compass_c_deg),
+    key("compass_b_deg", "deviation of the compass: what the sine of the heading adds to it, degrees", (-30.0, 30.0), |d| &mut d.navigation.compass_b_deg),
+    key("compass_c_deg", "the same, of the cosine", (-30.0, 30.0), |d| &mut d.navigation.compass_c_deg),
 ];
 
 impl DisturbanceKey {
@@ -234,7 +234,7 @@ mod tests {
             "{wrong}"
         );
         assert!(
-            wrong.ends_with("mount_pitch_deg and mount_roll_deg"),
+            wrong.ends_with("compass_b_deg and compass_c_deg"),
             "{wrong}"
         );
         assert!(refused("spikes").contains("KEY=VALUE"));

@@ -21,7 +21,7 @@ pub struct NavigationError {
     pub mount_pitch_deg: f64,
     /// Positive lifts the left side.
     pub mount_roll_deg: f64,
-    /// How much the true heading is further clockwise than the told one, by the sine of the told one, degrees, −45 to 45:
+    /// How much the true heading is further clockwise than the told one, by the sine of the told one, degrees, −30 to 30:
     /// coefficient B of the compass's deviation.
     pub compass_b_deg: f64,
     /// The same, by the cosine: coefficient C.
