@@ -10,9 +10,9 @@ use serde::{Deserialize, Serialize};
 /// heading is the told one, `h`, and `B sin h + C cos h` more, clockwise from the world's y axis, which is north in ENU.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct CompassDeviation {
-    /// How far east looks too far north, degrees.
+    /// What is added to a heading of east, degrees.
     pub b_deg: f64,
-    /// How far north looks too far west, degrees.
+    /// What is added to a heading of north, degrees.
     pub c_deg: f64,
 }
 

@@ -65,7 +65,7 @@ pub struct Estimate {
     pub is_believed: bool,
 }
 
-/// What was found of clock, mount and speed of sound.
+/// What was found of clock, mount, compass and speed of sound.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Calibration {
     /// How much later than they held poses are stamped, milliseconds.

@@ -153,7 +153,7 @@ pub struct PipelineConfig {
     pub snapshot_interval_s: f64,
     /// Every so many-th ping is left out of the map, to judge it by; 0 leaves out none.
     pub(crate) hold_back_every: u64,
-    /// Whether the dive is asked if clock, mount and speed of sound are as configured.
+    /// Whether the dive is asked if clock, mount, compass and speed of sound are as configured.
     pub(crate) calibrate: Calibrate,
     /// Longest that a part of the service may work without a sign of life.
     pub(crate) hang_limit_s: f64,

@@ -70,7 +70,7 @@ pub struct MapperReport {
     pub(crate) listening: ListeningReport,
     /// Whether poses can be read as they are, once the dive has told.
     pub(crate) frames: Option<FrameVerdict>,
-    /// What the dive told of clock, mount and speed of sound, by the newest look.
+    /// What the dive told of clock, mount, compass and speed of sound, by the newest look.
     pub(crate) calibration: Option<Found>,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
