@@ -53,6 +53,17 @@ impl Parts {
         "empty",
         "seabed",
     ];
+
+    /// Of maps that are compared with one another: places that few looks lit are left out of all unless switched on, since
+    /// a crowd of candidates would leave them out of one map and not of the next.
+    #[must_use]
+    pub fn for_comparison(self) -> Self {
+        let glints = match self.glints {
+            Switch::Auto => Switch::Off,
+            set => set,
+        };
+        Self { glints, ..self }
+    }
 }
 
 /// A part that is not at work though it may be, and why.
@@ -364,6 +375,19 @@ mod tests {
         let (at_work, left_out) = decide(&Parts::default(), &cues, KNOWN);
         assert!(!at_work.glints);
         assert!(left_out[0].why.contains("2.0 voxels"), "{left_out:?}");
+    }
+
+    #[test]
+    fn whether_maps_that_are_compared_expect_glints_does_not_hang_on_how_crowded_each_is() {
+        let of = |glints: Switch| {
+            let parts = Parts {
+                glints,
+                ..Parts::default()
+            };
+            parts.for_comparison().glints
+        };
+        assert_eq!(of(Switch::Auto), Switch::Off);
+        assert_eq!(of(Switch::On), Switch::On);
     }
 
     #[test]

@@ -14,6 +14,7 @@ use crate::calibrate::{
     moving,
 };
 use crate::mapper::work::due_at_end;
+use crate::parts::Parts;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
 use crate::refine::visibility::Sight;
@@ -28,6 +29,16 @@ const MAP_PAIRS: u64 = 300_000_000;
 const MAP_PART: f64 = 0.75;
 /// Most values that are tried, each with a map of its own.
 const TRIALS: usize = 4;
+
+/// What a map is made for. Maps of one kind alone are compared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Purpose {
+    /// To see its landmarks. Places that few looks lit would take up part of what poses have wrong.
+    Landmarks,
+    /// To see how long ranges are, with places that few looks lit where the dive expects glints: a body's sides are seen by few,
+    /// and by near sides alone ranges look short.
+    Ranges,
+}
 
 /// What a dive so far tells of its clock, its mount and the speed of sound; apart from the mapper it came from, so
 /// that it may be asked on another thread.
@@ -54,7 +65,10 @@ impl Mapper {
             workout_pairs: self.config.workout_pairs.min(MAP_PAIRS),
             ..self.config.clone()
         };
-        config.parts.splitting = Switch::Off;
+        config.parts = Parts {
+            splitting: Switch::Off,
+            ..self.config.parts.for_comparison()
+        };
         let mut empty = Self::with_threads(config, pool);
         empty.world = Some(self.world.as_ref()?.emptied());
         empty.levels = self.levels.clone();
@@ -78,7 +92,7 @@ impl Calibrator {
     /// What is wrong, one thing after the other, the surest first, and then the speed of sound; `None` if the dive does
     /// not tell. On one thread, which has the priority of the calling one.
     ///
-    /// Cost: three maps of at most 2,048 pings where nothing is off, one more for each value tried.
+    /// Cost: four maps of at most 2,048 pings where nothing is off, one more for each value tried.
     ///
     /// # Errors
     /// If the thread cannot be started.
@@ -114,14 +128,17 @@ impl Calibrator {
                 best = trial;
             }
         }
-        let sound = self.sound(&told, &verdict, &best.mapped);
+        // Its map is in the way of those for sound.
+        let (mut as_told, mut deviating) = best.differences();
+        let sound = self.sound(&told, &verdict);
         if let Some(sound) = sound.filter(|sound| sound.is_believed) {
             verdict.values[RANGE] = sound.value;
-            best = Trial::of(&self.blank, corrected(&told, &verdict.values))?;
+            let corrected = corrected(&told, &verdict.values);
+            (as_told, deviating) = Trial::of(&self.blank, corrected)?.differences();
         }
-        let compass = best.deviating.compass(&verdict, self.axis_rad());
+        let compass = deviating.compass(&verdict, self.axis_rad());
         let sound = sound.unwrap_or(NO_SOUND);
-        Some(best.as_told.told(&verdict, sound, compass))
+        Some(as_told.told(&verdict, sound, compass))
     }
 
     /// Heading of the map's x axis.
@@ -130,19 +147,17 @@ impl Calibrator {
         world.map_or(0.0, World::axis_rad)
     }
 
-    /// The likeliest speed of sound with what else was believed; `found` is the map with the configured one. A map of few
-    /// pings may be better than another by chance, so that what would be believed is asked once more of maps of other pings.
-    fn sound(&self, told: &[Moving], verdict: &Verdict, found: &Mapped) -> Option<Estimate> {
+    /// The likeliest speed of sound with what else was believed. A map of few pings may be better than another by chance, so
+    /// that what would be believed is asked once more of maps of other pings.
+    fn sound(&self, told: &[Moving], verdict: &Verdict) -> Option<Estimate> {
         let range_m = mean_range_m(told)?;
         let blocks = |told: &[Moving], part: f64| {
             let mut values = verdict.values;
             values[RANGE] = part;
-            Some(Mapped::of(&self.blank, corrected(told, &values))?.blocks())
+            let moving = corrected(told, &values);
+            Some(Mapped::of(&self.blank, Purpose::Ranges, moving)?.blocks())
         };
-        let first = sound::likeliest(range_m, |part| match part == 0.0 {
-            true => Some(found.blocks()),
-            false => blocks(told, part),
-        })?;
+        let first = sound::likeliest(range_m, |part| blocks(told, part))?;
         // Where poses smear echoes the likelihood is not that of the echoes.
         let is_likelihood = !self.blank.at_work.smeared;
         if !(is_likelihood && first.is_off()) {
@@ -193,7 +208,7 @@ struct Trial {
 
 impl Trial {
     fn of(blank: &Mapper, moving: Vec<Moving>) -> Option<Self> {
-        let mapped = Mapped::of(blank, moving)?;
+        let mapped = Mapped::of(blank, Purpose::Landmarks, moving)?;
         let Mapped { map, moving } = &mapped;
         let scene = map.scene(map.world.as_ref()?);
         let heard = Landmarks::find(moving, scene, false);
@@ -209,6 +224,11 @@ impl Trial {
         })
     }
 
+    /// As told and with a compass that deviates, without the map.
+    fn differences(self) -> (Difference, Difference) {
+        (self.as_told, self.deviating)
+    }
+
     fn difference(&self, compass: Compass) -> &Difference {
         match compass {
             Compass::True => &self.as_told,
@@ -218,8 +238,8 @@ impl Trial {
 }
 
 impl Mapped {
-    fn of(blank: &Mapper, moving: Vec<Moving>) -> Option<Self> {
-        let map = mapped(blank, &moving)?;
+    fn of(blank: &Mapper, purpose: Purpose, moving: Vec<Moving>) -> Option<Self> {
+        let map = mapped(blank, purpose, &moving)?;
         Some(Self { map, moving })
     }
 
@@ -261,8 +281,11 @@ impl Mapped {
 }
 
 /// The map of some of the pings that are not held back.
-fn mapped(blank: &Mapper, moving: &[Moving]) -> Option<Mapper> {
+fn mapped(blank: &Mapper, purpose: Purpose, moving: &[Moving]) -> Option<Mapper> {
     let mut map = blank.emptied(Arc::clone(&blank.pool))?;
+    if purpose == Purpose::Ranges && blank.at_work.glints {
+        map.config.parts.glints = Switch::On;
+    }
     let (used, _) = split(moving);
     let (count, stride) = (used.len(), moving.len() as f32 / used.len().max(1) as f32);
     map.history = History::new(count.max(1));
@@ -302,4 +325,39 @@ fn split(moving: &[Moving]) -> (Vec<&Moving>, Vec<&Moving>) {
         .partition(|&(index, _)| is_used(index));
     let of = |chosen: Vec<(usize, _)>| chosen.into_iter().map(|(_, moving)| moving).collect();
     (of(used), of(held))
+}
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::Pose;
+    use echosplat_model::glam::DVec3;
+
+    use super::*;
+    use crate::detect::posed;
+
+    #[test]
+    fn all_maps_of_a_kind_expect_glints_or_none_does() {
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        for number in 0..200 {
+            let power = |bin: u32| match bin.abs_diff(200) < 2 {
+                true => 1000.0,
+                false => 1.0 + ((bin * 97 + number * 31) % 7) as f32,
+            };
+            let pose = Pose {
+                translation_m: DVec3::new(0.0, 0.01 * f64::from(number), 0.0),
+                ..Pose::IDENTITY
+            };
+            mapper.insert(&posed(number, (0..300).map(power).collect(), pose));
+        }
+        mapper.finish();
+        assert!(mapper.at_work.glints && mapper.config.parts.glints == Switch::Auto);
+        let calibrator = mapper.calibrator().unwrap();
+        let told = moving(&calibrator.pings);
+        let of = |purpose: Purpose| {
+            let map = mapped(&calibrator.blank, purpose, &told).unwrap();
+            (map.config.parts.glints, map.at_work.glints)
+        };
+        assert_eq!(of(Purpose::Landmarks), (Switch::Off, false));
+        assert_eq!(of(Purpose::Ranges), (Switch::On, true));
+    }
 }

@@ -123,6 +123,7 @@ impl Dive {
         let mut mapper = Mapper::new(MapperConfig {
             threads: 1,
             workout_pairs: WORKOUT_PAIRS,
+            parts: config.mapper.parts.for_comparison(),
             ..config.mapper.clone()
         })?;
         for ping in posed.iter().filter(|p| role(p) != Some(Role::HeldBack)) {

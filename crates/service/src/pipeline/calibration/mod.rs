@@ -1,7 +1,7 @@
 //! Whether clock, mount, compass and speed of sound fit the dive, looked at while it goes on, on a thread of its own that
 //! nothing waits for. What is found is told; it changes nothing.
 //!
-//! Cost: three to seven maps of 2,048 pings at 4,800 pings, at least three more where sound seems to be faster or slower beyond doubt, and the
+//! Cost: four to eight maps of 2,048 pings at 4,800 pings, at least three more where sound seems to be faster or slower beyond doubt, and the
 //! same whenever there are three times as many pings as the time before.
 
 mod advice;
