@@ -6,7 +6,7 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 
-use super::parameters::Estimate;
+use super::parameters::{Estimate, PRIOR, RANGE};
 use crate::classify::certainty::HALF_THICKNESS_M;
 
 /// Log likelihoods of pings held back, by block of time.
@@ -39,9 +39,17 @@ impl Top {
         self.own_sigma.hypot(self.common_sigma)
     }
 
+    /// With what is known of water before any ping: a likelihood that is nearly level has its top anywhere.
+    fn in_water(&self) -> (f64, f64) {
+        let (told, prior) = (self.sigma().powi(2), PRIOR[RANGE].powi(2));
+        let part = prior / (prior + told);
+        (part * self.value, (part * told).sqrt())
+    }
+
     /// Whether it is far enough off to be believed.
     pub(crate) fn is_off(&self) -> bool {
-        self.value.abs() > BELIEVED_SIGMAS * self.sigma()
+        let (value, sigma) = self.in_water();
+        value.abs() > BELIEVED_SIGMAS * sigma
     }
 
     /// With one that other maps have: what they differ by is an error of both.
@@ -56,9 +64,10 @@ impl Top {
 
     /// As parts of the speed of sound; believed at most if the likelihood is to be.
     pub(crate) fn told(self, is_likelihood: bool) -> Estimate {
+        let (value, sigma) = self.in_water();
         Estimate {
-            value: self.value,
-            sigma: self.sigma(),
+            value,
+            sigma,
             is_believed: is_likelihood && self.is_off(),
         }
     }
@@ -173,7 +182,26 @@ mod tests {
         assert!(good_by_chance.told(true).is_believed);
         assert!(!good_by_chance.told(false).is_believed);
         let both = good_by_chance.and(other).told(true);
-        assert!(!both.is_believed && both.sigma > 0.02, "{both:?}");
+        assert!(!both.is_believed && both.sigma > 0.015, "{both:?}");
+    }
+
+    #[test]
+    fn a_top_that_is_hardly_told_is_what_water_has() {
+        let vague = Top {
+            value: 0.057,
+            own_sigma: 0.013,
+            common_sigma: 0.003,
+        };
+        assert!(!vague.is_off() && vague.value > BELIEVED_SIGMAS * vague.sigma());
+        let told = vague.told(true);
+        assert!((0.038..0.042).contains(&told.value), "{told:?}");
+        assert!((0.010..0.012).contains(&told.sigma), "{told:?}");
+        let sure = Top {
+            own_sigma: 1e-4,
+            common_sigma: 1e-4,
+            ..vague
+        };
+        assert!((sure.told(true).value - 0.057).abs() < 1e-5);
     }
 
     #[test]
