@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use serde_json::Value;
 
-use crate::harness::{Program, free_port, wait_until_listening};
+use crate::harness::{Program, bus_at, free_port, wait_until_listening};
 use crate::web_client::ask;
 
 const LONG: Duration = Duration::from_secs(60);
@@ -40,11 +40,14 @@ fn it_starts_with_its_own_configuration_and_keeps_the_owners() {
     let program = Path::new(env!("CARGO_BIN_EXE_echosplat"));
     let path = std::env::var("PATH").unwrap_or_default();
     let port = free_port();
+    // Another service of its name may be where the bus is unless configured.
+    let bus = bus_at(free_port());
     let start = |more: &[&str]| {
         let mut command = Command::new("sh");
         command
             .arg(format!("{FOLDER}/start.sh"))
             .args(["--web", &port.to_string()])
+            .args(&bus)
             .args(more);
         command.env(
             "PATH",

@@ -24,6 +24,13 @@ const NEARER_SIGMA_M: f64 = 0.019;
 /// Another speed of sound is believed so many sigmas away.
 const BELIEVED_SIGMAS: f64 = 4.0;
 
+/// Where nothing is known of the speed of sound beyond what any water has.
+pub(crate) const ANY_WATER: Estimate = Estimate {
+    value: 0.0,
+    sigma: PRIOR[RANGE],
+    is_believed: false,
+};
+
 /// The top of a likelihood, as a part of the speed of sound, less 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Top {

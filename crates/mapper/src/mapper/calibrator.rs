@@ -128,7 +128,7 @@ impl Calibrator {
                 best = trial;
             }
         }
-        // Its map is in the way of those for sound.
+        // Without its map: maps for sound need the room.
         let (mut as_told, mut deviating) = best.differences();
         let sound = self.sound(&told, &verdict);
         if let Some(sound) = sound.filter(|sound| sound.is_believed) {
@@ -137,7 +137,7 @@ impl Calibrator {
             (as_told, deviating) = Trial::of(&self.blank, corrected)?.differences();
         }
         let compass = deviating.compass(&verdict, self.axis_rad());
-        let sound = sound.unwrap_or(NO_SOUND);
+        let sound = sound.unwrap_or(sound::ANY_WATER);
         Some(as_told.told(&verdict, sound, compass))
     }
 
@@ -169,13 +169,6 @@ impl Calibrator {
         Some(first.and(second).told(true))
     }
 }
-
-/// Nothing is known of the speed of sound beyond what any water has.
-const NO_SOUND: Estimate = Estimate {
-    value: 0.0,
-    sigma: 0.02,
-    is_believed: false,
-};
 
 /// Of all bins that hold echoes; `None` if there are none.
 fn mean_range_m(moving: &[Moving]) -> Option<f64> {
