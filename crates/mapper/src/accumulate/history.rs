@@ -82,9 +82,14 @@ impl History {
         self.pings.push(Arc::new(past));
     }
 
+    /// Whether more are held than may be.
+    pub(crate) fn is_overfull(&self) -> bool {
+        self.pings.len() > self.capacity
+    }
+
     /// Lets go of the oldest where more are held than may be; gives them. `recent` of them stay in any case.
     pub(crate) fn forget(&mut self, recent: usize) -> Vec<Arc<Past>> {
-        if self.pings.len() <= self.capacity {
+        if !self.is_overfull() {
             return Vec::new();
         }
         // Some more than needed, since the rest moves up; not so many that summing up what they told is a pause.

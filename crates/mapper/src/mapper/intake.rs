@@ -20,6 +20,9 @@ use crate::spawn::births;
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::world::{World, first_voxel_m, useful_range_m};
 
+/// Evidence that is summed up anew takes in so many pings with each slice, so that pings that come meanwhile need not wait:
+/// of pings that come at 58 a second, eight times as many, in about the work that they allow.
+const SUMMED_UP_ANEW: usize = 32;
 /// On the pings' clock, a slice does not wait longer than this to be complete.
 const LONGEST_SLICE_S: f64 = 0.1;
 /// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
@@ -229,7 +232,6 @@ impl Mapper {
     fn refer_anew(&mut self, change: f32) {
         let ringing = self.receiver.ringing();
         (self.levels, self.unit_strength) = (Levels::ringing(ringing.clone()), 0.0);
-        self.workout = None;
         self.working_range = WorkingRange::default();
         self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
@@ -252,7 +254,9 @@ impl Mapper {
             self.levels.renew(profile, &intensity, &ground, config);
             past.brightness = 0.0;
         }
-        self.sum_up_anew();
+        if let Some(world) = &self.world {
+            self.leave_voxels_for(world.evidence.voxel_m());
+        }
     }
 
     /// The edge of voxels that the strongest echoes so far ask for, if it is another.
@@ -265,16 +269,23 @@ impl Mapper {
         world.better_voxel_m(range_end_m, working_range_m, &self.config)
     }
 
-    /// Cuts space into voxels of another size, as the strongest echoes so far ask for, and makes anew what was made of all
-    /// pings. Gaussians are born again where their evidence is; what is published of them is new.
-    fn divide_anew(&mut self, voxel_m: f32) {
-        let Some(world) = &mut self.world else { return };
+    /// Begins with empty voxels of this size, which hear of the pings so far slice by slice. Gaussians are born again where
+    /// their evidence is; until they are worked out, those of before are published.
+    fn leave_voxels_for(&mut self, voxel_m: f32) {
         self.workout = None;
-        let slots: Vec<usize> = self.gaussians.slots().collect();
-        self.gaussians.remove_all(&slots);
+        self.gaussians.leave_voxels();
+        if let Some(world) = &mut self.world {
+            world.divide_anew(voxel_m);
+        }
+    }
+
+    /// Cuts space into voxels of another size, as the strongest echoes so far ask for, and makes anew what was made of all
+    /// pings.
+    pub(super) fn divide_anew(&mut self, voxel_m: f32) {
+        let Some(world) = &self.world else { return };
         // What one sends back goes with its area.
         self.unit_strength *= (world.evidence.voxel_m() / voxel_m).powi(2);
-        world.divide_anew(voxel_m);
+        self.leave_voxels_for(voxel_m);
         let pings = self.history.pings_mut().par_iter_mut();
         let tolerate = || {
             pings.map(Arc::make_mut).for_each(|past| {
@@ -284,7 +295,6 @@ impl Mapper {
         };
         self.pool.install(tolerate);
         self.judge_all();
-        self.sum_up_anew();
     }
 
     /// Learns what the receiver and the vehicle themselves do to pings, and refers them to one gain. Returns what is news and can
@@ -325,16 +335,11 @@ impl Mapper {
         }
         let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
         self.forget(fresh);
+        self.sum_up(fresh + SUMMED_UP_ANEW);
         let Some(world) = &mut self.world else {
             return InsertReport::default();
         };
         let evidence = &mut world.evidence;
-        let history = &self.history;
-        let start = history.pings().len() - fresh;
-        let extent = self.at_work.converged;
-        self.status.voxel_looks += self
-            .pool
-            .install(|| evidence.integrate(history, start, extent));
         let strength = NEWBORN_STRENGTH * self.unit_strength;
         let spawn = self.config.spawn_evidence;
         let map = &mut self.gaussians;

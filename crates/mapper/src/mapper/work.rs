@@ -39,7 +39,7 @@ impl Mapper {
         while self.credit_pairs > 0 {
             let pairs = if self.workout.is_some() {
                 self.advance()
-            } else if self.begin_workout(due) {
+            } else if self.untold_pings() == 0 && self.begin_workout(due) {
                 self.workout.as_ref().map_or(0, Workout::change_pairs)
             } else {
                 self.credit_pairs = 0;
@@ -58,10 +58,13 @@ impl Mapper {
         }
         // What it was told is in the pings, and its tiles are due still.
         self.workout = None;
+        self.sum_up(usize::MAX);
         self.judge_anew();
         while self.workout.is_some() || self.begin_workout(due_at_end) {
             self.advance();
         }
+        // Their pings tell of nothing where there was nothing to work out.
+        self.gaussians.let_former_go();
         self.publish()
     }
 
@@ -81,6 +84,22 @@ impl Mapper {
         let progress = &self.progress;
         self.pool
             .install(|| judge_all(history, seabed, repeats, progress));
+    }
+
+    /// Remembered pings that evidence was not told of yet: none but where it is summed up anew.
+    fn untold_pings(&self) -> usize {
+        let world = self.world.as_ref();
+        world.map_or(0, |world| world.evidence.untold_pings(&self.history))
+    }
+
+    /// Sums up the evidence of pings that it was not told of yet, at most so many.
+    pub(super) fn sum_up(&mut self, most: usize) {
+        let Some(world) = &mut self.world else { return };
+        let (history, extent) = (&self.history, self.at_work.converged);
+        let evidence = &mut world.evidence;
+        self.status.voxel_looks += self
+            .pool
+            .install(|| evidence.integrate(history, most, extent));
     }
 
     /// Sums up all evidence anew, unless pings are forgotten, whose evidence cannot be.
@@ -120,6 +139,9 @@ impl Mapper {
 
     /// Lets go of the oldest pings when there are too many; `recent` of them stay in any case. What they told stays.
     pub(super) fn forget(&mut self, recent: usize) {
+        if self.history.is_overfull() {
+            self.sum_up(self.untold_pings().saturating_sub(recent));
+        }
         let gone = self.history.forget(recent);
         let Some(world) = &mut self.world else { return };
         if gone.is_empty() {
@@ -153,6 +175,7 @@ impl Mapper {
         {
             pairs += done.change_pairs();
             self.status.iterations += done.put_in_place(world, &mut self.gaussians);
+            self.gaussians.let_former_go();
         }
         pairs
     }
@@ -244,6 +267,7 @@ mod tests {
     use crate::MapperConfig;
     use crate::accumulate::evidence::Horizon;
     use crate::detect::posed;
+    use crate::spawn::gaussians::Stage;
 
     /// Of a vehicle that goes by a level rod 4 m away, so much above it, metres.
     fn going_by(number: u32, above_m: f64) -> PosedPing {
@@ -359,6 +383,71 @@ mod tests {
         let is_near = |at_m: &Vec3| other.iter().any(|m| m.distance(*at_m) < late.voxel_m);
         let near = fine.iter().filter(|at_m| is_near(at_m)).count();
         assert!(10 * near >= 9 * fine.len(), "{near} of {}", fine.len());
+    }
+
+    #[test]
+    fn what_was_found_with_other_voxels_is_shown_until_the_new_ones_are_worked_out() {
+        let mut mapper = Mapper::new(MapperConfig {
+            resolution_m: 0.07,
+            ..MapperConfig::default()
+        })
+        .unwrap();
+        let insert = |mapper: &mut Mapper, number: u32| {
+            mapper.insert(&with_long_range(number, (0.1 * f64::from(number)).sin()));
+        };
+        (0..600).for_each(|number| insert(&mut mapper, number));
+        while mapper.workout.is_some() || mapper.begin_workout(due_at_end) {
+            mapper.advance();
+        }
+        let asserted = |mapper: &mut Mapper| {
+            let mut gaussians = mapper.snapshot().gaussians;
+            gaussians.retain(|gaussian| gaussian.standing == Standing::Confident);
+            gaussians
+        };
+        let before = asserted(&mut mapper);
+        assert!(before.len() > 20, "{}", before.len());
+        // Twice, as where nothing is worked out in between.
+        mapper.divide_anew(0.09);
+        mapper.divide_anew(0.08);
+        assert_eq!(asserted(&mut mapper), before);
+        // They are in no voxel, and evidence hears of the pings so far a few at a time.
+        let is_former = |slot| mapper.gaussians.stage[slot] == Stage::Former;
+        assert!(mapper.gaussians.slots().all(is_former));
+        let mut slices = 0;
+        for number in (600..).take_while(|&number| number < 1200) {
+            let waiting = mapper.untold_pings();
+            if waiting == 0 {
+                break;
+            }
+            insert(&mut mapper, number);
+            slices += u32::from(mapper.untold_pings() < waiting);
+            assert!(mapper.workout.is_none());
+            assert_eq!(asserted(&mut mapper), before);
+        }
+        assert!(mapper.untold_pings() == 0 && slices > 10, "{slices}");
+        let sums = |mapper: &Mapper| {
+            let evidence = &mapper.world.as_ref().unwrap().evidence;
+            let blocks = evidence.tiles().iter().flat_map(|tile| &tile.blocks);
+            let of = |&index| evidence.of(evidence.block(index), Horizon::Eighths).0;
+            let looks: Vec<f32> = evidence.tiles().iter().map(|tile| tile.looks).collect();
+            (blocks.map(of).collect::<Vec<_>>(), looks)
+        };
+        let piece_by_piece = sums(&mapper);
+        mapper.sum_up_anew();
+        assert!(piece_by_piece == sums(&mapper));
+        assert!(mapper.begin_workout(due_at_end));
+        while mapper.workout.is_some() {
+            assert_eq!(asserted(&mut mapper), before);
+            mapper.advance();
+        }
+        let after = asserted(&mut mapper);
+        let is_old = |gaussian: &Gaussian| before.iter().any(|old| old.id == gaussian.id);
+        assert!(after.len() > 20 && !after.iter().any(is_old));
+        // What nothing tells of any more is not there for ever.
+        mapper.divide_anew(0.07);
+        mapper.waiting.clear();
+        mapper.history = History::new(1024);
+        assert!(mapper.finish().gaussians.is_empty());
     }
 
     #[test]

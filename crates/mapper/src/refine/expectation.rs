@@ -473,7 +473,7 @@ mod tests {
             pings
                 .iter()
                 .for_each(|past| history.push(Past::clone(past)));
-            evidence.integrate(&history, 0, crate::parts::Extent::All);
+            evidence.integrate(&history, usize::MAX, crate::parts::Extent::All);
             Self {
                 evidence,
                 pings,

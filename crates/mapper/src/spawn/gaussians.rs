@@ -29,6 +29,8 @@ pub(crate) enum Stage {
     Worked,
     /// Held still beside those that are being worked out.
     Background,
+    /// Of voxels that are no more: published until what is in the new ones is worked out, and part of nothing else.
+    Former,
 }
 
 /// Arrays indexed by slot. A slot is used again after its Gaussian is gone, an id never.
@@ -141,6 +143,25 @@ impl Gaussians {
         for &slot in slots {
             self.remove(slot as u32);
         }
+    }
+
+    /// Lets go of all but what was worked out and is published, which stays as it is, in no voxel.
+    pub(crate) fn leave_voxels(&mut self) {
+        let slots: Vec<usize> = self.slots().collect();
+        for slot in slots {
+            let is_shown = matches!(self.verdict[slot], Verdict::Published(_));
+            match self.stage[slot] {
+                Stage::Worked | Stage::Former if is_shown => self.stage[slot] = Stage::Former,
+                _ => self.remove(slot as u32),
+            }
+        }
+    }
+
+    /// Lets go of what voxels that are no more had.
+    pub(crate) fn let_former_go(&mut self) {
+        let slots = self.slots();
+        let former: Vec<usize> = slots.filter(|&s| self.stage[s] == Stage::Former).collect();
+        self.remove_all(&former);
     }
 
     pub(crate) fn set_shape(&mut self, slot: usize, rotation: Quat, scale_m: Vec3) {

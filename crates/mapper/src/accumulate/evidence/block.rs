@@ -185,10 +185,16 @@ impl Block {
         work
     }
 
-    /// Adds the evidence of all pings remembered.
-    pub(super) fn integrate_all(&mut self, history: &History, voxel_m: f32, extent: Extent) -> u64 {
+    /// Adds the evidence of the first `count` pings remembered.
+    pub(super) fn integrate_all(
+        &mut self,
+        history: &History,
+        count: usize,
+        voxel_m: f32,
+        extent: Extent,
+    ) -> u64 {
         let (center_m, radius_m) = (self.center_m(voxel_m), radius_m(voxel_m));
-        let near = history.near(history.pings().len(), center_m, radius_m);
+        let near = history.near(count, center_m, radius_m);
         self.integrate(near, voxel_m, extent)
     }
 

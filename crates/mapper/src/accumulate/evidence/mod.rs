@@ -103,6 +103,8 @@ pub(crate) struct Evidence {
     free: Vec<BlockIndex>,
     /// The next of the blocks that is asked to lay away sides, in turn.
     next_laid_away: usize,
+    /// Remembered pings that it was told of, the oldest ones.
+    told_pings: usize,
 }
 
 impl Evidence {
@@ -117,6 +119,7 @@ impl Evidence {
             tile_at: HashMap::new(),
             free: Vec::new(),
             next_laid_away: 0,
+            told_pings: 0,
         }
     }
 
@@ -153,16 +156,19 @@ impl Evidence {
         ((corner + offset).as_vec3() + 0.5) * self.voxel_m
     }
 
-    /// Takes in a slice of looks, the newest of `history`: new blocks along their lit arcs, which
-    /// are told of every remembered ping, and evidence in the blocks there were. Returns voxel
+    /// Remembered pings that it was not told of yet.
+    pub(crate) fn untold_pings(&self, history: &History) -> usize {
+        history.pings().len() - self.told_pings
+    }
+
+    /// Takes in a slice of looks, at most so many of those it was not told of yet: new blocks along their lit arcs, which
+    /// are told of every ping before as well, and evidence in the blocks there were. Returns voxel
     /// looks done, the work.
-    pub(crate) fn integrate(
-        &mut self,
-        history: &History,
-        slice_start: usize,
-        extent: Extent,
-    ) -> u64 {
-        let slice = &history.pings()[slice_start..];
+    pub(crate) fn integrate(&mut self, history: &History, most: usize, extent: Extent) -> u64 {
+        let slice_start = self.told_pings;
+        self.told_pings += most.min(self.untold_pings(history));
+        let told_pings = self.told_pings;
+        let slice = &history.pings()[slice_start..told_pings];
         let known = self.tiles.len();
         let wanted = self.wanted(slice).into_iter();
         let fresh: BTreeSet<BlockIndex> = wanted.map(|key| self.create(key)).collect();
@@ -175,7 +181,7 @@ impl Evidence {
         let blocks = blocks_at(&mut self.blocks, &near);
         let voxel_m = self.voxel_m;
         let tell = |(index, block): (BlockIndex, &mut Block)| match fresh.contains(&index) {
-            true => block.integrate_all(history, voxel_m, extent),
+            true => block.integrate_all(history, told_pings, voxel_m, extent),
             false => block.integrate(slice, voxel_m, extent),
         };
         let blocks = blocks.into_par_iter().with_min_len(16);
@@ -209,15 +215,16 @@ impl Evidence {
         for key in self.wanted(history.pings()) {
             self.create(key);
         }
-        self.count_looks(known, history, history.pings().len());
-        let voxel_m = self.voxel_m;
+        self.told_pings = history.pings().len();
+        let (voxel_m, told_pings) = (self.voxel_m, self.told_pings);
+        self.count_looks(known, history, told_pings);
         self.touched.extend(0..self.blocks.len() as BlockIndex);
         let blocks = self.blocks.par_iter_mut().with_min_len(16);
         blocks
             .map(|block| {
                 progress.tell();
                 block.forget();
-                let looks = block.integrate_all(history, voxel_m, extent);
+                let looks = block.integrate_all(history, told_pings, voxel_m, extent);
                 // Once for what was looked from, and once for good.
                 block.lay_away();
                 block.lay_away();
@@ -252,8 +259,9 @@ impl Evidence {
         }
     }
 
-    /// Pings that are no longer remembered.
+    /// Pings that are no longer remembered; it was told of them.
     pub(crate) fn forget(&mut self, pings: &[Arc<Past>]) {
+        self.told_pings -= pings.len();
         let radius_m = self.tile_radius_m();
         let has_echoes = |past: &&Arc<Past>| !past.profile.echoes.is_empty();
         let pings: Vec<&Arc<Past>> = pings.iter().filter(has_echoes).collect();
