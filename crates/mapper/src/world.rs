@@ -11,12 +11,12 @@ const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
 /// Edge of a voxel in widths of the beam: at the far end of a ping, as coarse as ever, and where the strongest echoes come
 /// from.
 const AT_FAR_END: f64 = 0.35;
-const AT_WORKING_RANGE: f64 = 0.65;
+const AT_WORKING_RANGE: f64 = 0.8;
 /// A unit that is set to hear much further than what is there has voxels at most this part of those of its far end: noise
 /// out there fills room as well.
 const FINEST_PART: f64 = 0.5;
 /// Voxels that would be finer or coarser by less stay as they are.
-const LEAST_CHANGE: f32 = 1.4;
+const LEAST_CHANGE: f32 = 1.3;
 
 /// A map that begins within this distance of the poses' origin is published in the poses' own
 /// frame, so that it overlays the track in tools that know nothing of origins. Single precision
@@ -185,11 +185,11 @@ mod tests {
             |found: f64, expected: f64| assert!((found / expected - 1.0).abs() < 1e-4, "{found}");
         is(of(10.0, None), 3.5);
         is(of(10.0, Some(6.0)), 3.5);
-        is(of(20.0, Some(6.0)), 3.9);
+        is(of(20.0, Some(6.0)), 4.8);
         is(of(40.0, Some(6.0)), 7.0);
         let useful_m = f64::from(useful_range_m(6.0, &config).unwrap());
-        is(of(useful_m, Some(6.0)), 3.9);
-        assert!(of(1.1 * useful_m, Some(6.0)) > 3.9 * 1.05);
+        is(of(useful_m, Some(6.0)), 4.8);
+        assert!(of(1.1 * useful_m, Some(6.0)) > 4.8 * 1.05);
         let fixed = MapperConfig {
             resolution_m: 0.07,
             ..config
