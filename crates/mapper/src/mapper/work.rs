@@ -477,6 +477,32 @@ mod tests {
     }
 
     #[test]
+    fn where_few_pings_see_each_place_a_step_takes_more_of_them() {
+        let thinning_after = |pings: u32| {
+            let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+            for number in 0..pings {
+                let mut posed = going_by(number, (0.1 * f64::from(number)).sin());
+                // Nearly from one place, so that all pings see all of it.
+                posed.world_from_sensor.translation_m.y = 0.02 * (0.05 * f64::from(number)).sin();
+                mapper.insert(&posed);
+            }
+            let world = mapper.world.as_ref().unwrap();
+            let due = Due {
+                tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
+                start: Start::Even,
+                is_live: false,
+            };
+            let (map, history) = (&mapper.gaussians, &mapper.history);
+            let terms = terms(&mapper);
+            Workout::begin(world, map, history, due, terms, &mut Vec::new()).thinnings()
+        };
+        let [(few, few_of_verdicts), (more, _), (many, _)] = [100, 300, 1600].map(thinning_after);
+        assert!(few < more && more < 1.0, "{few} {more}");
+        assert!(many >= 1.0, "{many}");
+        assert!(few_of_verdicts >= 1.0);
+    }
+
+    #[test]
     fn what_is_done_without_pings_counts_as_work() {
         let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
         for number in 0..300 {

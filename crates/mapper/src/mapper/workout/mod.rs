@@ -5,7 +5,7 @@
 //! the draft is done.
 //!
 //! Cost: about nine looks at each ping that sees the tiles, four of them at few Gaussians; four where it starts from the
-//! map, fewer where more would say nothing new.
+//! map, fewer where more would say nothing new, up to eight times as many where few pings see each place.
 
 mod draft;
 mod keep;
@@ -47,6 +47,9 @@ const LAG: f64 = 0.25;
 const LOOKS_PER_PING: f64 = 7.5;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new to a step.
 const ENOUGH_PAIRS: f64 = 6_000.0;
+/// Pairs of each Gaussian that a step has at least, if there are so many: some two dozen looks of a dozen bins. Speckle leaves
+/// a step of fewer more than a fifth, and what is moved to and fro by that much is smeared along its arcs.
+const LEAST_PAIRS_OF_STEP: f64 = 300.0;
 /// The part of them that a step needs which starts from the map, since the map knows the rest.
 const ENOUGH_FROM_MAP: f64 = 0.125;
 /// Pairs of each Gaussian beyond which more pings say nothing new to its verdict; the map knows nothing of that.
@@ -264,35 +267,42 @@ impl Workout {
         !self.actions.iter().any(is_assessment)
     }
 
-    /// How many times fewer looks a step needs, at least 1.
+    /// How many times fewer looks a step needs than every [`INTERLEAVE`]-th; below 1 where they are few.
     fn thinning(&self, most_pairs: f64) -> f64 {
         let part = match self.start {
             Start::Even => 1.0,
             Start::Map => ENOUGH_FROM_MAP,
         };
-        self.thinning_to(most_pairs, part * ENOUGH_PAIRS)
+        let least = self.pairs_of_each() / (INTERLEAVE * part * LEAST_PAIRS_OF_STEP);
+        let least = least.clamp(INTERLEAVE.recip(), 1.0);
+        self.thinning_to(most_pairs, part * ENOUGH_PAIRS, least)
     }
 
-    /// The same for the last assessment: the map knows nothing of verdicts, and they are worth more work than pings allow.
-    fn thinning_of_verdicts(&self) -> f64 {
-        self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS_OF_VERDICTS)
-    }
-
-    /// How many times fewer looks do, at least 1: to stay within the work allowed, and since what has been seen
-    /// often enough, by pairs of each Gaussian, gains nothing.
-    fn thinning_to(&self, most_pairs: f64, enough_pairs: f64) -> f64 {
-        let pings = self.pings.len() as f64;
-        let pass = pings * self.pairs_per_ping;
-        let within_work = LOOKS_PER_PING * pass / most_pairs;
+    /// Pairs of each Gaussian in one pass over all pings.
+    fn pairs_of_each(&self) -> f64 {
         let gaussians = self.draft.alive_count().max(1) as f64;
+        self.pings.len() as f64 * self.pairs_per_ping / gaussians
+    }
+
+    /// The same for the last assessment, at least 1: the map knows nothing of verdicts, and they are worth more work than
+    /// pings allow.
+    fn thinning_of_verdicts(&self) -> f64 {
+        self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS_OF_VERDICTS, 1.0)
+    }
+
+    /// How many times fewer looks do, at least `least`: to stay within the work allowed, and since what has been seen
+    /// often enough, by pairs of each Gaussian, gains nothing.
+    fn thinning_to(&self, most_pairs: f64, enough_pairs: f64, least: f64) -> f64 {
+        let pings = self.pings.len() as f64;
+        let within_work = LOOKS_PER_PING * pings * self.pairs_per_ping / most_pairs;
         let enough = match self.at_work.converged {
             Extent::All => 0.0,
-            Extent::Useful => pass / (enough_pairs * gaussians),
+            Extent::Useful => self.pairs_of_each() / enough_pairs,
             Extent::None => NEVER_TWICE,
         };
         // At least some dozens of looks a step, however crowded the map.
         let most = (pings / (64.0 * INTERLEAVE)).max(1.0);
-        within_work.max(enough).clamp(1.0, most)
+        within_work.max(enough).clamp(least, most)
     }
 
     pub(crate) fn tile_count(&self) -> u64 {
@@ -352,14 +362,15 @@ impl Workout {
                 self.doing = Some(Doing::Strengthen(pass, interleave as f32, pace));
             }
             Action::Localise => {
-                let pings = over(0.0, 2.0 * self.thinning(self.most_pairs));
+                let stride = (2.0 * self.thinning(self.most_pairs)).max(1.0);
+                let pings = over(0.0, stride);
                 let pass = Pass::over(pings, &world.evidence, &self.draft);
                 self.doing = Some(Doing::Localise(pass));
             }
             Action::Assess { stride } => {
                 let thinning = match self.is_last_assessment() {
                     true => self.thinning_of_verdicts(),
-                    false => self.thinning(self.most_pairs),
+                    false => self.thinning(self.most_pairs).max(1.0),
                 };
                 let stride = stride * thinning;
                 let pass = Pass::over(over(0.0, stride), &world.evidence, &self.draft);
