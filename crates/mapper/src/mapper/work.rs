@@ -450,26 +450,33 @@ mod tests {
         assert!(mapper.finish().gaussians.is_empty());
     }
 
-    #[test]
-    fn a_map_saves_looks_for_its_strengths_and_none_for_its_verdicts() {
+    /// Of a vehicle that hovers nearly at one place, so that all its pings see all of the rod.
+    fn hovering(pings: u32) -> Mapper {
         let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
-        for number in 0..1600 {
+        for number in 0..pings {
             let mut posed = going_by(number, (0.1 * f64::from(number)).sin());
-            // Nearly from one place, so that all pings see all of it.
             posed.world_from_sensor.translation_m.y = 0.02 * (0.05 * f64::from(number)).sin();
             mapper.insert(&posed);
         }
+        mapper
+    }
+
+    /// A work-out of all tiles.
+    fn workout_of_all(mapper: &Mapper, start: Start, is_live: bool) -> Workout {
         let world = mapper.world.as_ref().unwrap();
-        let thinnings = |start| {
-            let due = Due {
-                tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
-                start,
-                is_live: true,
-            };
-            let (map, history) = (&mapper.gaussians, &mapper.history);
-            let terms = terms(&mapper);
-            Workout::begin(world, map, history, due, terms, &mut Vec::new()).thinnings()
+        let due = Due {
+            tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
+            start,
+            is_live,
         };
+        let (map, history) = (&mapper.gaussians, &mapper.history);
+        Workout::begin(world, map, history, due, terms(mapper), &mut Vec::new())
+    }
+
+    #[test]
+    fn a_map_saves_looks_for_its_strengths_and_none_for_its_verdicts() {
+        let mapper = hovering(1600);
+        let thinnings = |start| workout_of_all(&mapper, start, true).thinnings();
         let ((of_steps, of_verdicts), (_, of_even_verdicts)) =
             (thinnings(Start::Map), thinnings(Start::Even));
         assert!(of_steps > 1.5 * of_verdicts, "{of_steps} {of_verdicts}");
@@ -478,25 +485,9 @@ mod tests {
 
     #[test]
     fn where_few_pings_see_each_place_a_step_takes_more_of_them() {
-        let thinning_after = |pings: u32| {
-            let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
-            for number in 0..pings {
-                let mut posed = going_by(number, (0.1 * f64::from(number)).sin());
-                // Nearly from one place, so that all pings see all of it.
-                posed.world_from_sensor.translation_m.y = 0.02 * (0.05 * f64::from(number)).sin();
-                mapper.insert(&posed);
-            }
-            let world = mapper.world.as_ref().unwrap();
-            let due = Due {
-                tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
-                start: Start::Even,
-                is_live: false,
-            };
-            let (map, history) = (&mapper.gaussians, &mapper.history);
-            let terms = terms(&mapper);
-            Workout::begin(world, map, history, due, terms, &mut Vec::new()).thinnings()
-        };
-        let [(few, few_of_verdicts), (more, _), (many, _)] = [100, 300, 1600].map(thinning_after);
+        let thinnings_after =
+            |pings| workout_of_all(&hovering(pings), Start::Even, false).thinnings();
+        let [(few, few_of_verdicts), (more, _), (many, _)] = [100, 300, 1600].map(thinnings_after);
         assert!(few < more && more < 1.0, "{few} {more}");
         assert!(many >= 1.0, "{many}");
         assert!(few_of_verdicts >= 1.0);
@@ -509,14 +500,7 @@ mod tests {
             mapper.insert(&going_by(number, (0.1 * f64::from(number)).sin()));
         }
         let world = mapper.world.as_ref().unwrap();
-        let due = Due {
-            tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
-            start: Start::Even,
-            is_live: false,
-        };
-        let (map, history) = (&mapper.gaussians, &mapper.history);
-        let terms = terms(&mapper);
-        let mut workout = Workout::begin(world, map, history, due, terms, &mut Vec::new());
+        let mut workout = workout_of_all(&mapper, Start::Even, false);
         let (mut with_pings, mut without) = (0, Vec::new());
         while !workout.is_done() {
             let effort = workout.advance(world, &mapper.seabed);
@@ -538,17 +522,7 @@ mod tests {
             mapper.insert(&going_by(number, (0.1 * f64::from(number)).sin()));
         }
         assert!(!mapper.finish().gaussians.is_empty());
-        let world = mapper.world.as_ref().unwrap();
-        let terms = terms(&mapper);
-        let candidates = |start, is_live| {
-            let due = Due {
-                tiles: (0..world.evidence.tiles().len() as TileIndex).collect(),
-                start,
-                is_live,
-            };
-            let (map, history) = (&mapper.gaussians, &mapper.history);
-            Workout::begin(world, map, history, due, terms, &mut Vec::new()).candidate_count()
-        };
+        let candidates = |start, is_live| workout_of_all(&mapper, start, is_live).candidate_count();
         let (live, at_end) = (candidates(Start::Map, true), candidates(Start::Map, false));
         assert!(0 < live && live < at_end, "{live} of {at_end}");
         assert_eq!(candidates(Start::Even, true), at_end);
