@@ -44,6 +44,30 @@ fn one_thread_and_two_published_or_not_give_the_same_bits() {
 }
 
 #[test]
+fn a_finished_map_alone_is_as_near_for_less_work_and_nothing_else_is_shown() {
+    let folder = tempfile::tempdir().unwrap();
+    let (truth, maps) = (file(""), folder.path().join("maps").display().to_string());
+    let judged = |name: &str, more: &[&str]| {
+        let map = folder.path().join(name).display().to_string();
+        let arguments = ["--json", "--map", &map, "--truth", &truth];
+        run(&replay(&[&arguments, more].concat()), 0)
+    };
+    let (live, finished) = (judged("a.ply", &[]), judged("b.ply", &["--finished-only"]));
+    let of = |summary: &Value, key: &str| summary[key].as_f64().unwrap();
+    assert!(of(&finished, "gaussians") > 0.8 * of(&live, "gaussians"));
+    assert!(of(&finished, "pairs") < 0.9 * of(&live, "pairs"));
+    let cd_m = |summary: &Value| of(&summary["metrics"], "cd_m");
+    assert!(cd_m(&finished) < 1.1 * cd_m(&live), "{finished}");
+    for more in [&["--publish"][..], &["--maps-every", "5", &maps]] {
+        let arguments = replay(&[&["--finished-only"], more].concat());
+        let mut program = Program::echosplat(&arguments);
+        program.wait_exit_code(2, LONG);
+        let said = program.stderr();
+        assert!(said.contains("cannot be used with"), "{said}");
+    }
+}
+
+#[test]
 fn every_ping_is_accounted_for() {
     let summary = run(&replay(&["--json", "--no-publish"]), 0);
     assert_eq!(summary["pings_received"], PING_COUNT);

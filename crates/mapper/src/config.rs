@@ -37,6 +37,9 @@ pub struct MapperConfig {
     /// Work that each ping allows, in Gaussian–bin pairs of a step or what takes as long; less makes the map lag, not
     /// worse.
     pub work_pairs_per_ping: u64,
+    /// Whether somebody looks at the map while the dive goes on. If not, work waits for the end of the data, or until half of
+    /// the pings that may be remembered are: about half as much of it, and a map as near, though not the same to the bit.
+    pub live_map: bool,
     /// Steps of each stage when tiles are worked out.
     pub workout_passes: usize,
     /// About how many Gaussian–bin pairs a work-out may take; crowded maps look at fewer pings.
@@ -67,6 +70,7 @@ impl Default for MapperConfig {
             history_pings: 65_536,
             spawn_evidence: 4.5,
             work_pairs_per_ping: 600_000,
+            live_map: true,
             workout_passes: 16,
             workout_pairs: 6_000_000_000,
             confident_share: 0.7,

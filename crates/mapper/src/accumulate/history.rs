@@ -87,6 +87,11 @@ impl History {
         self.pings.len() > self.capacity
     }
 
+    /// Whether few enough came that none need be let go soon.
+    pub(crate) fn is_half_empty(&self) -> bool {
+        self.forgotten == 0 && 2 * self.pings.len() < self.capacity
+    }
+
     /// Lets go of the oldest where more are held than may be; gives them. `recent` of them stay in any case.
     pub(crate) fn forget(&mut self, recent: usize) -> Vec<Arc<Past>> {
         if !self.is_overfull() {

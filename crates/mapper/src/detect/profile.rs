@@ -68,6 +68,11 @@ impl Profile {
         thresholds
     }
 
+    /// Strongest power of late, when the ping came, at about the range of its loudest echo.
+    pub(crate) fn strongest_here(&self) -> f32 {
+        self.strongest_here
+    }
+
     /// The first bin that may say anything: beyond the blanking, and beyond where the transducer is known to ring.
     pub(crate) fn first_bin(&self) -> usize {
         self.blank.max(self.rings)

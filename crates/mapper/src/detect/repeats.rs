@@ -55,6 +55,19 @@ impl Repeats {
             .listen(look, intensity, profile, strongest, weight);
     }
 
+    /// Asks a ping of before, which counts `weight`, for images of the sources of now.
+    pub(crate) fn ask_for_surface(
+        &mut self,
+        look: &Look,
+        intensity: &[f32],
+        profile: &Profile,
+        weight: f32,
+    ) {
+        let strongest = profile.strongest_here();
+        self.mirror
+            .listen(look, intensity, profile, strongest, weight);
+    }
+
     /// Tells echoes that may be others heard again, and judges the ping without them. Returns their bins.
     pub(crate) fn doubt(
         &self,

@@ -13,7 +13,6 @@ use crate::calibrate::{
     Calibration, Compass, Difference, Estimate, Landmarks, Moving, RANGE, Verdict, corrected,
     moving,
 };
-use crate::mapper::work::due_at_end;
 use crate::parts::Parts;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
@@ -299,9 +298,7 @@ fn mapped(blank: &Mapper, purpose: Purpose, moving: &[Moving]) -> Option<Mapper>
         NEWBORN_STRENGTH * map.unit_strength,
     );
     births::follow_evidence(evidence, &mut map.gaussians, spawn, strength);
-    while map.workout.is_some() || map.begin_workout(due_at_end) {
-        map.advance();
-    }
+    map.work_all_out();
     // Two such maps are held while they are compared, and only their Gaussians are.
     map.world.as_mut()?.evidence.forget_looks();
     Some(map)

@@ -28,6 +28,9 @@ const ANEW: f32 = 2.0;
 impl Mapper {
     /// Adds the work that a ping allows.
     pub(super) fn allow_work_of_a_ping(&mut self) {
+        if !self.config.live_map && self.history.is_half_empty() {
+            return;
+        }
         let allowed = self.config.work_pairs_per_ping;
         self.credit_pairs = self.credit_pairs.saturating_add_unsigned(allowed);
     }
@@ -60,12 +63,37 @@ impl Mapper {
         self.workout = None;
         self.sum_up(usize::MAX);
         self.judge_anew();
-        while self.workout.is_some() || self.begin_workout(due_at_end) {
-            self.advance();
+        self.work_all_out();
+        if !self.config.live_map && self.finds_surface() {
+            self.judge_anew();
+            self.work_all_out();
         }
         // Their pings tell of nothing where there was nothing to work out.
         self.gaussians.let_former_go();
         self.publish()
+    }
+
+    /// Until nothing is left to do.
+    pub(super) fn work_all_out(&mut self) {
+        while self.workout.is_some() || self.begin_workout(due_at_end) {
+            self.advance();
+        }
+    }
+
+    /// Asks all remembered pings for images in the water's surface, which could not be asked for as they came: there was no map
+    /// then. Whether the surface is found, and was not known.
+    fn finds_surface(&mut self) -> bool {
+        if self.repeats.surface_m().is_some() {
+            return false;
+        }
+        self.repeats.set_sources(sources(&self.gaussians, |_| true));
+        for past in self.history.pings() {
+            self.progress.tell();
+            let intensity: Vec<f32> = past.profile.intensity.iter().collect();
+            self.repeats
+                .ask_for_surface(&past.look, &intensity, &past.profile, past.weight);
+        }
+        self.repeats.surface_m().is_some()
     }
 
     /// Judges every ping by what is now known of the seabed and of echoes heard again, and sums up all evidence anew.
@@ -396,9 +424,7 @@ mod tests {
             mapper.insert(&with_long_range(number, (0.1 * f64::from(number)).sin()));
         };
         (0..600).for_each(|number| insert(&mut mapper, number));
-        while mapper.workout.is_some() || mapper.begin_workout(due_at_end) {
-            mapper.advance();
-        }
+        mapper.work_all_out();
         let asserted = |mapper: &mut Mapper| {
             let mut gaussians = mapper.snapshot().gaussians;
             gaussians.retain(|gaussian| gaussian.standing == Standing::Confident);
@@ -451,13 +477,15 @@ mod tests {
     }
 
     /// Of a vehicle that hovers nearly at one place, so that all its pings see all of the rod.
+    fn at_one_place(number: u32) -> PosedPing {
+        let mut posed = going_by(number, (0.1 * f64::from(number)).sin());
+        posed.world_from_sensor.translation_m.y = 0.02 * (0.05 * f64::from(number)).sin();
+        posed
+    }
+
     fn hovering(pings: u32) -> Mapper {
         let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
-        for number in 0..pings {
-            let mut posed = going_by(number, (0.1 * f64::from(number)).sin());
-            posed.world_from_sensor.translation_m.y = 0.02 * (0.05 * f64::from(number)).sin();
-            mapper.insert(&posed);
-        }
+        (0..pings).for_each(|number| _ = mapper.insert(&at_one_place(number)));
         mapper
     }
 
@@ -471,6 +499,70 @@ mod tests {
         };
         let (map, history) = (&mapper.gaussians, &mapper.history);
         Workout::begin(world, map, history, due, terms(mapper), &mut Vec::new())
+    }
+
+    /// Of a vehicle here and there below a surface, 2 m above the rod, by way of which the rod is heard once more.
+    fn below_a_surface(number: u32) -> PosedPing {
+        // Not evenly, as another sonar's pulses walk.
+        let above_m = f64::from(number * 37 % 101) / 50.0 - 1.0;
+        let near = going_by(number, above_m);
+        let (direct_m, image_m) = (4_f64.hypot(above_m), 4_f64.hypot(4.0 - above_m));
+        let image = (0.5 * (direct_m + image_m) / 0.02) as usize;
+        let mut power = near.ping.intensity().to_vec();
+        let loudest = power.iter().copied().fold(0.0, f32::max);
+        power[image - 1..=image + 1].fill(0.1 * loudest);
+        let mut pose = near.world_from_sensor;
+        // Each ping says something of its own.
+        pose.translation_m.y = ((0.05 * f64::from(number)) % 4.0 - 2.0).abs() - 1.0;
+        posed(number, power, pose)
+    }
+
+    #[test]
+    fn where_nobody_looks_work_waits_for_the_end_and_the_surface_is_found_there() {
+        let mut mapper = Mapper::new(MapperConfig {
+            live_map: false,
+            ..MapperConfig::default()
+        })
+        .unwrap();
+        (0..1600).for_each(|number| _ = mapper.insert(&below_a_surface(number)));
+        assert_eq!(mapper.status().workouts, 0);
+        let map = mapper.finish();
+        let surface_m = mapper.status().water_surface_m;
+        let error_m = surface_m.map(|surface_m| (surface_m - 2.0).abs());
+        assert!(error_m.is_some_and(|m| m < 0.1), "{surface_m:?}");
+        let asserted = map.gaussians.iter();
+        let asserted = asserted.filter(|gaussian| gaussian.standing == Standing::Confident);
+        let places = asserted.map(|gaussian| map.origin_m + gaussian.mean_m.as_dvec3());
+        let off: Vec<f64> = places.map(|at| (at.x - 4.0).hypot(at.z)).collect();
+        let near = off.iter().filter(|off_m| **off_m < 0.15).count();
+        assert!(
+            near > 100 && 20 * near >= 19 * off.len(),
+            "{near} of {}",
+            off.len()
+        );
+    }
+
+    #[test]
+    fn where_nobody_looks_work_begins_before_pings_have_to_go() {
+        let mut mapper = Mapper::new(MapperConfig {
+            live_map: false,
+            history_pings: 400,
+            ..MapperConfig::default()
+        })
+        .unwrap();
+        let mut number = 0;
+        let mut insert = |mapper: &mut Mapper| {
+            mapper.insert(&at_one_place(number));
+            number += 1;
+        };
+        while mapper.history.is_half_empty() {
+            assert_eq!(mapper.status().workouts, 0);
+            insert(&mut mapper);
+        }
+        while mapper.status().workouts == 0 && mapper.history.forgotten() == 0 {
+            insert(&mut mapper);
+        }
+        assert_eq!(mapper.history.forgotten(), 0);
     }
 
     #[test]

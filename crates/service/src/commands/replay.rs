@@ -71,6 +71,7 @@ fn configuration(arguments: &ReplayArguments, replayed: &Replayed) -> anyhow::Re
         ..Overrides::default()
     };
     let mut config = Config::assemble(&arguments.service, overrides)?;
+    config.mapper.live_map &= !arguments.finished_only;
     if arguments.service.bus.node.is_none() {
         // A service of the vehicle's own name may be running.
         config.bus.node = "replay".to_owned();
@@ -161,7 +162,9 @@ fn once(
             ping_interval_s: 0.0,
         },
         hooks: Hooks {
-            observer: judge.map(Judge::observer),
+            observer: judge
+                .filter(|_| config.mapper.live_map)
+                .map(Judge::observer),
             way: judge.map(Judge::way),
             album: Album::parse(arguments.service.maps_every.as_deref())?,
             on_status: Some(show_figures()),
