@@ -39,6 +39,8 @@ pub struct MapperConfig {
     pub work_pairs_per_ping: u64,
     /// Whether somebody looks at the map while the dive goes on. If not, work waits for the end of the data, or until half of
     /// the pings that may be remembered are: about half as much of it, and a map as near, though not the same to the bit.
+    /// No key of a file: a run that a signal ends would leave no map.
+    #[serde(skip)]
     pub live_map: bool,
     /// Steps of each stage when tiles are worked out.
     pub workout_passes: usize,

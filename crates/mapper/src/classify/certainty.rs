@@ -8,7 +8,7 @@
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_acoustics::packed::Row;
 use echosplat_model::Standing;
-use echosplat_model::glam::{DMat3, DVec3, Mat3};
+use echosplat_model::glam::{DMat3, DVec3, Mat3, Vec3};
 use rayon::prelude::*;
 
 use crate::accumulate::finding::{Account, Finding};
@@ -28,14 +28,18 @@ pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
-/// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M`; what they grow by
-/// with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by with the logarithm
-/// of sigma. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
-const EVEN_ODDS: f32 = 1.05;
+/// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M` along all axes; what
+/// they grow by with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), fall by with the logarithm
+/// of sigma, and grow by with that of how many times as sure the place is across the surface as along the axis that is left
+/// open. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
+const EVEN_ODDS: f32 = 0.6;
 const PER_RIVALRY: f32 = 1.4;
-const PER_SIGMA: f32 = 0.8;
+const PER_SIGMA: f32 = 0.9;
+const PER_FLATNESS: f32 = 0.5;
 const LEAST_TOLD: f32 = -3.0;
 const MOST_TOLD: f32 = 1.5;
+/// Single precision leaves less of a variance to rounding, square metres.
+const LEAST_M2: f32 = 1e-12;
 
 /// What an error of the sensor's pose makes of a place, square metres: of its position alike in all directions, of its
 /// attitude across the line of sight.
@@ -99,7 +103,7 @@ impl Certainty {
         Self {
             position_covariance_m2: SymmetricMat3::of(covariance_m2),
             sigma_m: variances_m2.z.max(0.0).sqrt(),
-            probability: probability(account, variances_m2.x.max(0.0).sqrt()),
+            probability: probability(account, variances_m2),
         }
     }
 }
@@ -151,8 +155,8 @@ fn untruncated(scatter: Mat3, radius_m: f32) -> Mat3 {
     axes * Mat3::from_diagonal(variances_m2) * axes.transpose()
 }
 
-/// That there is surface within [`NEAR_M`] of a place with this sigma across the surface.
-fn probability(account: &Account, across_m: f32) -> f32 {
+/// That there is surface within [`NEAR_M`] of a place with these variances along its axes, the least first, square metres.
+fn probability(account: &Account, variances_m2: Vec3) -> f32 {
     let explains = account.rivalry / account.looks;
     if explains.is_nan() {
         return BY_CHANCE;
@@ -160,15 +164,15 @@ fn probability(account: &Account, across_m: f32) -> f32 {
     // Rounding puts what explains all of its looks beside 1.
     let explains = explains.min(1.0);
     let told = (explains / (1.0 - explains)).ln();
+    let [across_m, _, open_m] = variances_m2.to_array().map(|m2| m2.max(LEAST_M2).sqrt());
     let odds = EVEN_ODDS + PER_RIVALRY * told.clamp(LEAST_TOLD, MOST_TOLD)
-        - PER_SIGMA * (across_m / NEAR_M).ln();
+        - PER_SIGMA * (across_m / NEAR_M).ln()
+        + PER_FLATNESS * (open_m / across_m).ln();
     BY_CHANCE + (1.0 - BY_CHANCE) / (1.0 + (-odds).exp())
 }
 
 #[cfg(test)]
 mod tests {
-    use echosplat_model::glam::Vec3;
-
     use super::*;
     use crate::refine::expectation::Pull;
 
@@ -264,7 +268,8 @@ mod tests {
     fn nothing_told_is_nothing_known_and_finite() {
         let nothing = covariance_m2(&Finding::default(), 0.125, None, VOXEL_M);
         assert!((nothing.x_axis.x.sqrt() - REACH_M as f32).abs() < 0.1);
-        assert!((probability(&Account::default(), 10.0) - BY_CHANCE).abs() < 1e-6);
+        let probability = probability(&Account::default(), Vec3::splat(100.0));
+        assert!((probability - BY_CHANCE).abs() < 1e-6);
     }
 
     #[test]
@@ -279,18 +284,22 @@ mod tests {
     }
 
     #[test]
-    fn the_more_a_place_explains_and_the_surer_it_is_the_likelier_is_surface() {
-        let of = |rivalry: f32, across_m: f32| {
+    fn the_more_a_place_explains_the_surer_and_the_flatter_it_is_the_likelier_is_surface() {
+        let of = |rivalry: f32, across_m: f32, open_m: f32| {
             let account = Account {
                 looks: 10.0,
                 rivalry,
                 ..Account::default()
             };
-            probability(&account, across_m)
+            let axes_m = Vec3::new(across_m, across_m, open_m);
+            probability(&account, axes_m * axes_m)
         };
-        assert!(of(9.0, 0.03) > of(5.0, 0.03) && of(5.0, 0.03) > of(5.0, 0.3));
-        assert!(of(10.0, 0.03) > 0.95 && of(10.0, 1e-9) <= 1.0);
-        assert_eq!(of(10.000_001, 0.03).to_bits(), of(10.0, 0.03).to_bits());
-        assert!(of(0.0, 1.0) < 0.2 && of(0.0, 1.0) >= BY_CHANCE);
+        let round = |rivalry, sigma_m| of(rivalry, sigma_m, sigma_m);
+        assert!(round(9.0, 0.03) > round(5.0, 0.03) && round(5.0, 0.03) > round(5.0, 0.3));
+        assert!(of(5.0, 0.03, 0.3) > round(5.0, 0.03) && of(5.0, 0.03, 0.3) > round(5.0, 0.3));
+        assert!(round(10.0, 0.03) > 0.95 && round(10.0, 0.0) <= 1.0);
+        let (beyond, whole) = (round(10.000_001, 0.03), round(10.0, 0.03));
+        assert_eq!(beyond.to_bits(), whole.to_bits());
+        assert!(round(0.0, 1.0) < 0.2 && round(0.0, 1.0) >= BY_CHANCE);
     }
 }
