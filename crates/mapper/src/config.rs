@@ -38,7 +38,7 @@ pub struct MapperConfig {
     /// worse.
     pub work_pairs_per_ping: u64,
     /// Whether somebody looks at the map while the dive goes on. If not, work waits for the end of the data, or until half of
-    /// the pings that may be remembered are: about half as much of it, and a map as near, though not the same to the bit.
+    /// the pings that may be remembered are: half as much of it or less, and a map as near, though not the same to the bit.
     /// No key of a file: a run that a signal ends would leave no map.
     #[serde(skip)]
     pub live_map: bool,

@@ -118,7 +118,7 @@ pub struct ReplayArguments {
     /// Begin again at the end, with an empty map, until told to stop
     #[arg(long = "loop")]
     pub(crate) repeat: bool,
-    /// Make nothing but the finished map, in about half the time: work on it waits for the end of the log
+    /// Make nothing but the finished map, in about two thirds of the time: work on it waits for the end of the log
     #[arg(long, conflicts_with_all = ["publish", "web", "maps_every", "repeat"])]
     pub(crate) finished_only: bool,
     /// Publish as a live service does, under the node `replay` unless --node names another
