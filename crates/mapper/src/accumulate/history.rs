@@ -87,7 +87,7 @@ impl History {
         self.pings.len() > self.capacity
     }
 
-    /// Whether few enough came that none need be let go soon.
+    /// Whether none was let go and room is left for as many again: time to work before any goes.
     pub(crate) fn is_half_empty(&self) -> bool {
         self.forgotten == 0 && 2 * self.pings.len() < self.capacity
     }

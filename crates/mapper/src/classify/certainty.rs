@@ -30,15 +30,14 @@ pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 pub(crate) const NEAR_M: f32 = 0.10;
 /// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M` along all axes; what
 /// they grow by with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), fall by with the logarithm
-/// of sigma, and grow by with that of how many times as sure the place is across the surface as along the axis that is left
-/// open. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
+/// of sigma across the surface, and grow by with the logarithm of the widest sigma over that one. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
 const EVEN_ODDS: f32 = 0.6;
 const PER_RIVALRY: f32 = 1.4;
 const PER_SIGMA: f32 = 0.9;
 const PER_FLATNESS: f32 = 0.5;
 const LEAST_TOLD: f32 = -3.0;
 const MOST_TOLD: f32 = 1.5;
-/// Single precision leaves less of a variance to rounding, square metres.
+/// A variance is not taken for less, square metres: rounding may leave nothing of it, and a micrometre is surer than any place.
 const LEAST_M2: f32 = 1e-12;
 
 /// What an error of the sensor's pose makes of a place, square metres: of its position alike in all directions, of its
