@@ -22,8 +22,8 @@ use crate::runtime;
 const ONE_REQUEST: Duration = Duration::from_secs(1);
 /// How often it is asked whether the run's own thread hangs, and whether its time is up.
 const LOOK: Duration = Duration::from_millis(50);
-/// How long an orderly end of a run may take.
-const ORDERLY_END: Duration = Duration::from_secs(10);
+/// How long an orderly end of a run may take beside finishing its map.
+const ORDERLY_END: Duration = Duration::from_millis(7_500);
 /// How long saving may take before an end at once.
 const SAVING: Duration = Duration::from_secs(3);
 /// Exit code of a run that did not end in order within its time.
@@ -46,6 +46,8 @@ struct RunUnderWay {
     last_will: LastWill,
     /// Of the thread that watches over all other parts.
     heartbeat: Heartbeat,
+    /// How long an orderly end may take.
+    ends_within: Duration,
 }
 
 impl std::fmt::Debug for Stop {
@@ -80,13 +82,19 @@ impl Stop {
         self.0.asked.cancel();
     }
 
-    /// From now on a run is under way: once asked to end it has ten seconds, and `last_will` is done
-    /// before it is ended at once. It is ended at once, too, where the thread that watches over it
-    /// hangs.
-    pub(crate) fn run_begins(&self, last_will: LastWill, heartbeat: Heartbeat) {
+    /// From now on a run is under way: once asked to end it may finish its map for `finish_within`
+    /// and has 7.5 s for all else, and `last_will` is done before it is ended at once. It is ended at
+    /// once, too, where the thread that watches over it hangs.
+    pub(crate) fn run_begins(
+        &self,
+        last_will: LastWill,
+        heartbeat: Heartbeat,
+        finish_within: Duration,
+    ) {
         *self.0.run() = Some(RunUnderWay {
             last_will,
             heartbeat,
+            ends_within: finish_within + ORDERLY_END,
         });
     }
 
@@ -140,10 +148,11 @@ impl Shared {
             tracing::warn!("asked to end again: ending at once");
             self.end_at_once(128 + number);
         }
-        if first.elapsed() > ORDERLY_END && self.run().is_some() {
+        let ends_within = self.run().as_ref().map(|run| run.ends_within);
+        if let Some(limit) = ends_within.filter(|&limit| first.elapsed() > limit) {
             tracing::error!(
                 "the run did not end within {} s of being asked to: ending at once",
-                ORDERLY_END.as_secs()
+                limit.as_secs()
             );
             self.end_at_once(NOT_IN_ORDER);
         }

@@ -9,6 +9,7 @@ mod memory;
 mod overrides;
 
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use echosplat_bus::{BusConfig, BusError};
 use echosplat_driver::SonarUrl;
@@ -157,6 +158,8 @@ pub struct PipelineConfig {
     pub(crate) calibrate: Calibrate,
     /// Longest that a part of the service may work without a sign of life.
     pub(crate) hang_limit_s: f64,
+    /// How long the map may be finished once a signal asked for an end; 0 writes it as it stands.
+    pub(crate) finish_within_s: f64,
     /// A live dive leaves pings out of the map while the service holds this much memory.
     pub(crate) memory_bytes: u64,
 }
@@ -169,6 +172,7 @@ impl Default for PipelineConfig {
             hold_back_every: 0,
             calibrate: Calibrate::Tell,
             hang_limit_s: 15.0,
+            finish_within_s: 2.5,
             memory_bytes: 2 << 30,
         }
     }
@@ -357,6 +361,11 @@ impl PoseConfig {
 }
 
 impl PipelineConfig {
+    /// How long the map may be finished once a signal asked for an end.
+    pub(crate) fn finish_within(&self) -> Duration {
+        Duration::from_secs_f64(self.finish_within_s)
+    }
+
     fn check(&self) -> Result<(), BadSetting> {
         within(
             "pipeline.queue_pings",
@@ -371,6 +380,8 @@ impl PipelineConfig {
             3600.0,
         )?;
         within("pipeline.hang_limit_s", self.hang_limit_s, 1.0, 3600.0)?;
+        let finish_within_s = self.finish_within_s;
+        within("pipeline.finish_within_s", finish_within_s, 0.0, 3600.0)?;
         let memory = self.memory_bytes as f64;
         within("pipeline.memory_bytes", memory, 1e6, 1e15)?;
         match self.hold_back_every {

@@ -4,22 +4,33 @@ use std::time::{Duration, Instant};
 
 use crate::signals::Stop;
 
-/// The first Ctrl-C or SIGTERM ends a run within five seconds; what is done after mapping has the
-/// rest of them.
-const MAPPING: Duration = Duration::from_millis(2_500);
-const ALL: Duration = Duration::from_millis(4_000);
+/// Once an end was asked for, publishing the final map has so much longer than finishing it.
+const PUBLISHING: Duration = Duration::from_millis(1_500);
+/// A mapper of a run that cannot go on may never finish: it is waited for no longer than this.
+const OF_FAILURE: Duration = Duration::from_millis(2_500);
 
 /// When an end was asked for, if it was, and why the run cannot go on, if it cannot.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub(crate) struct Ending {
+    /// How long the map may be finished once an end was asked for.
+    finish_within: Duration,
     asked: Option<Instant>,
     failure: Option<String>,
 }
 
 impl Ending {
+    /// Of a run that nobody has asked to end; from then on its map may be finished for so long.
+    pub(crate) fn none(finish_within: Duration) -> Self {
+        Self {
+            finish_within,
+            asked: None,
+            failure: None,
+        }
+    }
+
     /// Of a run that cannot go on.
     pub(crate) fn of_failure(why: String) -> Self {
-        let mut ending = Self::default();
+        let mut ending = Self::none(OF_FAILURE);
         ending.fail(why);
         ending
     }
@@ -33,6 +44,7 @@ impl Ending {
 
     /// A part that the run needs is gone: it ends as if somebody had asked for it.
     pub(crate) fn fail(&mut self, why: String) {
+        self.finish_within = self.finish_within.min(OF_FAILURE);
         self.asked.get_or_insert_with(Instant::now);
         self.failure.get_or_insert(why);
     }
@@ -48,13 +60,17 @@ impl Ending {
 
     /// Whether the mapper may be waited for no longer.
     pub(crate) fn is_mapping_overdue(&self) -> bool {
-        self.asked.is_some_and(|asked| asked.elapsed() >= MAPPING)
+        let asked = self.asked;
+        asked.is_some_and(|asked| asked.elapsed() >= self.finish_within)
     }
 
     /// `limit`, or less where an end was asked for.
     pub(crate) fn limited(&self, limit: Duration) -> Duration {
         match self.asked {
-            Some(asked) => limit.min(ALL.saturating_sub(asked.elapsed())),
+            Some(asked) => {
+                let all = self.finish_within + PUBLISHING;
+                limit.min(all.saturating_sub(asked.elapsed()))
+            }
             None => limit,
         }
     }
@@ -66,10 +82,16 @@ mod tests {
 
     #[test]
     fn nothing_is_hurried_until_somebody_asks() {
-        let mut ending = Ending::default();
-        assert_eq!(ending.limited(Duration::from_secs(30)).as_secs(), 30);
+        let long = Duration::from_secs(30);
+        let mut ending = Ending::none(Duration::from_millis(2_500));
+        assert_eq!(ending.limited(long), long);
         ending.asked = Instant::now().checked_sub(Duration::from_secs(3));
         assert!(ending.is_mapping_overdue());
-        assert!(ending.limited(Duration::from_secs(30)) <= Duration::from_secs(1));
+        assert!(ending.limited(long) <= Duration::from_secs(1));
+        ending.finish_within = long;
+        assert!(!ending.is_mapping_overdue());
+        assert!(ending.limited(long) > Duration::from_secs(20));
+        ending.fail("no disk".to_owned());
+        assert!(ending.is_mapping_overdue());
     }
 }

@@ -186,7 +186,8 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
         tracing::warn!("a drill is asked for: {drill}");
     }
     let mut run = Run::start(config, setup)?;
-    stop.run_begins(run.last_will(), run.heartbeat());
+    let finish_within = config.pipeline.finish_within();
+    stop.run_begins(run.last_will(), run.heartbeat(), finish_within);
     let outcome = match run.heartbeat().survive(|| run.watch(stop)) {
         Ok(Ok(ending)) => run.conclude(&ending, stop),
         Ok(Err(error)) => {

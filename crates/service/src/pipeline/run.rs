@@ -64,6 +64,8 @@ pub(super) struct Run {
     pub(super) systemd: Systemd,
     pub(super) hooks: Hooks,
     pub(super) part: Part,
+    /// How long the map may be finished once a signal asked for an end.
+    finish_within: Duration,
     pub(super) begin: Instant,
     pub(super) rates: RateMeter,
 }
@@ -120,6 +122,7 @@ impl Run {
             systemd: Systemd::of_environment(),
             hooks: setup.hooks,
             part: setup.part,
+            finish_within: config.pipeline.finish_within(),
             begin,
             rates: RateMeter::default(),
         };
@@ -141,7 +144,7 @@ impl Run {
     /// stops the sonar when it is time.
     pub(super) fn watch(&mut self, stop: &Stop) -> anyhow::Result<Ending> {
         let (mut told, mut diagnosed) = (Instant::now(), Instant::now());
-        let mut ending = Ending::default();
+        let mut ending = Ending::none(self.finish_within);
         while self.worker.as_ref().is_some_and(|w| !w.is_finished()) {
             std::thread::sleep(TICK);
             self.heartbeat.beat();

@@ -64,7 +64,8 @@ impl Vehicle<'_> {
         let mut run = Run::start(self)?;
         let saved = run.recorder.clone();
         let last_will = move || saved.iter().for_each(Recorder::finish);
-        stop.run_begins(Box::new(last_will), run.heartbeat.clone());
+        let finish_within = Duration::ZERO; // There is no map.
+        stop.run_begins(Box::new(last_will), run.heartbeat.clone(), finish_within);
         let watched = run.watch(stop);
         let finish = run.conclude(stop);
         stop.run_ends();

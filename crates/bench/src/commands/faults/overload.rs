@@ -8,7 +8,7 @@ use echosplat_recording::mcap::{Record, RecordingReader};
 
 use super::outcome::Outcome;
 use super::recorded::{self, recorded_pings};
-use super::replayed::note_replay;
+use super::replayed::{FINISH_WITHIN_S, note_replay};
 use super::sonar::{PING_INTERVAL_MS, SonarFault};
 use super::trial::{Link, Plan, Setup, Trial};
 
@@ -18,7 +18,7 @@ pub(super) const FACTORS: [u32; 3] = [10, 100, 1000];
 const LASTS: Duration = Duration::from_secs(8);
 /// All that waits is in the map, and the rate is as asked for again.
 const AFTERWARDS: Duration = Duration::from_secs(5);
-const END_LIMIT: Duration = Duration::from_secs(60);
+const END_LIMIT: Duration = Duration::from_secs(FINISH_WITHIN_S + 60);
 /// What the service may hold.
 const MEMORY_BYTES: u64 = 512 << 20;
 /// 99 of 100 pings are in the mapper's channel so soon after they were read.
@@ -34,7 +34,8 @@ pub(super) fn run(setup: &Setup, factor: u32) -> Outcome {
 
 fn overloaded(setup: &Setup, factor: u32, outcome: &mut Outcome) -> anyhow::Result<()> {
     let mut plan = Plan::new(format!("overload-{factor}"), Link::Tcp);
-    plan.settings = format!("[pipeline]\nmemory_bytes = {MEMORY_BYTES}\n");
+    plan.settings =
+        format!("[pipeline]\nmemory_bytes = {MEMORY_BYTES}\nfinish_within_s = {FINISH_WITHIN_S}\n");
     let mut trial = Trial::start(setup, &plan)?;
     trial.settle(outcome);
     let before = trial.sonar.sent_count();
