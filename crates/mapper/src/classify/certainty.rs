@@ -37,6 +37,8 @@ const PER_SIGMA: f32 = 0.9;
 const PER_FLATNESS: f32 = 0.5;
 const LEAST_TOLD: f32 = -3.0;
 const MOST_TOLD: f32 = 1.5;
+/// Asserted is what has at least this probability: a place asserted in vain costs as much as four that are shown as ambiguous.
+const LEAST_PROBABILITY: f32 = 0.80;
 /// A variance is not taken for less, square metres: rounding may leave nothing of it, and a micrometre is surer than any place.
 const LEAST_M2: f32 = 1e-12;
 
@@ -154,6 +156,14 @@ fn untruncated(scatter: Mat3, radius_m: f32) -> Mat3 {
     axes * Mat3::from_diagonal(variances_m2) * axes.transpose()
 }
 
+/// Least probability of what is asserted. Where voxels are wider than [`NEAR_M`], of surface within a voxel: nothing there is
+/// surer, and it is asserted as what it is.
+pub(crate) fn least_probability(voxel_m: f32) -> f32 {
+    let least = (LEAST_PROBABILITY - BY_CHANCE) / (1.0 - LEAST_PROBABILITY);
+    let odds = least.ln() - PER_SIGMA * (voxel_m / NEAR_M).max(1.0).ln();
+    of_odds(odds)
+}
+
 /// That there is surface within [`NEAR_M`] of a place with these variances along its axes, the least first, square metres.
 fn probability(account: &Account, variances_m2: Vec3) -> f32 {
     let explains = account.rivalry / account.looks;
@@ -167,6 +177,11 @@ fn probability(account: &Account, variances_m2: Vec3) -> f32 {
     let odds = EVEN_ODDS + PER_RIVALRY * told.clamp(LEAST_TOLD, MOST_TOLD)
         - PER_SIGMA * (across_m / NEAR_M).ln()
         + PER_FLATNESS * (open_m / across_m).ln();
+    of_odds(odds)
+}
+
+/// The probability of these log odds over chance.
+fn of_odds(odds: f32) -> f32 {
     BY_CHANCE + (1.0 - BY_CHANCE) / (1.0 + (-odds).exp())
 }
 
@@ -300,5 +315,27 @@ mod tests {
         let (beyond, whole) = (round(10.000_001, 0.03), round(10.0, 0.03));
         assert_eq!(beyond.to_bits(), whole.to_bits());
         assert!(round(0.0, 1.0) < 0.2 && round(0.0, 1.0) >= BY_CHANCE);
+    }
+
+    #[test]
+    fn where_voxels_are_wider_than_surface_is_looked_for_as_much_is_asked_of_places_as_much_wider()
+    {
+        let round = |sigma_m: f32| {
+            let account = Account {
+                looks: 10.0,
+                rivalry: 7.0,
+                ..Account::default()
+            };
+            probability(&account, Vec3::splat(sigma_m * sigma_m))
+        };
+        let least_of_fine = least_probability(0.5 * NEAR_M);
+        assert!((least_of_fine - LEAST_PROBABILITY).abs() < 1e-6);
+        assert_eq!(least_of_fine.to_bits(), least_probability(NEAR_M).to_bits());
+        let (surer_m, less_sure_m) = (0.15, 0.20);
+        for wider in [1.0, 3.0, 10.0] {
+            let least = least_probability(wider * NEAR_M);
+            assert!(round(wider * surer_m) > least, "{wider}");
+            assert!(round(wider * less_sure_m) < least, "{wider}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! The map as others see it.
 
 use echosplat_acoustics::SymmetricMat3;
-use echosplat_model::Gaussian;
+use echosplat_model::{Gaussian, Standing};
 use rayon::prelude::*;
 
 use crate::spawn::gaussians::{Gaussians, Verdict};
@@ -26,17 +26,19 @@ fn upper_triangle(matrix: &SymmetricMat3) -> [f32; 6] {
     [d.x, m.z, m.y, d.y, m.x, d.z]
 }
 
-/// Published Gaussians in order of id, each as `placed` makes it. The gauge is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
+/// Published Gaussians in order of id, each as `placed` makes it; what has less than `least_probability` is ambiguous. The gauge
+/// is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
 pub(super) fn published(
     gaussians: &Gaussians,
     unit: f32,
+    least_probability: f32,
     placed: impl Fn(Gaussian) -> Gaussian + Sync,
 ) -> Vec<Gaussian> {
-    let standing = |slot: usize| match gaussians.verdict[slot] {
+    let numbered = |slot: usize| match gaussians.verdict[slot] {
         Verdict::Published(standing) => Some((gaussians.id[slot], slot as u32, standing)),
-        _ => None,
+        Verdict::ExplainedAway => None,
     };
-    let mut order: Vec<_> = gaussians.slots().filter_map(standing).collect();
+    let mut order: Vec<_> = gaussians.slots().filter_map(numbered).collect();
     order.par_sort_unstable_by_key(|&(id, ..)| id);
     let gaussian = |&(id, slot, standing): &(_, u32, _)| {
         let slot = slot as usize;
@@ -51,9 +53,39 @@ pub(super) fn published(
             sigma_m: gaussians.sigma_m[slot],
             position_covariance_m2: upper_triangle(&gaussians.position_covariance_m2[slot]),
             probability: gaussians.probability[slot],
-            standing,
+            standing: match gaussians.probability[slot] >= least_probability {
+                true => standing,
+                false => Standing::Ambiguous,
+            },
         };
         gaussian.is_sound().then(|| placed(gaussian))
     };
     order.par_iter().filter_map(gaussian).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use echosplat_model::glam::Vec3;
+
+    #[test]
+    fn what_is_not_likely_enough_is_shown_and_not_asserted() {
+        let mut gaussians = Gaussians::default();
+        for (verdict, probability) in [
+            (Verdict::Published(Standing::Confident), 0.81),
+            (Verdict::Published(Standing::Confident), 0.79),
+            (Verdict::Published(Standing::Ambiguous), 0.99),
+            (Verdict::ExplainedAway, 0.99),
+        ] {
+            let slot = gaussians.spawn(Vec3::ZERO, (0, 0), 0.1, 1.0) as usize;
+            gaussians.sigma_m[slot] = 0.1;
+            gaussians.position_covariance_m2[slot] = SymmetricMat3::isotropic(0.1);
+            gaussians.verdict[slot] = verdict;
+            gaussians.probability[slot] = probability;
+        }
+        let published = published(&gaussians, 1.0, 0.80, |gaussian| gaussian);
+        let standings: Vec<Standing> = published.iter().map(|g| g.standing).collect();
+        let (confident, ambiguous) = (Standing::Confident, Standing::Ambiguous);
+        assert_eq!(standings, [confident, ambiguous, ambiguous]);
+    }
 }
