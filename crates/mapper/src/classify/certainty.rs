@@ -30,7 +30,8 @@ pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 pub(crate) const NEAR_M: f32 = 0.10;
 /// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M` along all axes; what
 /// they grow by with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), fall by with the logarithm
-/// of sigma across the surface, and grow by with the logarithm of the widest sigma over that one. Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
+/// of sigma across the surface, and grow by with the logarithm of the widest sigma over that one. Found by logistic
+/// regression; `docs/algorithm.md` has the dives and what they leave over.
 const EVEN_ODDS: f32 = 0.6;
 const PER_RIVALRY: f32 = 1.4;
 const PER_SIGMA: f32 = 0.9;
@@ -156,8 +157,8 @@ fn untruncated(scatter: Mat3, radius_m: f32) -> Mat3 {
     axes * Mat3::from_diagonal(variances_m2) * axes.transpose()
 }
 
-/// Least probability of what is asserted. Where voxels are wider than [`NEAR_M`], of surface within a voxel: nothing there is
-/// surer, and it is asserted as what it is.
+/// Least probability of what is asserted. Where voxels are wider than [`NEAR_M`] no place is known as near as that: as much is
+/// asked there of surface within a voxel, for which a lower probability of surface within [`NEAR_M`] does.
 pub(crate) fn least_probability(voxel_m: f32) -> f32 {
     let least = (LEAST_PROBABILITY - BY_CHANCE) / (1.0 - LEAST_PROBABILITY);
     let odds = least.ln() - PER_SIGMA * (voxel_m / NEAR_M).max(1.0).ln();

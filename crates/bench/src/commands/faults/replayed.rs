@@ -17,7 +17,7 @@ use super::vehicle::PoseFault;
 const DISK_BYTES: u64 = 48 << 20;
 const UNPLUGS: usize = 5;
 const STEP_S: f64 = -3600.0;
-/// A map that is written as it stands is not what a replay comes to, however long a busy machine takes to finish it.
+/// A replay makes the finished map, so the dive has to finish its own: a busy machine may need minutes.
 pub(super) const FINISH_WITHIN_S: u64 = 240;
 const END_LIMIT: Duration = Duration::from_secs(FINISH_WITHIN_S + 60);
 
