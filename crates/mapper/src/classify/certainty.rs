@@ -8,7 +8,7 @@
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_acoustics::packed::Row;
 use echosplat_model::Standing;
-use echosplat_model::glam::{DMat3, DVec3, Mat3, Vec3};
+use echosplat_model::glam::{DMat3, DVec3, Mat3};
 use rayon::prelude::*;
 
 use crate::accumulate::finding::{Account, Finding};
@@ -28,18 +28,22 @@ pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
-/// Log odds of a place that explains as much as its best rival on the arc, and whose sigma is `NEAR_M` along all axes; what
-/// they grow by with the log odds against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), fall by with the logarithm
-/// of sigma across the surface, and grow by with the logarithm of the widest sigma over that one. Found by logistic
-/// regression; `docs/algorithm.md` has the dives and what they leave over.
-const EVEN_ODDS: f32 = 0.6;
-const PER_RIVALRY: f32 = 1.4;
-const PER_SIGMA: f32 = 0.9;
-const PER_FLATNESS: f32 = 0.5;
+/// Log odds of a place that explains as much as its best rival on the arc, whose sigma across the surface and the error that
+/// its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by its log odds against its
+/// rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many times the logarithms of that sigma, of what its
+/// poses share, and of how many half thicknesses it lies from the body's middle. Found by logistic regression;
+/// `docs/algorithm.md` has the dives and what they leave over.
+const EVEN_ODDS: f32 = 0.25;
 const LEAST_TOLD: f32 = -3.0;
 const MOST_TOLD: f32 = 1.5;
-/// Asserted is what has at least this probability: a place asserted in vain costs as much as four that are shown as ambiguous.
-const LEAST_PROBABILITY: f32 = 0.80;
+const PER_SIGMA: f32 = 0.9;
+const PER_SHARED: f32 = 1.0;
+const PER_BEYOND: f32 = 1.3;
+/// Poses that share less tell no more: no dive that the numbers above were found on has better ones.
+const LEAST_SHARED_M: f32 = 0.02;
+/// Asserted is what would have at least this probability if its poses shared an error of `NEAR_M` and bodies were thin: a
+/// place asserted in vain costs as much as two or three that are shown as ambiguous.
+const LEAST_PROBABILITY: f32 = 0.70;
 /// A variance is not taken for less, square metres: rounding may leave nothing of it, and a micrometre is surer than any place.
 const LEAST_M2: f32 = 1e-12;
 
@@ -68,8 +72,8 @@ pub(super) fn tell(
     }
     let of_slot = |(slot, surface): (usize, Option<Mat3>)| {
         let finding = finding_of(slot).filter(|_| gaussians.alive[slot])?;
-        let covariance_m2 = covariance_m2(&finding, gaussians.part[slot], surface, voxel_m);
-        Some(Certainty::of(covariance_m2, &finding.account))
+        let place = Place::of(&finding, gaussians.part[slot], surface, voxel_m);
+        Some(Certainty::of(&place, &finding.account, voxel_m))
     };
     let certainties: Vec<Option<Certainty>> = surface_of
         .into_par_iter()
@@ -81,6 +85,7 @@ pub(super) fn tell(
         gaussians.position_covariance_m2[slot] = certainty.position_covariance_m2;
         gaussians.sigma_m[slot] = certainty.sigma_m;
         gaussians.probability[slot] = certainty.probability;
+        gaussians.is_likely[slot] = certainty.is_likely;
     }
 }
 
@@ -89,45 +94,71 @@ struct Certainty {
     position_covariance_m2: SymmetricMat3,
     sigma_m: f32,
     probability: f32,
+    is_likely: bool,
 }
 
 impl Certainty {
-    fn of(covariance_m2: Mat3, account: &Account) -> Self {
+    fn of(place: &Place, account: &Account, voxel_m: f32) -> Self {
         // Beyond single precision nothing is known; no number would take the Gaussian from the map.
-        if !covariance_m2.is_finite() {
+        if !place.covariance_m2.is_finite() {
             return Self {
                 position_covariance_m2: SymmetricMat3::isotropic(f32::INFINITY),
                 sigma_m: f32::INFINITY,
                 probability: BY_CHANCE,
+                is_likely: false,
             };
         }
-        let (_, variances_m2) = eigen(covariance_m2);
+        let (_, variances_m2) = eigen(place.covariance_m2);
+        let own_odds = own_odds(account, variances_m2.x);
         Self {
-            position_covariance_m2: SymmetricMat3::of(covariance_m2),
+            position_covariance_m2: SymmetricMat3::of(place.covariance_m2),
             sigma_m: variances_m2.z.max(0.0).sqrt(),
-            probability: probability(account, variances_m2),
+            probability: place.probability(own_odds),
+            is_likely: own_odds >= least_odds(voxel_m),
         }
     }
 }
 
-/// `(H + P⁻¹)⁻¹ + T + C`: information `H` of its own pings, the place `P` that the surface around leaves it (the scatter of its
-/// neighbours, and as much as a voxel is wide) or any within reach, what a thick body adds as `T`, and the error `C` of the
-/// poses. What the parts of a split Gaussian know adds up.
-fn covariance_m2(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f32) -> Mat3 {
-    let information = finding.information.to_mat3().as_dmat3() * f64::from(part).powi(-2);
-    let prior = match surface {
-        Some(scatter) => {
-            let within_voxel_m2 = f64::from(voxel_m).powi(2) / 12.0;
-            let place = untruncated(scatter, SURFACE_VOXELS * voxel_m).as_dmat3();
-            (place + DMat3::from_diagonal(DVec3::splat(within_voxel_m2))).inverse()
+/// How well a Gaussian's place is known.
+struct Place {
+    covariance_m2: Mat3,
+    /// One sigma along an axis of the error that its poses share, metres.
+    shared_m: f32,
+    /// How many half thicknesses its looks put it from the middle of what they hear.
+    off: f32,
+}
+
+impl Place {
+    /// Covariance `(H + P⁻¹)⁻¹ + T + C`: information `H` of its own pings, the place `P` that the surface around leaves it (the
+    /// scatter of its neighbours, and as much as a voxel is wide) or any within reach, what a thick body adds as `T`, and the
+    /// error `C` of the poses. What the parts of a split Gaussian know adds up.
+    fn of(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f32) -> Self {
+        let information = finding.information.to_mat3().as_dmat3() * f64::from(part).powi(-2);
+        let prior = match surface {
+            Some(scatter) => {
+                let within_voxel_m2 = f64::from(voxel_m).powi(2) / 12.0;
+                let place = untruncated(scatter, SURFACE_VOXELS * voxel_m).as_dmat3();
+                (place + DMat3::from_diagonal(DVec3::splat(within_voxel_m2))).inverse()
+            }
+            None => DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2))),
+        };
+        let own_m2 = (information + prior).inverse();
+        let anywhere = DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2)));
+        let nearer = finding.nearer.as_dvec3() * f64::from(part).powi(-2);
+        let off = (information + anywhere).inverse() * nearer;
+        let of_poses_m2 = finding.of_poses.variance_m2();
+        Self {
+            covariance_m2: (own_m2 + of_thickness(off)).as_mat3() + of_poses_m2.to_mat3(),
+            shared_m: (of_poses_m2.diagonal.element_sum() / 3.0).sqrt(),
+            off: off.length() as f32,
         }
-        None => DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2))),
-    };
-    let own_m2 = (information + prior).inverse();
-    let anywhere = DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2)));
-    let nearer = finding.nearer.as_dvec3() * f64::from(part).powi(-2);
-    let of_thickness_m2 = of_thickness((information + anywhere).inverse() * nearer);
-    (own_m2 + of_thickness_m2).as_mat3() + finding.of_poses.variance_m2().to_mat3()
+    }
+
+    /// That there is surface within [`NEAR_M`] of it, by the odds that its looks give.
+    fn probability(&self, own_odds: f32) -> f32 {
+        let shared = self.shared_m.max(LEAST_SHARED_M) / NEAR_M;
+        of_odds(own_odds - PER_SHARED * shared.ln() - PER_BEYOND * self.off.max(1.0).ln())
+    }
 }
 
 /// What a body's thickness makes of a place, square metres. Each look hears the face towards it, half a thickness nearer than the
@@ -157,28 +188,25 @@ fn untruncated(scatter: Mat3, radius_m: f32) -> Mat3 {
     axes * Mat3::from_diagonal(variances_m2) * axes.transpose()
 }
 
-/// Least probability of what is asserted. Where voxels are wider than [`NEAR_M`] no place is known as near as that: as much is
-/// asked there of surface within a voxel, for which a lower probability of surface within [`NEAR_M`] does.
-pub(crate) fn least_probability(voxel_m: f32) -> f32 {
+/// Least own odds of what is asserted. Where voxels are wider than [`NEAR_M`] no place is known as near as that: as much is
+/// asked there of surface within a voxel.
+fn least_odds(voxel_m: f32) -> f32 {
     let least = (LEAST_PROBABILITY - BY_CHANCE) / (1.0 - LEAST_PROBABILITY);
-    let odds = least.ln() - PER_SIGMA * (voxel_m / NEAR_M).max(1.0).ln();
-    of_odds(odds)
+    least.ln() - PER_SIGMA * (voxel_m / NEAR_M).max(1.0).ln()
 }
 
-/// That there is surface within [`NEAR_M`] of a place with these variances along its axes, the least first, square metres.
-fn probability(account: &Account, variances_m2: Vec3) -> f32 {
+/// Log odds over chance that there is surface within [`NEAR_M`], as far as a place's own looks say, with this variance across
+/// the surface, square metres.
+fn own_odds(account: &Account, across_m2: f32) -> f32 {
     let explains = account.rivalry / account.looks;
     if explains.is_nan() {
-        return BY_CHANCE;
+        return f32::NEG_INFINITY;
     }
     // Rounding puts what explains all of its looks beside 1.
     let explains = explains.min(1.0);
     let told = (explains / (1.0 - explains)).ln();
-    let [across_m, _, open_m] = variances_m2.to_array().map(|m2| m2.max(LEAST_M2).sqrt());
-    let odds = EVEN_ODDS + PER_RIVALRY * told.clamp(LEAST_TOLD, MOST_TOLD)
-        - PER_SIGMA * (across_m / NEAR_M).ln()
-        + PER_FLATNESS * (open_m / across_m).ln();
-    of_odds(odds)
+    let across_m = across_m2.max(LEAST_M2).sqrt();
+    EVEN_ODDS + told.clamp(LEAST_TOLD, MOST_TOLD) - PER_SIGMA * (across_m / NEAR_M).ln()
 }
 
 /// The probability of these log odds over chance.
@@ -190,6 +218,7 @@ fn of_odds(odds: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::refine::expectation::Pull;
+    use echosplat_model::glam::Vec3;
 
     const VOXEL_M: f32 = 0.05;
 
@@ -220,8 +249,8 @@ mod tests {
     #[test]
     fn what_is_heard_from_two_sides_and_from_above_alone_may_lie_above_the_body_that_it_is_of() {
         let upwards_m = |finding: &Finding| {
-            let covariance = covariance_m2(finding, 1.0, None, VOXEL_M);
-            covariance.z_axis.z.sqrt()
+            let place = Place::of(finding, 1.0, None, VOXEL_M);
+            place.covariance_m2.z_axis.z.sqrt()
         };
         let (left, right) = (Vec3::new(0.0, 1.0, -0.25), Vec3::new(0.0, -1.0, -0.25));
         let along = Vec3::X;
@@ -247,7 +276,10 @@ mod tests {
     fn however_many_looks_come_together_a_place_is_no_surer_than_their_poses() {
         let looks = |count: f32| {
             let finding = finding(Vec3::splat(1e4), 4e-4).times(count);
-            covariance_m2(&finding, 1.0, None, VOXEL_M).x_axis.x
+            Place::of(&finding, 1.0, None, VOXEL_M)
+                .covariance_m2
+                .x_axis
+                .x
         };
         assert!((looks(1.0) - 5e-4).abs() < 1e-6, "{}", looks(1.0));
         assert!((looks(1e6) - 4e-4).abs() < 1e-6, "{}", looks(1e6));
@@ -256,10 +288,10 @@ mod tests {
     #[test]
     fn the_surface_around_says_what_looks_leave_open() {
         let told = finding(Vec3::new(1e4, 1e4, 0.0), 0.0);
-        let alone = covariance_m2(&told, 1.0, None, VOXEL_M);
+        let alone = Place::of(&told, 1.0, None, VOXEL_M).covariance_m2;
         assert!((alone.z_axis.z.sqrt() - REACH_M as f32).abs() < 0.1);
         let plane = Mat3::from_diagonal(Vec3::new(1e-3, 1e-3, 0.0));
-        let on_a_plane = covariance_m2(&told, 1.0, Some(plane), VOXEL_M);
+        let on_a_plane = Place::of(&told, 1.0, Some(plane), VOXEL_M).covariance_m2;
         assert!((on_a_plane.z_axis.z.sqrt() - VOXEL_M / 12f32.sqrt()).abs() < 1e-4);
     }
 
@@ -281,10 +313,10 @@ mod tests {
 
     #[test]
     fn nothing_told_is_nothing_known_and_finite() {
-        let nothing = covariance_m2(&Finding::default(), 0.125, None, VOXEL_M);
-        assert!((nothing.x_axis.x.sqrt() - REACH_M as f32).abs() < 0.1);
-        let probability = probability(&Account::default(), Vec3::splat(100.0));
-        assert!((probability - BY_CHANCE).abs() < 1e-6);
+        let nothing = Place::of(&Finding::default(), 0.125, None, VOXEL_M);
+        assert!((nothing.covariance_m2.x_axis.x.sqrt() - REACH_M as f32).abs() < 0.1);
+        let certainty = Certainty::of(&nothing, &Account::default(), VOXEL_M);
+        assert!((certainty.probability - BY_CHANCE).abs() < 1e-6 && !certainty.is_likely);
     }
 
     #[test]
@@ -293,50 +325,68 @@ mod tests {
         let slot = gaussians.spawn(Vec3::ZERO, (0, 0), 0.1, 1.0) as usize;
         let too_sharp = finding(Vec3::splat(f32::MAX), 1.0);
         tell(&mut gaussians, |_| Some(too_sharp), VOXEL_M);
-        assert!(gaussians.sigma_m[slot].is_infinite());
+        assert!(gaussians.sigma_m[slot].is_infinite() && !gaussians.is_likely[slot]);
         let covariance = gaussians.position_covariance_m2[slot];
         assert!(!covariance.diagonal.is_nan() && covariance.mixed == Vec3::ZERO);
     }
 
-    #[test]
-    fn the_more_a_place_explains_the_surer_and_the_flatter_it_is_the_likelier_is_surface() {
-        let of = |rivalry: f32, across_m: f32, open_m: f32| {
-            let account = Account {
-                looks: 10.0,
-                rivalry,
-                ..Account::default()
-            };
-            let axes_m = Vec3::new(across_m, across_m, open_m);
-            probability(&account, axes_m * axes_m)
+    /// Of what explains this share of ten looks.
+    fn account(explains: f32) -> Account {
+        Account {
+            looks: 10.0,
+            rivalry: 10.0 * explains,
+            ..Account::default()
+        }
+    }
+
+    fn probability(explains: f32, across_m: f32, shared_m: f32, off: f32) -> f32 {
+        let place = Place {
+            covariance_m2: Mat3::IDENTITY,
+            shared_m,
+            off,
         };
-        let round = |rivalry, sigma_m| of(rivalry, sigma_m, sigma_m);
-        assert!(round(9.0, 0.03) > round(5.0, 0.03) && round(5.0, 0.03) > round(5.0, 0.3));
-        assert!(of(5.0, 0.03, 0.3) > round(5.0, 0.03) && of(5.0, 0.03, 0.3) > round(5.0, 0.3));
-        assert!(round(10.0, 0.03) > 0.95 && round(10.0, 0.0) <= 1.0);
-        let (beyond, whole) = (round(10.000_001, 0.03), round(10.0, 0.03));
+        place.probability(own_odds(&account(explains), across_m * across_m))
+    }
+
+    #[test]
+    fn the_more_a_place_explains_and_the_surer_it_and_its_poses_are_the_likelier_is_surface() {
+        let usual = probability(0.5, 0.05, 0.05, 1.0);
+        assert!(usual > probability(0.4, 0.05, 0.05, 1.0));
+        assert!(usual > probability(0.5, 0.06, 0.05, 1.0));
+        assert!(usual > probability(0.5, 0.05, 0.06, 1.0));
+        assert!(usual > probability(0.5, 0.05, 0.05, 1.1));
+        // Heard from all around it is where it seems to be, as on a face heard from its own side.
+        assert_eq!(usual.to_bits(), probability(0.5, 0.05, 0.05, 0.0).to_bits());
+        assert!(probability(1.0, 0.03, 0.03, 1.0) > 0.95);
+        assert!(probability(1.0, 0.0, 0.0, 0.0) <= 1.0);
+        let (beyond, whole) = (1.000_001, 1.0);
+        let [beyond, whole] = [beyond, whole].map(|part| probability(part, 0.03, 0.03, 1.0));
         assert_eq!(beyond.to_bits(), whole.to_bits());
-        assert!(round(0.0, 1.0) < 0.2 && round(0.0, 1.0) >= BY_CHANCE);
+        let hardly = probability(0.0, 1.0, 1.0, 1.0);
+        assert!((BY_CHANCE..0.2).contains(&hardly), "{hardly}");
+    }
+
+    #[test]
+    fn poses_without_any_error_tell_of_no_certainty_that_no_dive_had() {
+        let [exact, best] = [0.0, LEAST_SHARED_M].map(|shared| probability(0.5, 0.1, shared, 1.0));
+        assert_eq!(exact.to_bits(), best.to_bits());
+        assert!(exact < 0.95, "{exact}");
     }
 
     #[test]
     fn where_voxels_are_wider_than_surface_is_looked_for_as_much_is_asked_of_places_as_much_wider()
     {
-        let round = |sigma_m: f32| {
-            let account = Account {
-                looks: 10.0,
-                rivalry: 7.0,
-                ..Account::default()
-            };
-            probability(&account, Vec3::splat(sigma_m * sigma_m))
+        let is_likely = |sigma_m: f32, voxel_m: f32| {
+            own_odds(&account(0.7), sigma_m * sigma_m) >= least_odds(voxel_m)
         };
-        let least_of_fine = least_probability(0.5 * NEAR_M);
-        assert!((least_of_fine - LEAST_PROBABILITY).abs() < 1e-6);
-        assert_eq!(least_of_fine.to_bits(), least_probability(NEAR_M).to_bits());
-        let (surer_m, less_sure_m) = (0.15, 0.20);
+        assert_eq!(
+            least_odds(0.5 * NEAR_M).to_bits(),
+            least_odds(NEAR_M).to_bits()
+        );
+        let (surer_m, less_sure_m) = (0.12, 0.17);
         for wider in [1.0, 3.0, 10.0] {
-            let least = least_probability(wider * NEAR_M);
-            assert!(round(wider * surer_m) > least, "{wider}");
-            assert!(round(wider * less_sure_m) < least, "{wider}");
+            assert!(is_likely(wider * surer_m, wider * NEAR_M), "{wider}");
+            assert!(!is_likely(wider * less_sure_m, wider * NEAR_M), "{wider}");
         }
     }
 }

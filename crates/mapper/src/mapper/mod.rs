@@ -18,7 +18,6 @@ use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
 use crate::accumulate::history::History;
-use crate::classify::certainty::least_probability;
 use crate::detect::bursts::Bursts;
 use crate::detect::own_vehicle::OwnVehicle;
 use crate::detect::profile::Levels;
@@ -150,8 +149,7 @@ impl Mapper {
         let mut gaussians = Vec::new();
         if let Some(world) = &self.world {
             let placed = |gaussian| world.leave(gaussian);
-            let least = least_probability(world.evidence.voxel_m());
-            let of_map = || published::published(&self.gaussians, intensity_unit, least, placed);
+            let of_map = || published::published(&self.gaussians, intensity_unit, placed);
             gaussians = self.pool.install(of_map);
             let ground = self.seabed.published(intensity_unit);
             gaussians.extend(ground.into_iter().map(placed));

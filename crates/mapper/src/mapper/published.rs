@@ -26,12 +26,11 @@ fn upper_triangle(matrix: &SymmetricMat3) -> [f32; 6] {
     [d.x, m.z, m.y, d.y, m.x, d.z]
 }
 
-/// Published Gaussians in order of id, each as `placed` makes it; what has less than `least_probability` is ambiguous. The gauge
-/// is that of (13): `α = √ρ`, so `αρ = ρ^{3/2}`.
+/// Published Gaussians in order of id, each as `placed` makes it; what is not likely is ambiguous. The gauge is that of (13):
+/// `α = √ρ`, so `αρ = ρ^{3/2}`.
 pub(super) fn published(
     gaussians: &Gaussians,
     unit: f32,
-    least_probability: f32,
     placed: impl Fn(Gaussian) -> Gaussian + Sync,
 ) -> Vec<Gaussian> {
     let numbered = |slot: usize| match gaussians.verdict[slot] {
@@ -53,7 +52,7 @@ pub(super) fn published(
             sigma_m: gaussians.sigma_m[slot],
             position_covariance_m2: upper_triangle(&gaussians.position_covariance_m2[slot]),
             probability: gaussians.probability[slot],
-            standing: match gaussians.probability[slot] >= least_probability {
+            standing: match gaussians.is_likely[slot] {
                 true => standing,
                 false => Standing::Ambiguous,
             },
@@ -71,19 +70,19 @@ mod tests {
     #[test]
     fn what_is_not_likely_enough_is_shown_and_not_asserted() {
         let mut gaussians = Gaussians::default();
-        for (verdict, probability) in [
-            (Verdict::Published(Standing::Confident), 0.81),
-            (Verdict::Published(Standing::Confident), 0.79),
-            (Verdict::Published(Standing::Ambiguous), 0.99),
-            (Verdict::ExplainedAway, 0.99),
+        for (verdict, is_likely) in [
+            (Verdict::Published(Standing::Confident), true),
+            (Verdict::Published(Standing::Confident), false),
+            (Verdict::Published(Standing::Ambiguous), true),
+            (Verdict::ExplainedAway, true),
         ] {
             let slot = gaussians.spawn(Vec3::ZERO, (0, 0), 0.1, 1.0) as usize;
             gaussians.sigma_m[slot] = 0.1;
             gaussians.position_covariance_m2[slot] = SymmetricMat3::isotropic(0.1);
             gaussians.verdict[slot] = verdict;
-            gaussians.probability[slot] = probability;
+            gaussians.is_likely[slot] = is_likely;
         }
-        let published = published(&gaussians, 1.0, 0.80, |gaussian| gaussian);
+        let published = published(&gaussians, 1.0, |gaussian| gaussian);
         let standings: Vec<Standing> = published.iter().map(|g| g.standing).collect();
         let (confident, ambiguous) = (Standing::Confident, Standing::Ambiguous);
         assert_eq!(standings, [confident, ambiguous, ambiguous]);

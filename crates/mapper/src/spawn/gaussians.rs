@@ -56,6 +56,8 @@ pub(crate) struct Gaussians {
     pub(crate) position_covariance_m2: Vec<SymmetricMat3>,
     /// That there is surface beside it.
     pub(crate) probability: Vec<f32>,
+    /// That it is asserted where its looks fix it.
+    pub(crate) is_likely: Vec<bool>,
     pub(crate) verdict: Vec<Verdict>,
     pub(crate) stage: Vec<Stage>,
     /// What forgotten pings told.
@@ -98,6 +100,7 @@ impl Gaussians {
         self.sigma_m[s] = f32::INFINITY;
         self.position_covariance_m2[s] = SymmetricMat3::isotropic(f32::INFINITY);
         self.probability[s] = BY_CHANCE;
+        self.is_likely[s] = false;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
         self.stage[s] = Stage::Newborn;
         self.kept[s] = None;
@@ -118,6 +121,7 @@ impl Gaussians {
         self.sigma_m[c] = other.sigma_m[slot];
         self.position_covariance_m2[c] = other.position_covariance_m2[slot];
         self.probability[c] = other.probability[slot];
+        self.is_likely[c] = other.is_likely[slot];
         self.verdict[c] = other.verdict[slot];
         self.stage[c] = stage;
         copy
@@ -194,6 +198,7 @@ impl Gaussians {
         self.sigma_m.reserve_exact(count);
         self.position_covariance_m2.reserve_exact(count);
         self.probability.reserve_exact(count);
+        self.is_likely.reserve_exact(count);
         self.verdict.reserve_exact(count);
         self.stage.reserve_exact(count);
         self.kept.reserve_exact(count);
@@ -218,6 +223,7 @@ impl Gaussians {
         self.position_covariance_m2
             .push(SymmetricMat3::isotropic(f32::INFINITY));
         self.probability.push(0.0);
+        self.is_likely.push(false);
         self.verdict.push(Verdict::ExplainedAway);
         self.stage.push(Stage::Newborn);
         self.kept.push(None);
