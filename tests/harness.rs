@@ -1,7 +1,7 @@
 //! Programs as users run them: started, watched, signalled, and never left behind.
 
 use std::io::Read;
-use std::net::{TcpListener, TcpStream};
+use std::net::TcpStream;
 use std::process::{Child, Command, ExitStatus, Stdio};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
@@ -213,12 +213,8 @@ impl Pipe {
     }
 }
 
-/// A port of the loopback interface that nothing listens on, TCP or UDP.
 pub(crate) fn free_port() -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").expect("loopback has free ports");
-    let port = listener.local_addr().expect("it is bound").port();
-    drop(std::net::UdpSocket::bind(("127.0.0.1", port)).expect("free for UDP too"));
-    port
+    echosplat_bus::free_port().expect("loopback has free ports")
 }
 
 /// Arguments that let a service meet only those programs that know this port: tests run side by

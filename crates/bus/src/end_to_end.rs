@@ -11,7 +11,6 @@ mod services;
 
 use std::net::TcpListener;
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU16, Ordering};
 use std::time::{Duration, Instant};
 
 use echosplat_model::{Delta, Pose, PoseUncertainty, Snapshot, StampedPose, TileKey, Timestamp};
@@ -26,17 +25,8 @@ use crate::{Bus, BusConfig, Liveliness};
 
 const LONG: Duration = Duration::from_secs(30);
 
-/// A port that stays free until it is listened on: no other test is given it, nor does the kernel give it to a connection,
-/// since it lies below the ports that it gives of itself.
 fn free_port() -> u16 {
-    static NEXT: AtomicU16 = AtomicU16::new(0);
-    let first = 20_000 + (std::process::id() % 10_000) as u16;
-    loop {
-        let port = first + NEXT.fetch_add(1, Ordering::Relaxed) % 2_000;
-        if TcpListener::bind(("127.0.0.1", port)).is_ok() {
-            return port;
-        }
-    }
+    crate::free_port().unwrap()
 }
 
 fn config(connect: &str, listen: &str) -> BusConfig {

@@ -71,6 +71,7 @@ pub use encoder::{DeltaMessage, MapEncoder};
 pub use endpoints::{Endpoints, NotListening};
 pub use error::BusError;
 pub use keys::Keys;
+pub use listening::free_port;
 pub use map_frame::MapFrame;
 pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters, Sent};
 pub use ros2::{RosCounters, RosPublisher};

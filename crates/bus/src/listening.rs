@@ -5,7 +5,8 @@
 //! what was free and is taken now, the session listens on.
 
 use std::io::{self, ErrorKind};
-use std::net::{TcpListener, ToSocketAddrs};
+use std::net::{Ipv4Addr, TcpListener, ToSocketAddrs, UdpSocket};
+use std::sync::atomic::{AtomicU16, Ordering};
 
 use crate::endpoints::NotListening;
 
@@ -24,6 +25,35 @@ enum State {
     Refused(String),
     /// Nothing can be tried: it takes whatever port is free.
     AnyPort,
+}
+
+/// Below the ports that systems give to connections of themselves, unless told otherwise: from 32,768 on (Linux), 49,152
+/// (others).
+const FIRST_PORT: u16 = 20_000;
+const PORTS: u16 = 12_000;
+
+/// A port of the loopback interface that nothing uses, TCP or UDP, and that stays so until it is listened on: the system
+/// gives none of these to a connection, and this program chooses each once in a while.
+///
+/// # Errors
+/// If none is free.
+pub fn free_port() -> io::Result<u16> {
+    static CHOSEN: AtomicU16 = AtomicU16::new(0);
+    // Programs that run side by side begin at different ones.
+    let first = (std::process::id() * 97 % u32::from(PORTS)) as u16;
+    let is_free = |port: &u16| {
+        TcpListener::bind((Ipv4Addr::LOCALHOST, *port)).is_ok()
+            && UdpSocket::bind((Ipv4Addr::LOCALHOST, *port)).is_ok()
+    };
+    (0..PORTS)
+        .map(|_| FIRST_PORT + first.wrapping_add(CHOSEN.fetch_add(1, Ordering::Relaxed)) % PORTS)
+        .find(is_free)
+        .ok_or_else(|| {
+            io::Error::new(
+                ErrorKind::AddrInUse,
+                "no port of the loopback interface is free",
+            )
+        })
 }
 
 /// Tries every endpoint.
@@ -103,6 +133,15 @@ mod tests {
 
     fn only(endpoint: &str, is_alone: bool) -> (Vec<String>, Vec<NotListening>) {
         outcome(try_all(&[endpoint.to_owned()]), is_alone)
+    }
+
+    #[test]
+    fn a_free_port_is_given_once() {
+        let ports: Vec<u16> = (0..20).map(|_| free_port().unwrap()).collect();
+        for (i, port) in ports.iter().enumerate() {
+            assert!((FIRST_PORT..FIRST_PORT + PORTS).contains(port), "{port}");
+            assert!(!ports[..i].contains(port), "{port}");
+        }
     }
 
     #[test]

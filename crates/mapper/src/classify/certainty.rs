@@ -33,12 +33,13 @@ pub(crate) const NEAR_M: f32 = 0.10;
 /// rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many times the logarithms of that sigma, of what its
 /// poses share, and of how many half thicknesses it lies from the body's middle. Found by logistic regression;
 /// `docs/algorithm.md` has the dives and what they leave over.
-const EVEN_ODDS: f32 = 0.25;
+const EVEN_ODDS: f32 = 0.2;
+const PER_RIVALRY: f32 = 1.2;
 const LEAST_TOLD: f32 = -3.0;
 const MOST_TOLD: f32 = 1.5;
 const PER_SIGMA: f32 = 0.9;
-const PER_SHARED: f32 = 1.0;
-const PER_BEYOND: f32 = 1.3;
+const PER_SHARED: f32 = 1.2;
+const PER_BEYOND: f32 = 1.4;
 /// Poses that share less tell no more: no dive that the numbers above were found on has better ones.
 const LEAST_SHARED_M: f32 = 0.02;
 /// Asserted is what would have at least this probability if its poses shared an error of `NEAR_M` and bodies were thin: a
@@ -206,7 +207,8 @@ fn own_odds(account: &Account, across_m2: f32) -> f32 {
     let explains = explains.min(1.0);
     let told = (explains / (1.0 - explains)).ln();
     let across_m = across_m2.max(LEAST_M2).sqrt();
-    EVEN_ODDS + told.clamp(LEAST_TOLD, MOST_TOLD) - PER_SIGMA * (across_m / NEAR_M).ln()
+    EVEN_ODDS + PER_RIVALRY * told.clamp(LEAST_TOLD, MOST_TOLD)
+        - PER_SIGMA * (across_m / NEAR_M).ln()
 }
 
 /// The probability of these log odds over chance.

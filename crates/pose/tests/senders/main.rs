@@ -9,7 +9,6 @@ mod harness;
 mod python;
 
 use std::io::Write;
-use std::net::TcpListener;
 use std::path::Path;
 use std::sync::LazyLock;
 use std::time::{Duration, Instant};
@@ -61,8 +60,7 @@ fn file(directory: &Path) -> String {
 }
 
 fn free_port() -> u16 {
-    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-    listener.local_addr().unwrap().port()
+    echosplat_bus::free_port().unwrap()
 }
 
 /// What a sender sent, and what came of it.

@@ -1,13 +1,12 @@
 //! One running service with all around it: a sonar behind a real link, a vehicle on a real bus.
 
 use std::fs;
-use std::net::TcpListener;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use echosplat_bus::{Bus, BusConfig, MapSubscriber};
+use echosplat_bus::{Bus, BusConfig, MapSubscriber, free_port};
 use echosplat_driver::{ListenUrl, ServeOptions, Server, serve};
 use echosplat_simulator::SimulatedSonar;
 
@@ -398,12 +397,6 @@ pub(super) fn open_bus(port: u16) -> anyhow::Result<Bus> {
         ..BusConfig::default()
     });
     bus.context("the service's bus cannot be reached")
-}
-
-/// A port of the loopback interface that nothing listens on.
-pub(super) fn free_port() -> anyhow::Result<u16> {
-    let listener = TcpListener::bind("127.0.0.1:0").context("no free port on loopback")?;
-    Ok(listener.local_addr()?.port())
 }
 
 /// What is wrong with the map that was left.

@@ -3,13 +3,12 @@
 
 mod report;
 
-use std::net::TcpListener;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use anyhow::{Context, anyhow};
-use echosplat_bus::{Bus, BusConfig, MapSubscriber};
+use echosplat_bus::{Bus, BusConfig, MapSubscriber, free_port};
 use echosplat_driver::ListenUrl;
 use echosplat_join::StampClock;
 use echosplat_metrics::curve::Sample;
@@ -183,11 +182,6 @@ impl Buses {
             inputs::close_bus(Some(bus));
         }
     }
-}
-
-fn free_port() -> anyhow::Result<u16> {
-    let listener = TcpListener::bind("127.0.0.1:0").context("loopback has no free port")?;
-    Ok(listener.local_addr()?.port())
 }
 
 fn loopback() -> ListenUrl {

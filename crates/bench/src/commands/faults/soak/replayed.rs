@@ -5,6 +5,7 @@ use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
+use echosplat_bus::free_port;
 use echosplat_model::StampedPose;
 
 use super::memory::Sample;
@@ -12,7 +13,7 @@ use super::{SETTINGS, environment, note_growth, path};
 use crate::commands::faults::outcome::Outcome;
 use crate::commands::faults::program::{LOOK_AGAIN, Program};
 use crate::commands::faults::status::Statuses;
-use crate::commands::faults::trial::{Setup, free_port, open_bus};
+use crate::commands::faults::trial::{Setup, open_bus};
 
 /// Working out all there is at the end of hours.
 const FINISH_LIMIT: Duration = Duration::from_secs(1800);
