@@ -33,7 +33,7 @@ const FIRST_PORT: u16 = 20_000;
 const PORTS: u16 = 12_000;
 
 /// A port of the loopback interface that nothing uses, TCP or UDP, and that stays so until it is listened on: the system
-/// gives none of these to a connection, and this program chooses each once in a while.
+/// gives none of these to a connection, and this function gives each only once before it has given all.
 ///
 /// # Errors
 /// If none is free.

@@ -29,9 +29,9 @@ pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
 /// Log odds of a place that explains as much as its best rival on the arc, whose sigma across the surface and the error that
-/// its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by its log odds against its
-/// rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many times the logarithms of that sigma, of what its
-/// poses share, and of how many half thicknesses it lies from the body's middle. Found by logistic regression;
+/// its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by so many times its log odds
+/// against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many times the logarithms of that sigma, of
+/// what its poses share, and of how many half thicknesses it lies from the body's middle. Found by logistic regression;
 /// `docs/algorithm.md` has the dives and what they leave over.
 const EVEN_ODDS: f32 = 0.2;
 const PER_RIVALRY: f32 = 1.2;
@@ -135,16 +135,16 @@ impl Place {
     /// error `C` of the poses. What the parts of a split Gaussian know adds up.
     fn of(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f32) -> Self {
         let information = finding.information.to_mat3().as_dmat3() * f64::from(part).powi(-2);
+        let anywhere = DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2)));
         let prior = match surface {
             Some(scatter) => {
                 let within_voxel_m2 = f64::from(voxel_m).powi(2) / 12.0;
                 let place = untruncated(scatter, SURFACE_VOXELS * voxel_m).as_dmat3();
                 (place + DMat3::from_diagonal(DVec3::splat(within_voxel_m2))).inverse()
             }
-            None => DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2))),
+            None => anywhere,
         };
         let own_m2 = (information + prior).inverse();
-        let anywhere = DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2)));
         let nearer = finding.nearer.as_dvec3() * f64::from(part).powi(-2);
         let off = (information + anywhere).inverse() * nearer;
         let of_poses_m2 = finding.of_poses.variance_m2();
