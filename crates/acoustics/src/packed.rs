@@ -79,6 +79,9 @@ pub fn cull<S: Simd>(
     members: Range<usize>,
     places: &mut Vec<u32>,
 ) {
+    let mut found = places.len();
+    // Room for all, and for eight from the last on.
+    places.resize(found + members.len() + LANES, 0);
     let mut from = members.start;
     while from < members.end {
         let eight = from..from + LANES;
@@ -97,17 +100,23 @@ pub fn cull<S: Simd>(
         let seen = place.in_front()
             & (y * y).simd_le(reach2 * (BEAM_REACH_SIGMAS * BEAM_REACH_SIGMAS))
             & (z * z).simd_le(place.lever2 * tangent2);
-        let left = members.end - from;
-        let mut bits = seen.to_bitmask() & 0xff;
-        if left < LANES {
-            bits &= (1 << left) - 1;
-        }
-        while bits != 0 {
-            places.push(from as u32 + bits.trailing_zeros());
-            bits &= bits - 1;
+        let left = (members.end - from).min(LANES);
+        let bits = seen.to_bitmask() & ((1 << left) - 1);
+        if bits != 0 {
+            // Each is written, and the next over those that are not seen: no branch that would be guessed wrong.
+            let mut place = from as u32;
+            let eight = &mut places[found..found + LANES];
+            let mut count = 0;
+            for lane in 0..LANES {
+                eight[count & (LANES - 1)] = place;
+                count += (bits >> lane & 1) as usize;
+                place += 1;
+            }
+            found += count;
         }
         from += LANES;
     }
+    places.truncate(found);
 }
 
 #[inline(always)]

@@ -247,16 +247,18 @@ impl Look {
         dispatch!(Level::new(), simd => online::spread::append(simd, self, splat, bins, energies));
     }
 
-    /// [`Self::spread`] inside a kernel.
+    /// [`Self::spread`] inside a kernel, in place: `energies` and `sums` begin at the first of `bins` and go on to a multiple of
+    /// [`LANES`](crate::lanes::LANES). Energies are written, 0 beyond the last bin, and added to `sums` times `strength`.
     #[inline(always)]
-    pub fn spread_with<S: Simd>(
+    pub fn spread_into<S: Simd>(
         &self,
         simd: S,
         splat: &Splat,
         bins: std::ops::Range<usize>,
-        energies: &mut Vec<f32>,
+        strength: f32,
+        into: (&mut [f32], &mut [f32]),
     ) {
-        online::spread::append(simd, self, splat, bins, energies);
+        online::spread::store(simd, self, splat, bins, strength, into);
     }
 }
 

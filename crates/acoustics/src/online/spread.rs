@@ -129,6 +129,58 @@ pub(crate) fn append<S: Simd>(
     energies.truncate(from + count);
 }
 
+/// Writes the energy of a splat in each of `bins` to the first of `energies`, and 0 to those that fill up its last eight;
+/// adds both times `strength` to `sums`, which begin at the same bin. Both have room for the last eight.
+#[inline(always)]
+pub(crate) fn store<S: Simd>(
+    simd: S,
+    look: &Look,
+    splat: &Splat,
+    bins: Range<usize>,
+    strength: f32,
+    (energies, sums): (&mut [f32], &mut [f32]),
+) {
+    let mean_m = [splat.range_m, 0.0];
+    let edges = Edges::new(simd, look, bins, mean_m, 1.0 / splat.range_sigma_m);
+    let numbers = lanes::lane_numbers(simd);
+    let eights = energies
+        .chunks_exact_mut(LANES)
+        .zip(sums.chunks_exact_mut(LANES));
+    if edges.are_close() {
+        let mut from = 0;
+        for (energies, sums) in eights.take(edges.eights()) {
+            let (z, density) = edges.middle(numbers, from);
+            let energy = close_share(edges.step, z) * density * splat.energy;
+            put(energy, strength, energies, sums);
+            from += LANES;
+        }
+        return;
+    }
+    let mut below = lanes::normal_cdf(edges.at(numbers, 0));
+    let mut left = edges.last as usize;
+    let mut from = LANES;
+    for (energies, sums) in eights {
+        // The row's last edge is among the last eight's, and repeated in its last lane.
+        let above = match left >= LANES {
+            true => lanes::normal_cdf(edges.at(numbers, from)),
+            false => below.reverse(),
+        };
+        let energy = (below.slide::<1>(above) - below) * splat.energy;
+        put(energy, strength, energies, sums);
+        if left <= LANES {
+            return;
+        }
+        (below, left, from) = (above, left - LANES, from + LANES);
+    }
+}
+
+#[inline(always)]
+fn put<S: Simd>(energy: f32x8<S>, strength: f32, energies: &mut [f32], sums: &mut [f32]) {
+    energy.store_slice(energies);
+    let before = f32x8::from_slice(energy.simd, sums);
+    energy.mul_add(strength, before).store_slice(sums);
+}
+
 /// Appends the energies of a row's bins for αρ = 1.
 #[inline(always)]
 pub(super) fn append_row<S: Simd>(simd: S, look: &Look, row: &OnlineRow, energies: &mut Vec<f32>) {

@@ -67,16 +67,14 @@ pub(crate) struct Finding {
 }
 
 impl Finding {
-    /// Of one look, by what it says of the mean, at a time in time constants of its pose's error, which makes `pose_m2` of
+    /// Adds one look, by what it says of the mean, at a time in time constants of its pose's error, which makes `pose_m2` of
     /// the place.
-    pub(crate) fn of_look(pull: &Pull, pose_m2: SymmetricMat3, at: f64) -> Self {
+    pub(crate) fn add_look(&mut self, pull: &Pull, pose_m2: SymmetricMat3, at: f64) {
         let weight = pull.information.diagonal.element_sum();
-        Self {
-            information: pull.information,
-            nearer: pull.nearer,
-            of_poses: CommonError::of_look(weight, pose_m2, at),
-            ..Self::default()
-        }
+        add(&mut self.information, &pull.information);
+        self.nearer += pull.nearer;
+        self.of_poses
+            .add(&CommonError::of_look(weight, pose_m2, at));
     }
 
     pub(crate) fn add(&mut self, part: &Self) {

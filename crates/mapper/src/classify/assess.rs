@@ -193,8 +193,7 @@ pub(crate) fn findings_of_ping(
         let mut pull = Pull::default();
         pull.add(row, moments, past.weight);
         let pose_m2 = certainty::of_pose(row, past.pose_error);
-        let finding = Finding::of_look(&pull, pose_m2, at);
-        tally.of(row.slot).add(&finding);
+        tally.of(row.slot).add_look(&pull, pose_m2, at);
     }
 }
 

@@ -229,7 +229,9 @@ mod tests {
             information: SymmetricMat3::of(Mat3::from_diagonal(information)),
             ..Pull::default()
         };
-        Finding::of_look(&pull, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0)
+        let mut finding = Finding::default();
+        finding.add_look(&pull, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0);
+        finding
     }
 
     /// Of ranges along these directions, each as sure as one sigma says.
@@ -243,7 +245,7 @@ mod tests {
                 nearer: -away * weight,
                 ..Pull::default()
             };
-            finding.add(&Finding::of_look(&pull, SymmetricMat3::default(), 0.0));
+            finding.add_look(&pull, SymmetricMat3::default(), 0.0);
         }
         finding
     }

@@ -5,6 +5,7 @@
 //!
 //! Cost of a pass: pings × Gaussians in a slice (about 100) × bins of a splat (about 12).
 
+use std::cell::RefCell;
 use std::sync::Arc;
 
 use echosplat_acoustics::SymmetricMat3;
@@ -19,7 +20,7 @@ use crate::parts::AtWork;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
 use crate::refine::step::damped_step;
-use crate::refine::tally::Tally;
+use crate::refine::tally::{Sums, Tally};
 use crate::refine::visibility::{Against, Moments, Sight};
 use crate::spawn::gaussians::{Gaussians, Stage};
 use crate::spawn::kept::Kept;
@@ -64,7 +65,14 @@ pub(crate) struct Pass<T> {
     /// Pings gone through.
     done: usize,
     sums: Vec<T>,
+    /// Most slots that a chunk of pings saw so far.
+    most_seen: usize,
     pairs: u64,
+}
+
+thread_local! {
+    /// What a ping sees takes room that the next ping can use.
+    static SIGHT: RefCell<Sight> = RefCell::default();
 }
 
 impl<T: Sum + Sync> Pass<T> {
@@ -75,6 +83,7 @@ impl<T: Sum + Sync> Pass<T> {
             field: Field::of(evidence, gaussians),
             done: 0,
             sums: vec![T::default(); gaussians.slot_count()],
+            most_seen: 0,
             pairs: 0,
         }
     }
@@ -94,20 +103,26 @@ impl<T: Sum + Sync> Pass<T> {
         let chunks = count.div_ceil(T::CHUNK).max(LEAST_CHUNKS);
         let end = (self.done + chunks * T::CHUNK).min(self.pings.len());
         let slot_count = scene.gaussians.slot_count();
-        let of_chunk = |chunk: &[Arc<Past>]| {
-            let (mut tally, mut scratch) = (Tally::new(slot_count), W::default());
-            let (mut sight, mut pairs) = (Sight::default(), 0);
+        let of_chunk = |most_seen: usize, chunk: &[Arc<Past>]| {
+            let (mut tally, mut scratch) = (Tally::new(slot_count, most_seen), W::default());
+            let (mut sight, mut pairs) = (SIGHT.take(), 0);
             for past in chunk {
                 sight.look(past, scene, &self.field);
                 each(&mut tally, &mut scratch, past, &sight);
                 pairs += sight.pair_count();
             }
-            (tally, pairs)
+            SIGHT.set(sight);
+            (tally.finish(), pairs)
         };
         let mut pairs = 0;
         // A few chunks at a time: all at once would take more room than the map.
         for chunks in self.pings[self.done..end].chunks(T::CHUNK * CHUNKS_AT_ONCE) {
-            let parts: Vec<(Tally<T>, u64)> = chunks.par_chunks(T::CHUNK).map(of_chunk).collect();
+            let most_seen = self.most_seen;
+            let chunks = chunks.par_chunks(T::CHUNK);
+            let parts: Vec<(Sums<T>, u64)> =
+                chunks.map(|chunk| of_chunk(most_seen, chunk)).collect();
+            let seen = parts.iter().map(|(sums, _)| sums.len());
+            self.most_seen = seen.fold(most_seen, usize::max);
             pairs += parts.iter().map(|(_, of_part)| of_part).sum::<u64>();
             join(&mut self.sums, &parts);
         }
@@ -123,12 +138,12 @@ impl<T: Sum + Sync> Pass<T> {
 }
 
 /// Adds the sums of some chunks in their order; each thread those of some of the slots.
-fn join<T: Sum + Sync>(sums: &mut [T], parts: &[(Tally<T>, u64)]) {
+fn join<T: Sum + Sync>(sums: &mut [T], parts: &[(Sums<T>, u64)]) {
     let each = sums.len().div_ceil(current_num_threads()).max(1);
     let shares = sums.par_chunks_mut(each).enumerate();
     shares.for_each(|(share, sums)| {
         let first = share * each;
-        for (slot, sum) in parts.iter().flat_map(|(tally, _)| tally.sums()) {
+        for (slot, sum) in parts.iter().flat_map(|(sums, _)| sums.iter()) {
             if let Some(of_slot) = slot.checked_sub(first).and_then(|at| sums.get_mut(at)) {
                 of_slot.join(sum);
             }

@@ -119,24 +119,24 @@ impl Sight {
     /// Energies of all rows, and their sum.
     #[inline(always)]
     fn spread<S: Simd>(&mut self, simd: S, look: &Look) {
-        self.energies.clear();
+        let mut end = 0;
         self.pair_count = 0;
         for row in &mut self.rows {
-            let energies_from = self.energies.len();
-            row.energies_from = energies_from as u32;
+            row.energies_from = end as u32;
+            end += row.bins.len().next_multiple_of(LANES);
+            self.pair_count += row.bins.len() as u64;
+        }
+        // What is left of the ping before is written over.
+        self.energies.resize(end, 0.0);
+        for row in &self.rows {
             let bins = row.bins.start as usize..row.bins.end as usize;
-            let (first_bin, padded) = (bins.start, bins.len().next_multiple_of(LANES));
-            self.pair_count += bins.len() as u64;
-            look.spread_with(simd, &row.splat, bins, &mut self.energies);
-            self.energies.resize(energies_from + padded, 0.0);
-            let predicted = &mut self.predicted[first_bin..first_bin + padded];
-            let energies = &self.energies[energies_from..];
-            let eights = predicted.chunks_exact_mut(LANES);
-            for (sum, energy) in eights.zip(energies.chunks_exact(LANES)) {
-                let energy = f32x8::from_slice(simd, energy);
-                let before = f32x8::from_slice(simd, sum);
-                energy.mul_add(row.strength, before).store_slice(sum);
-            }
+            let padded = bins.len().next_multiple_of(LANES);
+            let from = row.energies_from as usize;
+            let into = (
+                &mut self.energies[from..from + padded],
+                &mut self.predicted[bins.start..bins.start + padded],
+            );
+            look.spread_into(simd, &row.splat, bins, row.strength, into);
         }
     }
 

@@ -59,16 +59,23 @@ pub(crate) struct FanPlane {
     along: Vec3,
     /// The fan's own upward axis, turned so that the ground is below it.
     up: Vec3,
+    /// Metres down per metre of range at most, and the elevation at which it is.
+    steepest: f32,
+    straight_down_rad: f32,
 }
 
 impl FanPlane {
     pub(crate) fn of(look: &Look) -> Self {
         let axes = look.pose.axes;
+        let along = axes.x_axis;
+        // A sonar mounted upside down sees the same ground.
+        let up = axes.z_axis * if axes.z_axis.z < 0.0 { -1.0 } else { 1.0 };
         Self {
             position_m: look.pose.position_m,
-            along: axes.x_axis,
-            // A sonar mounted upside down sees the same ground.
-            up: axes.z_axis * if axes.z_axis.z < 0.0 { -1.0 } else { 1.0 },
+            along,
+            up,
+            steepest: along.z.hypot(up.z),
+            straight_down_rad: up.z.atan2(along.z) - std::f32::consts::PI,
         }
     }
 
@@ -85,8 +92,7 @@ impl FanPlane {
     /// Elevation at which flat ground `depth_m` below the sensor is met at `range_m`; the straight
     /// way down where it is nearer than that.
     pub(crate) fn elevation_of_ground(&self, depth_m: f32, range_m: f32) -> f32 {
-        let steepest = self.along.z.hypot(self.up.z);
-        let straight_down = self.up.z.atan2(self.along.z) - std::f32::consts::PI;
-        straight_down + (depth_m / (range_m * steepest)).clamp(-1.0, 1.0).acos()
+        let descent = depth_m / (range_m * self.steepest);
+        self.straight_down_rad + descent.clamp(-1.0, 1.0).acos()
     }
 }

@@ -7,10 +7,13 @@
 //! summed up to the best end; bins that hold something else count as little for one depth as for
 //! another.
 //!
-//! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 1 ms; four times that for a
+//! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, COST; four times that for a
 //! dive's first onsets, which tell the power of range.
 
+use echosplat_acoustics::lanes::{self, LANES};
 use echosplat_model::glam::Vec3;
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x8};
 use rayon::prelude::*;
 
 use crate::detect::profile::mean_of_noise;
@@ -69,7 +72,8 @@ pub(crate) struct Runs {
     noise: f32,
     /// Range of the edges of runs, one more than there are runs.
     edges_m: Vec<f32>,
-    /// Log of the mean power of a run.
+    /// Mean power of a run, and its logarithm.
+    power: Vec<f32>,
     log_power: Vec<f32>,
     /// Log likelihood of nothing but noise.
     empty: Vec<f32>,
@@ -107,6 +111,7 @@ impl Runs {
         self.bins_per_run = per_run as f32;
         self.noise = noise;
         self.edges_m.clear();
+        self.power.clear();
         self.log_power.clear();
         self.empty.clear();
         let open = intensity.get(from..).unwrap_or_default();
@@ -120,9 +125,10 @@ impl Runs {
         self.edges_m.push(near_m);
         for (run, bins) in open.chunks_exact(per_run).enumerate() {
             let mean = bins.iter().sum::<f32>() / per_run as f32;
-            let log_power = mean.max(f32::MIN_POSITIVE).ln();
-            self.log_power.push(log_power);
-            self.empty.push(log_likelihood(log_power, self.noise.ln()));
+            let power = mean.max(f32::MIN_POSITIVE);
+            self.power.push(power);
+            self.log_power.push(power.ln());
+            self.empty.push(log_likelihood(power, self.noise));
             let end = (run + 1) * per_run;
             self.edges_m.push(near_m + end as f32 * bin_length_m);
         }
@@ -154,17 +160,17 @@ impl Runs {
             .windows(2)
             .map(|edges| 0.5 * (edges[0] + edges[1]));
         let factors: Vec<f32> = middles.map(|range_m| falling(range_m, fall)).collect();
-        let at = |energy: &mut Vec<f32>, onset: usize| {
+        let at = |(energy, gains): &mut (Vec<f32>, Vec<f32>), onset: usize| {
             self.spread_ground(plane, fan, self.edges_m[onset] * descent, energy);
             for (energy, factor) in energy.iter_mut().zip(&factors) {
                 *energy *= factor;
             }
-            self.explain(onset, energy, brightness)
+            self.explain(onset, energy, brightness, gains)
         };
         let tried: Vec<Explanation> = (1..self.log_power.len())
             .into_par_iter()
             .with_min_len(LEAST_ONSETS)
-            .map_init(Vec::new, at)
+            .map_init(Default::default, at)
             .collect();
         let best = tried.into_iter().reduce(Explanation::or);
         let best = best?;
@@ -181,8 +187,14 @@ impl Runs {
         })
     }
 
-    /// The best brightness of ground of some energy per run.
-    fn explain(&self, onset: usize, energy: &[f32], brightness: Option<f32>) -> Explanation {
+    /// The best brightness of ground of some energy per run; `of_runs` is room for what each run gains.
+    fn explain(
+        &self,
+        onset: usize,
+        energy: &[f32],
+        brightness: Option<f32>,
+        of_runs: &mut Vec<f32>,
+    ) -> Explanation {
         let enough_m = LEAST_EXTENT * self.edges_m[onset];
         let lit = self.edges_m.partition_point(|&edge_m| edge_m < enough_m);
         let enough = lit.min(self.log_power.len() - 1);
@@ -201,7 +213,7 @@ impl Runs {
         };
         let brightness = |index: usize| first * step.powf(index as f32);
         let gains: Vec<f32> = (0..count)
-            .map(|index| self.gain(energy, brightness(index), enough))
+            .map(|index| self.gain(energy, brightness(index), enough, of_runs))
             .collect();
         let best = (0..count).reduce(|best, other| {
             if gains[other] > gains[best] {
@@ -242,19 +254,48 @@ impl Runs {
     }
 
     /// Gain of ground lit from its onset to wherever the sum is best, from run `enough` on.
-    fn gain(&self, energy: &[f32], brightness: f32, enough: usize) -> f32 {
+    fn gain(&self, energy: &[f32], brightness: f32, enough: usize, of_runs: &mut Vec<f32>) -> f32 {
+        of_runs.resize(energy.len(), 0.0);
+        dispatch!(Level::new(), simd => self.gains(simd, energy, brightness, of_runs));
         let (mut sum, mut most) = (0.0, f32::MIN);
-        let runs = energy.iter().zip(&self.log_power).zip(&self.empty);
-        for (run, ((energy, &log_power), empty)) in runs.enumerate() {
-            if *energy > 0.0 {
-                let mean = self.noise + brightness * energy;
-                sum += log_likelihood(log_power, mean.ln()) - empty;
-            }
+        for (run, gain) in of_runs.iter().enumerate() {
+            sum += gain;
             if run >= enough {
                 most = most.max(sum);
             }
         }
         most
+    }
+
+    /// Gain of each run over no ground, 0 where no ground is lit.
+    #[inline(always)]
+    fn gains<S: Simd>(&self, simd: S, energy: &[f32], brightness: f32, gains: &mut [f32]) {
+        let at = |run: usize| run..run + LANES;
+        let (outlier, none) = (f32x8::splat(simd, LOG_OUTLIER), f32x8::splat(simd, 0.0));
+        let whole = energy.len() - energy.len() % LANES;
+        let mut run = 0;
+        while run < whole {
+            let energy = f32x8::from_slice(simd, &energy[at(run)]);
+            let power = f32x8::from_slice(simd, &self.power[at(run)]);
+            let log_power = f32x8::from_slice(simd, &self.log_power[at(run)]);
+            let empty = f32x8::from_slice(simd, &self.empty[at(run)]);
+            let mean = energy * brightness + self.noise;
+            let x = log_power - lanes::ln(mean);
+            let density = (x - power / mean) * LOOKS + LOG_DENSITY;
+            let likelihood = x.simd_lt(FAR_ABOVE).select(density.max(outlier), outlier);
+            let gain = energy.simd_gt(none).select(likelihood - empty, none);
+            gain.store_slice(&mut gains[at(run)]);
+            run += LANES;
+        }
+        for run in whole..energy.len() {
+            gains[run] = match energy[run] > 0.0 {
+                true => {
+                    let mean = self.noise + brightness * energy[run];
+                    log_likelihood(self.power[run], mean) - self.empty[run]
+                }
+                false => 0.0,
+            };
+        }
     }
 }
 
@@ -281,10 +322,12 @@ fn vertex(values: &[f32], best: usize) -> f32 {
     }
 }
 
-fn log_likelihood(log_power: f32, log_mean: f32) -> f32 {
-    let x = log_power - log_mean;
+/// Log likelihood of the mean power of a run, looks of speckle about a mean or an echo of something else.
+fn log_likelihood(power: f32, mean: f32) -> f32 {
+    let ratio = power / mean;
+    let x = ratio.ln();
     if !(x < FAR_ABOVE) {
         return LOG_OUTLIER;
     }
-    (LOG_DENSITY + LOOKS * (x - x.exp())).max(LOG_OUTLIER)
+    (LOG_DENSITY + LOOKS * (x - ratio)).max(LOG_OUTLIER)
 }

@@ -15,6 +15,8 @@ const DROP_PART: f32 = 0.1;
 /// What the evidence now says of a block.
 struct Change {
     index: BlockIndex,
+    /// The most evidence of any voxel.
+    best: f32,
     /// Slots without evidence enough to stay.
     gone: Vec<u32>,
     /// Voxels with enough to begin.
@@ -33,8 +35,15 @@ pub(crate) fn follow_evidence(
     let change = |&index: &BlockIndex| change(evidence, gaussians, index, spawn_evidence);
     let changes: Vec<Change> = touched.par_iter().filter_map(change).collect();
     let (mut added, mut pruned) = (0, 0);
-    for Change { index, gone, born } in changes {
+    for change in changes {
+        let Change {
+            index,
+            best,
+            gone,
+            born,
+        } = change;
         let block = evidence.block_mut(index);
+        block.most = best;
         if !gone.is_empty() {
             block.gaussians.retain(|(_, slot)| !gone.contains(slot));
         }
@@ -60,7 +69,7 @@ fn change(
     spawn_evidence: f32,
 ) -> Option<Change> {
     let block = evidence.block(index);
-    if block.gaussians.is_empty() && block.best < spawn_evidence {
+    if block.gaussians.is_empty() && block.most < spawn_evidence {
         return None;
     }
     let (sums, best) = evidence.of(block, Horizon::Quarters);
@@ -72,6 +81,7 @@ fn change(
     let gone = block.gaussians.iter().filter(is_gone);
     Some(Change {
         index,
+        best,
         gone: gone.map(|&(_, slot)| slot).collect(),
         born: births(block, &sums, spawn_evidence.max(SPAWN_PART * best)),
     })

@@ -104,6 +104,8 @@ impl Evidence {
             along: Vec::new(),
             starts: vec![0],
         };
+        let samples: usize = arcs.0.iter().map(Vec::len).sum();
+        evidence.along.reserve_exact(samples * count);
         let mut voxels = Voxels::default();
         for (index, (ping, pose)) in pings.iter().zip(poses).enumerate() {
             let rays = Rays::of(ping, pose, poses, lit.cell_m);
@@ -123,9 +125,9 @@ impl Evidence {
 
     /// Looks at the voxels along an arc, and numbers those that are new.
     fn look(&mut self, rays: &Rays, arc: &[[f64; 2]], look: Look, voxels: &mut Voxels) {
-        for key in arc.iter().filter_map(|sample| rays.key(*sample)) {
+        for voxel in arc.iter().filter_map(|sample| rays.voxel(*sample)) {
             let next = self.looks.len() as u32;
-            let voxel = *voxels.entry(key).or_insert(next);
+            let voxel = voxels.number(voxel, next);
             if voxel == next {
                 self.looks.push(Looks::default());
             }
@@ -166,8 +168,43 @@ pub(super) enum Said {
     Lit(f32),
 }
 
-/// Numbers of voxels by their keys.
-type Voxels = HashMap<u64, u32, BuildHasherDefault<Spread>>;
+/// Numbers of voxels, in cubes: of an arc's samples the next mostly lies in the same.
+#[derive(Default)]
+struct Voxels {
+    /// Index of each cube by its key.
+    cubes: HashMap<u64, usize, BuildHasherDefault<Spread>>,
+    /// Of each cube's voxels, x fastest; [`UNSEEN`] where nothing looked.
+    numbers: Vec<[u32; CUBE_VOXELS]>,
+    /// Key and index of the cube that was asked for last.
+    last: Option<(u64, usize)>,
+}
+
+/// Voxels along the edge of a cube are two to the power of this.
+const CUBE_SHIFT: i32 = 3;
+const CUBE_VOXELS: usize = 1 << (3 * CUBE_SHIFT);
+const UNSEEN: u32 = u32::MAX;
+
+impl Voxels {
+    /// The voxel's number, `next` if it had none.
+    fn number(&mut self, voxel: IVec3, next: u32) -> u32 {
+        let key = key(voxel >> CUBE_SHIFT);
+        let cube = match self.last {
+            Some((last, cube)) if last == key => cube,
+            _ => *self.cubes.entry(key).or_insert_with(|| {
+                self.numbers.push([UNSEEN; CUBE_VOXELS]);
+                self.numbers.len() - 1
+            }),
+        };
+        self.last = Some((key, cube));
+        let [x, y, z] = (voxel & ((1 << CUBE_SHIFT) - 1)).to_array();
+        let within = x | y << CUBE_SHIFT | z << (2 * CUBE_SHIFT);
+        let number = &mut self.numbers[cube][within as usize];
+        if *number == UNSEEN {
+            *number = next;
+        }
+        *number
+    }
+}
 
 /// One ping's fan in units of voxels.
 struct Rays {
@@ -188,22 +225,23 @@ impl Rays {
         }
     }
 
-    /// Of the voxel that a sample lies in; `None` too far off.
-    fn key(&self, [ahead_m, up_m]: [f64; 2]) -> Option<u64> {
+    /// The voxel that a sample lies in; `None` too far off.
+    fn voxel(&self, [ahead_m, up_m]: [f64; 2]) -> Option<IVec3> {
         let place = self.position + self.ahead * ahead_m + self.up * up_m;
-        key(place.floor().as_ivec3())
+        let voxel = place.floor().as_ivec3();
+        let is_near =
+            voxel.cmpge(IVec3::splat(-MOST_VOXELS)) & voxel.cmplt(IVec3::splat(MOST_VOXELS));
+        is_near.all().then_some(voxel)
     }
 }
 
-fn key(voxel: IVec3) -> Option<u64> {
-    let is_near = voxel.cmpge(IVec3::splat(-MOST_VOXELS)) & voxel.cmplt(IVec3::splat(MOST_VOXELS));
-    is_near.all().then(|| {
-        let [x, y, z] = (voxel + MOST_VOXELS).to_array().map(|i| i as u64);
-        x << 42 | y << 21 | z
-    })
+/// Of a cube that is no further off than the furthest voxels.
+fn key(cube: IVec3) -> u64 {
+    let [x, y, z] = (cube + MOST_VOXELS).to_array().map(|i| i as u64);
+    x << 42 | y << 21 | z
 }
 
-/// Spreads the bits of a voxel's key; nobody chooses keys to collide.
+/// Spreads the bits of a cube's key; nobody chooses keys to collide.
 #[derive(Default)]
 struct Spread(u64);
 

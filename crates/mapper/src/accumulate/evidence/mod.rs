@@ -145,13 +145,13 @@ impl Evidence {
         (sums, sums.into_iter().fold(f32::MIN, f32::max))
     }
 
-    /// Centre of a voxel of a block.
+    /// Centre of a voxel of a block, z fastest.
     pub(crate) fn center_m(&self, key: IVec3, voxel: usize) -> Vec3 {
         let corner = key * BLOCK_EDGE;
         let offset = IVec3::new(
-            (voxel % 8) as i32,
-            (voxel / 8 % 8) as i32,
             (voxel / 64) as i32,
+            (voxel / 8 % 8) as i32,
+            (voxel % 8) as i32,
         );
         ((corner + offset).as_vec3() + 0.5) * self.voxel_m
     }

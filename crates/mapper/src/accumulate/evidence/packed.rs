@@ -7,7 +7,7 @@ use echosplat_acoustics::lanes::LANES;
 
 use super::VOXELS;
 
-/// Sums of one side per voxel, x fastest, in steps of 1/64 up to 512: small, since there are many, and exact enough
+/// Sums of one side per voxel, z fastest, in steps of 1/64 up to 512: small, since there are many, and exact enough
 /// for looks of ½.
 pub(super) type SideSums = [i16; VOXELS];
 
