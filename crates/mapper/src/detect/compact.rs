@@ -83,6 +83,17 @@ impl States {
         BinState::of_bits(byte >> (2 * (bin % 4)))
     }
 
+    /// Of sixteen bins from four times `byte` on, two bits each, the first one's lowest.
+    pub(crate) fn sixteen(&self, byte: usize) -> u32 {
+        let mut four = [0; 4];
+        let rest = self.packed.get(byte..).unwrap_or_default();
+        match rest.first_chunk() {
+            Some(all) => four = *all,
+            None => four[..rest.len()].copy_from_slice(rest),
+        }
+        u32::from_le_bytes(four)
+    }
+
     pub(crate) fn iter(&self) -> impl Iterator<Item = BinState> + '_ {
         (0..self.count).map(|bin| self.at(bin))
     }
@@ -102,6 +113,26 @@ mod tests {
                 assert!(error.abs() < 0.036, "{error} of {power}");
             }
             assert!(powers.iter().eq((0..5).map(|bin| powers.at(bin))));
+        }
+    }
+
+    #[test]
+    fn sixteen_states_are_those_of_their_bins_and_blank_beyond_the_last() {
+        let all = [
+            BinState::Lit,
+            BinState::Dark,
+            BinState::Shadowed,
+            BinState::Blank,
+            BinState::Dark,
+        ];
+        let given: Vec<BinState> = all.into_iter().cycle().take(45).collect();
+        let states = States::of(&given);
+        for byte in 0..20 {
+            let sixteen = states.sixteen(byte);
+            for place in 0..16 {
+                let state = BinState::of_bits((sixteen >> (2 * place)) as u8);
+                assert_eq!(state, states.at(4 * byte + place), "{byte} {place}");
+            }
         }
     }
 

@@ -11,6 +11,7 @@ use super::packed::SideSums;
 use super::side::{STEPS, Side, Totals};
 use super::{BLOCK_EDGE, VOXELS};
 use crate::accumulate::history::{History, Past};
+use crate::detect::bin_state::BinState;
 use crate::parts::Extent;
 
 /// Sides of a block that looks come from: eighths of the horizon, each from above and from below.
@@ -317,12 +318,25 @@ impl<'a> Glance<'a> {
             // As whole numbers all at once: one by one that took a third of the look. Beyond the last
             // bin nothing is seen.
             let bins: i32x8<S> = bin.max(0.0).min(bin_count).to_int();
-            let mut ratio = [0.0; LANES];
-            for (ratio, bin) in ratio.iter_mut().zip(bins.to_array()) {
-                // Not a closure: those are not compiled for the wide vectors around them.
-                *ratio = self.ratios[states.at(bin as usize) as usize];
-            }
-            let ratio = f32x8::simd_from(simd, ratio);
+            let near = seen.select(bin, f32x8::splat(simd, bin_count)).reduce_min();
+            let far = seen.select(bin, none).reduce_max().min(bin_count);
+            let first = near as usize & !3;
+            let ratio = match (far as usize) < first + 16 {
+                // What is not seen may be of any state.
+                true => {
+                    let of_each = (bins - first as i32) * 2 & 31;
+                    let all = i32x8::splat(simd, states.sixteen(first / 4).cast_signed());
+                    self.ratio_of(all >> of_each & 3)
+                }
+                false => {
+                    let mut ratio = [0.0; LANES];
+                    for (ratio, bin) in ratio.iter_mut().zip(bins.to_array()) {
+                        // Not a closure: those are not compiled for the wide vectors around them.
+                        *ratio = self.ratios[states.at(bin as usize) as usize];
+                    }
+                    f32x8::simd_from(simd, ratio)
+                }
+            };
             let steps = (clear * ratio * STEPS).round_ties_even();
             most = most.max(steps);
             let told: i32x8<S> = steps.to_int();
@@ -330,8 +344,17 @@ impl<'a> Glance<'a> {
                 *sum = sum.saturating_add(told as i16);
             }
         }
-        let most = most.to_array().into_iter().fold(0.0, f32::max);
-        (work, most / STEPS)
+        (work, most.reduce_max() / STEPS)
+    }
+
+    /// What states say, [`BinState`]s as numbers.
+    #[inline(always)]
+    fn ratio_of<S: Simd>(&self, states: i32x8<S>) -> f32x8<S> {
+        let [blank, dark, lit, shadowed] =
+            self.ratios.map(|ratio| f32x8::splat(states.simd, ratio));
+        let is = |state: BinState| states.simd_eq(state as i32);
+        let unlit = is(BinState::Dark).select(dark, is(BinState::Shadowed).select(shadowed, blank));
+        is(BinState::Lit).select(lit, unlit)
     }
 }
 
@@ -343,7 +366,7 @@ mod tests {
     use crate::detect::posed;
     use crate::detect::profile::{Backdrop, Levels};
     use echosplat_model::Pose;
-    use echosplat_model::glam::DVec3;
+    use echosplat_model::glam::{DVec3, Mat3};
 
     #[test]
     fn what_is_left_remembers_the_places_of_its_gaussians() {
@@ -389,6 +412,67 @@ mod tests {
         let (ground, bursts) = (Backdrop::default(), Box::default());
         let profile = Levels::default().profile(&posed.ping, 0.04, &ground, bursts, &config);
         Arc::new(past_of(look, blur, profile, 1.0, 0.0, &posed))
+    }
+
+    /// What a ping says of a voxel's centre, told one by one.
+    fn said_of(past: &Past, center_m: Vec3, voxel_m: f32) -> f32 {
+        let look = &past.look;
+        let (q, late) = {
+            let still = look.pose.axes.transpose() * (center_m - look.pose.position_m);
+            (still, still.length() - look.pose.reference_range_m)
+        };
+        let [left, turn, roll] = look.pose.drift_per_m.to_array();
+        let across_m = q.y - late * (q.x * turn - q.z * roll + left);
+        let lever2 = q.x * q.x + q.y * q.y;
+        let beam = look.beam.azimuth_sigma_rad().powi(2)
+            + look.azimuth_variance_rad2
+            + POSE_DOUBT * past.blur.azimuth_variance_rad2;
+        let variance_m2 = lever2 * beam + voxel_m * voxel_m / 12.0;
+        let off = across_m * across_m / (variance_m2 * LOOK_SIGMAS_SQUARED);
+        let half_width = FAN_SHARE * look.beam.elevation_half_width_rad();
+        let bin = (q.length() - look.range_start_m) / look.bin_length_m;
+        if q.x <= 0.0 || off >= 1.0 || q.z.abs() >= lever2.sqrt() * half_width.tan() || bin < 0.0 {
+            return 0.0;
+        }
+        let ratio = match past.profile.state.at(bin as usize) {
+            BinState::Blank => 0.0,
+            BinState::Dark => DARK,
+            BinState::Lit => LIT,
+            BinState::Shadowed => SHADOWED,
+        };
+        (1.0 - off) * ratio * past.weight
+    }
+
+    #[test]
+    fn eight_voxels_at_a_time_hear_what_each_would() {
+        // Far bins, and bins so short that those of eight voxels are far apart; level, and on its side.
+        let (voxel_m, mut told) = (0.05, 0);
+        for (shortened, roll) in [(1.0, 0.0), (0.1, 0.0), (0.1, 1.5)] {
+            let mut past = Past::clone(&past(20, true));
+            past.look.range_start_m = 3.0 - 3.0 * shortened;
+            past.look.bin_length_m *= shortened;
+            past.look.pose.axes *= Mat3::from_rotation_x(roll);
+            past.look.pose.drift_per_m = Vec3::new(1e-3, 2e-3, -1e-3);
+            let past = Arc::new(past);
+            for key in [[7, 0, 0], [7, 0, 1], [6, -1, -2], [7, 1, 0]].map(IVec3::from) {
+                let mut block = Block::new(key);
+                block.integrate([&past], voxel_m, Extent::All);
+                let sums = block.evidence(Horizon::Eighths);
+                for (voxel, sum) in sums.into_iter().enumerate() {
+                    let [x, y, z] = [voxel / 64, voxel / 8 % 8, voxel % 8].map(|v| v as f32 + 0.5);
+                    let center_m = (key * BLOCK_EDGE).as_vec3() + Vec3::new(x, y, z);
+                    let said = said_of(&past, center_m * voxel_m, voxel_m);
+                    // What one side says against is cut off.
+                    let said = said.max(AGAINST_EIGHTH);
+                    assert!(
+                        (sum - said).abs() < 2.0 / STEPS,
+                        "{key} {voxel}: {sum} {said}"
+                    );
+                    told += usize::from(said > 0.1);
+                }
+            }
+        }
+        assert!(told > 20, "{told}");
     }
 
     #[test]
