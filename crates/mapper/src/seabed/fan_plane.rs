@@ -1,7 +1,10 @@
 //! The plane of a ping's fan over the ground.
 
+use echosplat_acoustics::lanes::{self, LANES};
 use echosplat_acoustics::{Beam, Look};
 use echosplat_model::glam::Vec3;
+use fearless_simd::prelude::*;
+use fearless_simd::{Level, dispatch, f32x8};
 
 /// Steps of the table of the fan's sensitivity.
 const STEPS: usize = 256;
@@ -94,5 +97,72 @@ impl FanPlane {
     pub(crate) fn elevation_of_ground(&self, depth_m: f32, range_m: f32) -> f32 {
         let descent = depth_m / (range_m * self.steepest);
         self.straight_down_rad + descent.clamp(-1.0, 1.0).acos()
+    }
+
+    /// [`Self::elevation_of_ground`] at each range, for ground below the sensor.
+    pub(crate) fn elevations_of_ground(
+        &self,
+        depth_m: f32,
+        ranges_m: &[f32],
+        into_rad: &mut [f32],
+    ) {
+        dispatch!(Level::new(), simd => self.elevations(simd, depth_m, ranges_m, into_rad));
+    }
+
+    #[inline(always)]
+    fn elevations<S: Simd>(&self, simd: S, depth_m: f32, ranges_m: &[f32], into_rad: &mut [f32]) {
+        let eights = ranges_m
+            .chunks_exact(LANES)
+            .zip(into_rad.chunks_exact_mut(LANES));
+        for (ranges_m, into_rad) in eights {
+            let range_m = f32x8::from_slice(simd, ranges_m);
+            let descent = f32x8::splat(simd, depth_m) / (range_m * self.steepest);
+            let descent = descent.min(1.0);
+            let level = (descent * -descent + 1.0).max(0.0).sqrt();
+            let down_rad = lanes::ratio_atan(level, descent);
+            (down_rad + self.straight_down_rad).store_slice(into_rad);
+        }
+        let whole = ranges_m.len() - ranges_m.len() % LANES;
+        for (range_m, into_rad) in ranges_m[whole..].iter().zip(&mut into_rad[whole..]) {
+            *into_rad = self.elevation_of_ground(depth_m, *range_m);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use echosplat_acoustics::LookPose;
+    use echosplat_model::glam::Mat3;
+
+    #[test]
+    fn eight_elevations_at_a_time_are_those_of_each() {
+        let ranges_m: Vec<f32> = (1..60).map(|step| 0.17 * step as f32).collect();
+        let mut told_rad = vec![0.0; ranges_m.len()];
+        for (pitch, depth_m) in [(0.0, 0.2), (0.3, 2.0), (-0.7, 5.0)] {
+            let plane = FanPlane::of(&Look {
+                pose: LookPose {
+                    position_m: Vec3::ZERO,
+                    axes: Mat3::from_rotation_y(pitch),
+                    drift_per_m: Vec3::ZERO,
+                    reference_range_m: 5.0,
+                },
+                range_start_m: 0.0,
+                bin_length_m: 0.02,
+                bin_count: 500,
+                range_variance_m2: 0.0,
+                azimuth_variance_rad2: 0.0,
+                beam: Beam::default(),
+            });
+            plane.elevations_of_ground(depth_m, &ranges_m, &mut told_rad);
+            for (range_m, told_rad) in ranges_m.iter().zip(&told_rad) {
+                let each_rad = plane.elevation_of_ground(depth_m, *range_m);
+                // Straight down, sine and cosine cannot tell less than the root of their rounding.
+                assert!(
+                    (told_rad - each_rad).abs() < 5e-4,
+                    "{range_m} {told_rad} {each_rad}"
+                );
+            }
+        }
     }
 }
