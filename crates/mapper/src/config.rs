@@ -3,7 +3,7 @@
 use echosplat_acoustics::{Beam, BeamError};
 use serde::{Deserialize, Serialize};
 
-use crate::Parts;
+use crate::Features;
 
 /// Settings of the mapper.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -54,7 +54,7 @@ pub struct MapperConfig {
     /// Threads of the mapper's own pool; 0 takes one per core. Does not change the result.
     pub threads: usize,
     /// What a scene may not need.
-    pub parts: Parts,
+    pub parts: Features,
 }
 
 impl Default for MapperConfig {
@@ -78,7 +78,7 @@ impl Default for MapperConfig {
             confident_share: 0.7,
             confident_sigma_m: 0.25,
             threads: 0,
-            parts: Parts::default(),
+            parts: Features::default(),
         }
     }
 }

@@ -14,8 +14,8 @@ pub struct Sample {
     /// Work so far, counted: Gaussian–bin pairs, which no machine's noise touches.
     pub pair_count: u64,
     /// Voxel looks so far; arc samples of methods that have no voxels.
-    #[serde(default)]
-    pub voxel_looks: u64,
+    #[serde(default, rename = "voxel_looks")]
+    pub voxel_observations: u64,
     /// Pings mapped so far.
     pub ping_count: u64,
     /// What the map was worth.
@@ -26,7 +26,7 @@ impl Sample {
     /// Counted work: pairs and voxel looks, each at its count.
     #[must_use]
     pub fn work(&self) -> u64 {
-        self.pair_count + self.voxel_looks
+        self.pair_count + self.voxel_observations
     }
 }
 

@@ -55,7 +55,7 @@ pub(super) struct Shadow {
 
 /// Derivatives of the loss by a row's place in the ping; all 0 where nothing pulls.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Pull {
+pub(super) struct RowGradient {
     /// By the logarithm of its energy.
     pub(super) log_energy: f32,
     /// By r′.

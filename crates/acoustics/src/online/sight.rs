@@ -12,7 +12,7 @@ use super::constants::{
 };
 use super::raster;
 use super::rows::{OnlineRow, Shadow};
-use crate::Look;
+use crate::PingGeometry;
 use crate::lanes::{self, LANES};
 use crate::parameters::{OPACITY_MAX, PARAMETER_COUNT};
 use crate::ping_view::PingView;
@@ -26,10 +26,10 @@ pub(super) struct View {
 }
 
 impl View {
-    pub(super) fn new(look: &Look) -> Self {
+    pub(super) fn new(geometry: &PingGeometry) -> Self {
         Self {
-            ping: PingView::new(look),
-            cell_variance_rad2: raster::cell_rad(look).map(|size| (0.25 * size * size) as f32),
+            ping: PingView::new(geometry),
+            cell_variance_rad2: raster::cell_rad(geometry).map(|size| (0.25 * size * size) as f32),
         }
     }
 }

@@ -90,8 +90,8 @@ pub(crate) struct Spec {
     #[serde(default)]
     pub(crate) spacing: Spacing,
     /// Whether the map is scored on pings that it has not seen; plain dives always are.
-    #[serde(default)]
-    pub(crate) held_back: bool,
+    #[serde(default, rename = "held_back")]
+    pub(crate) held_out: bool,
 }
 
 /// Moments of a dive are this far apart: two double its length.
@@ -145,7 +145,7 @@ impl Spec {
             settings: BTreeMap::new(),
             moments: 0,
             spacing: Spacing::default(),
-            held_back: false,
+            held_out: false,
         }
     }
 
@@ -212,7 +212,7 @@ impl Spec {
             };
             add(format!("{} {even}moments", self.moments));
         }
-        if self.held_back {
+        if self.held_out {
             add("held-back pings scored".to_owned());
         }
         add(format!("seed {}", self.seed));
@@ -228,8 +228,8 @@ impl Spec {
 
     /// Whether the map is scored on pings that it has not seen.
     #[must_use]
-    pub(crate) fn scores_held_back(&self) -> bool {
-        self.held_back || self.is_plain()
+    pub(crate) fn scores_held_out(&self) -> bool {
+        self.held_out || self.is_plain()
     }
 }
 
@@ -339,7 +339,7 @@ mod tests {
                 ..plain.clone()
             },
             Spec {
-                held_back: true,
+                held_out: true,
                 ..plain.clone()
             },
             Spec {

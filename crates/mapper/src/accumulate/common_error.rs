@@ -26,7 +26,7 @@ pub(crate) struct CommonError {
 impl CommonError {
     /// Of one look that informs by `weight`, made at this time in time constants of the error, whose pose makes
     /// `variance_m2` of the place.
-    pub(crate) fn of_look(weight: f32, variance_m2: SymmetricMat3, at: f64) -> Self {
+    pub(crate) fn of_observation(weight: f32, variance_m2: SymmetricMat3, at: f64) -> Self {
         Self {
             weight,
             weighted_m2: times(variance_m2, weight),
@@ -53,7 +53,7 @@ impl CommonError {
             true => (other, &*self),
             false => (&*self, other),
         };
-        let (early_part, late_part) = (early.weight / weight, late.weight / weight);
+        let (early_fraction, late_fraction) = (early.weight / weight, late.weight / weight);
         let last = early.last.max(late.last);
         let (of_early, of_late) = (left_after(early.last, last), left_after(late.last, last));
         let between = if late.first < early.last {
@@ -73,13 +73,13 @@ impl CommonError {
             weighted_m2,
             first: early.first,
             last,
-            shared: early_part.powi(2) * early.shared
-                + late_part.powi(2) * late.shared
-                + 2.0 * early_part * late_part * between,
-            shared_with_first: early_part * early.shared_with_first
-                + late_part * late.shared_with_first * left_after(early.first, late.first),
-            shared_with_last: early_part * early.shared_with_last * of_early
-                + late_part * late.shared_with_last * of_late,
+            shared: early_fraction.powi(2) * early.shared
+                + late_fraction.powi(2) * late.shared
+                + 2.0 * early_fraction * late_fraction * between,
+            shared_with_first: early_fraction * early.shared_with_first
+                + late_fraction * late.shared_with_first * left_after(early.first, late.first),
+            shared_with_last: early_fraction * early.shared_with_last * of_early
+                + late_fraction * late.shared_with_last * of_late,
         };
     }
 
@@ -113,14 +113,14 @@ fn left_after(from: f64, to: f64) -> f32 {
 mod tests {
     use super::*;
 
-    fn look(weight: f32, at: f64) -> CommonError {
-        CommonError::of_look(weight, SymmetricMat3::isotropic(1.0), at)
+    fn observation(weight: f32, at: f64) -> CommonError {
+        CommonError::of_observation(weight, SymmetricMat3::isotropic(1.0), at)
     }
 
-    fn all(looks: &[(f32, f64)]) -> CommonError {
+    fn all(observations: &[(f32, f64)]) -> CommonError {
         let mut sum = CommonError::default();
-        for &(weight, at) in looks {
-            sum.add(&look(weight, at));
+        for &(weight, at) in observations {
+            sum.add(&observation(weight, at));
         }
         sum
     }
@@ -130,21 +130,22 @@ mod tests {
     }
 
     /// The sum over all pairs of looks.
-    fn expected(looks: &[(f32, f64)]) -> f32 {
-        let weight: f64 = looks.iter().map(|&(w, _)| f64::from(w)).sum();
+    fn expected(observations: &[(f32, f64)]) -> f32 {
+        let weight: f64 = observations.iter().map(|&(w, _)| f64::from(w)).sum();
         let of_pair = |&(w, t): &(f32, f64), &(w2, t2): &(f32, f64)| {
             f64::from(w) * f64::from(w2) * (-(t - t2).abs()).exp()
         };
-        let pairs = looks
+        let pairs = observations
             .iter()
-            .flat_map(|a| looks.iter().map(move |b| of_pair(a, b)));
+            .flat_map(|a| observations.iter().map(move |b| of_pair(a, b)));
         (pairs.sum::<f64>() / (weight * weight)) as f32
     }
 
-    const LOOKS: [(f32, f64); 5] = [(1.0, 2.0), (3.0, 2.1), (0.5, 2.9), (2.0, 6.0), (2.0, 6.0)];
+    const OBSERVATIONS: [(f32, f64); 5] =
+        [(1.0, 2.0), (3.0, 2.1), (0.5, 2.9), (2.0, 6.0), (2.0, 6.0)];
 
     #[test]
-    fn looks_at_one_time_are_off_alike_and_looks_far_apart_are_not() {
+    fn observations_at_one_time_are_off_alike_and_those_far_apart_are_not() {
         let [at_once, far] =
             [0.0, 100.0].map(|apart| variance_m2(all(&[(1.0, 7.0), (1.0, 7.0 + apart)])));
         assert!(
@@ -155,33 +156,35 @@ mod tests {
 
     #[test]
     fn however_they_are_added_up_it_is_the_sum_over_all_pairs() {
-        let whole = variance_m2(all(&LOOKS));
-        assert!((whole - expected(&LOOKS)).abs() < 1e-6, "{whole}");
+        let whole = variance_m2(all(&OBSERVATIONS));
+        assert!((whole - expected(&OBSERVATIONS)).abs() < 1e-6, "{whole}");
         for cut in 1..4 {
-            let (early, late) = (all(&LOOKS[..cut]), all(&LOOKS[cut..]));
+            let (early, late) = (all(&OBSERVATIONS[..cut]), all(&OBSERVATIONS[cut..]));
             for (mut first, then) in [(early, late), (late, early)] {
                 first.add(&then);
                 assert!((variance_m2(first) - whole).abs() < 1e-6);
-                first.add(&look(1.0, 7.0));
-                let longer = [&LOOKS[..], &[(1.0, 7.0)]].concat();
+                first.add(&observation(1.0, 7.0));
+                let longer = [&OBSERVATIONS[..], &[(1.0, 7.0)]].concat();
                 assert!((variance_m2(first) - expected(&longer)).abs() < 1e-6);
             }
         }
     }
 
     #[test]
-    fn the_same_looks_twice_say_no_more() {
-        let mut twice = all(&LOOKS);
-        twice.add(&all(&LOOKS));
-        assert!((variance_m2(twice) - expected(&LOOKS)).abs() < 1e-6);
-        assert!((variance_m2(all(&LOOKS).times(8.0)) - expected(&LOOKS)).abs() < 1e-6);
+    fn the_same_observations_twice_say_no_more() {
+        let mut twice = all(&OBSERVATIONS);
+        twice.add(&all(&OBSERVATIONS));
+        assert!((variance_m2(twice) - expected(&OBSERVATIONS)).abs() < 1e-6);
+        assert!(
+            (variance_m2(all(&OBSERVATIONS).times(8.0)) - expected(&OBSERVATIONS)).abs() < 1e-6
+        );
     }
 
     #[test]
-    fn no_look_says_nothing() {
-        let mut some = all(&LOOKS);
+    fn no_observation_says_nothing() {
+        let mut some = all(&OBSERVATIONS);
         some.add(&CommonError::default());
-        assert!((variance_m2(some) - expected(&LOOKS)).abs() < 1e-6);
+        assert!((variance_m2(some) - expected(&OBSERVATIONS)).abs() < 1e-6);
         assert!(variance_m2(CommonError::default()) == 0.0);
     }
 }

@@ -4,21 +4,21 @@ use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
 
 use super::common_error::CommonError;
-use crate::refine::expectation::Pull;
+use crate::refine::expectation::Score;
 
 /// What was seen of one Gaussian over all looks that lit it.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Account {
+pub(crate) struct ViewStatistics {
     /// Independent lit looks.
-    pub(crate) looks: f32,
+    pub(crate) observations: f32,
     /// Of these, looks past a confident surface that should hide it.
-    pub(crate) hidden_looks: f32,
+    pub(crate) hidden_observations: f32,
     /// Of all, looks whose echo comes from its surroundings alone, or nearly.
-    pub(crate) clear_looks: f32,
+    pub(crate) clear_observations: f32,
     /// Log likelihood ratio of all looks, dark ones too: that its surroundings send back what they do, against nothing.
     pub(crate) odds: f32,
     /// Sum over looks of what its surroundings explain against the best place on the same arc.
-    pub(crate) rivalry: f32,
+    pub(crate) explained_ratio: f32,
     /// Sum over looks of the part of what its surroundings send back that comes from their middle.
     pub(crate) compactness: f32,
     /// Sums over looks of its mirror image above or below the beam's axis, metres from the
@@ -27,26 +27,26 @@ pub(crate) struct Account {
     pub(crate) mirror_m2: f32,
 }
 
-impl Account {
-    pub(crate) fn add(&mut self, part: &Self) {
-        self.looks += part.looks;
-        self.hidden_looks += part.hidden_looks;
-        self.clear_looks += part.clear_looks;
-        self.odds += part.odds;
-        self.rivalry += part.rivalry;
-        self.compactness += part.compactness;
-        self.mirror_m += part.mirror_m;
-        self.mirror_m2 += part.mirror_m2;
+impl ViewStatistics {
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.observations += other.observations;
+        self.hidden_observations += other.hidden_observations;
+        self.clear_observations += other.clear_observations;
+        self.odds += other.odds;
+        self.explained_ratio += other.explained_ratio;
+        self.compactness += other.compactness;
+        self.mirror_m += other.mirror_m;
+        self.mirror_m2 += other.mirror_m2;
     }
 
     /// As if each look had been made so many times.
     fn times(self, count: f32) -> Self {
         Self {
-            looks: self.looks * count,
-            hidden_looks: self.hidden_looks * count,
-            clear_looks: self.clear_looks * count,
+            observations: self.observations * count,
+            hidden_observations: self.hidden_observations * count,
+            clear_observations: self.clear_observations * count,
             odds: self.odds * count,
-            rivalry: self.rivalry * count,
+            explained_ratio: self.explained_ratio * count,
             compactness: self.compactness * count,
             mirror_m: self.mirror_m * count,
             mirror_m2: self.mirror_m2 * count,
@@ -57,7 +57,7 @@ impl Account {
 /// What the looks of some pings say of one Gaussian.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Finding {
-    pub(crate) account: Account,
+    pub(crate) statistics: ViewStatistics,
     /// Fisher information of its mean, 1/m².
     pub(crate) information: SymmetricMat3,
     /// What the gradient of its mean changes by were all echoes a metre nearer, 1/m².
@@ -69,27 +69,27 @@ pub(crate) struct Finding {
 impl Finding {
     /// Of one look, by what it says of the mean, at a time in time constants of its pose's error, which makes `pose_m2` of
     /// the place.
-    pub(crate) fn of_look(pull: &Pull, pose_m2: SymmetricMat3, at: f64) -> Self {
-        let weight = pull.information.diagonal.element_sum();
+    pub(crate) fn of_observation(score: &Score, pose_m2: SymmetricMat3, at: f64) -> Self {
+        let weight = score.information.diagonal.element_sum();
         Self {
-            information: pull.information,
-            nearer: pull.nearer,
-            of_poses: CommonError::of_look(weight, pose_m2, at),
+            information: score.information,
+            nearer: score.nearer,
+            of_poses: CommonError::of_observation(weight, pose_m2, at),
             ..Self::default()
         }
     }
 
-    pub(crate) fn add(&mut self, part: &Self) {
-        self.account.add(&part.account);
-        add(&mut self.information, &part.information);
-        self.nearer += part.nearer;
-        self.of_poses.add(&part.of_poses);
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.statistics.add(&other.statistics);
+        add(&mut self.information, &other.information);
+        self.nearer += other.nearer;
+        self.of_poses.add(&other.of_poses);
     }
 
     /// As if each look had been made so many times.
     pub(crate) fn times(self, count: f32) -> Self {
         Self {
-            account: self.account.times(count),
+            statistics: self.statistics.times(count),
             information: times(self.information, count),
             nearer: self.nearer * count,
             of_poses: self.of_poses.times(count),
@@ -107,9 +107,9 @@ impl Finding {
     }
 }
 
-pub(super) fn add(sum: &mut SymmetricMat3, part: &SymmetricMat3) {
-    sum.diagonal += part.diagonal;
-    sum.mixed += part.mixed;
+pub(super) fn add(sum: &mut SymmetricMat3, other: &SymmetricMat3) {
+    sum.diagonal += other.diagonal;
+    sum.mixed += other.mixed;
 }
 
 pub(super) fn times(matrix: SymmetricMat3, factor: f32) -> SymmetricMat3 {

@@ -49,8 +49,8 @@ impl Top {
     /// With what is known of water before any ping: a likelihood that is nearly level has its top anywhere.
     fn in_water(&self) -> (f64, f64) {
         let (told, prior) = (self.sigma().powi(2), PRIOR[RANGE].powi(2));
-        let part = prior / (prior + told);
-        (part * self.value, (part * told).sqrt())
+        let fraction = prior / (prior + told);
+        (fraction * self.value, (fraction * told).sqrt())
     }
 
     /// Whether it is far enough off to be believed.
@@ -84,7 +84,7 @@ impl Top {
 /// configured one outwards until the best is between two others. `range_m` is the mean range of echoes.
 ///
 /// `None` if pings do not tell, or only that it is further off than was tried.
-pub(crate) fn likeliest(range_m: f64, mut of: impl FnMut(f64) -> Option<Blocks>) -> Option<Top> {
+pub(crate) fn most_likely(range_m: f64, mut of: impl FnMut(f64) -> Option<Blocks>) -> Option<Top> {
     let mut tried: BTreeMap<i32, Blocks> = BTreeMap::new();
     let mut middle = 0_i32;
     loop {
@@ -150,20 +150,20 @@ mod tests {
 
     /// Twelve blocks of a dive whose sound is faster by `truth`, each with its own error, and a common one of `map` by
     /// the number of steps.
-    fn blocks(part: f64, truth: f64, map: impl Fn(i32) -> f64) -> Blocks {
+    fn blocks(fraction: f64, truth: f64, map: impl Fn(i32) -> f64) -> Blocks {
         let block = |number: u32| {
             let own = truth + 1e-3 * (f64::from(number) - 5.5);
-            let off = (part - own - NEARER_M / RANGE_M) / STEP;
+            let off = (fraction - own - NEARER_M / RANGE_M) / STEP;
             (
                 number,
-                -1000.0 * off * off + map((part / STEP).round() as i32),
+                -1000.0 * off * off + map((fraction / STEP).round() as i32),
             )
         };
         (0..12).map(block).collect()
     }
 
     fn found(truth: f64, map: impl Fn(i32) -> f64) -> Option<Top> {
-        likeliest(RANGE_M, |part| Some(blocks(part, truth, &map)))
+        most_likely(RANGE_M, |fraction| Some(blocks(fraction, truth, &map)))
     }
 
     #[test]
@@ -212,9 +212,9 @@ mod tests {
     }
 
     #[test]
-    fn pings_that_are_likelier_at_no_speed_tell_nothing() {
-        let even = likeliest(RANGE_M, |_| Some(Blocks::from([(0, 1.0), (1, 2.0)])));
+    fn pings_that_are_as_likely_at_every_speed_tell_nothing() {
+        let even = most_likely(RANGE_M, |_| Some(Blocks::from([(0, 1.0), (1, 2.0)])));
         assert!(even.is_none());
-        assert!(likeliest(RANGE_M, |_| None).is_none());
+        assert!(most_likely(RANGE_M, |_| None).is_none());
     }
 }

@@ -36,7 +36,7 @@ pub(crate) struct Profile {
     /// An echo is above this, and no tail.
     threshold: f32,
     /// Echoes below this part of the strongest at about their range are tails of the beam.
-    tail_part: f32,
+    side_lobe_fraction: f32,
     blank: usize,
     /// Bins that echoes are widened by, and that they may hide.
     widen: usize,
@@ -62,7 +62,7 @@ impl Profile {
         let mut start = 0;
         for (section, strongest) in self.strongest.iter().enumerate() {
             let end = self.end_of(section).clamp(start, bin_count);
-            thresholds[start..end].fill(self.threshold.max(self.tail_part * strongest));
+            thresholds[start..end].fill(self.threshold.max(self.side_lobe_fraction * strongest));
             start = end;
         }
         thresholds
@@ -243,7 +243,7 @@ impl Levels {
             strongest_here: 0.0,
             strongest: Powers::default(),
             threshold: 0.0,
-            tail_part: 10f32.powf(-0.1 * config.dynamic_range_db),
+            side_lobe_fraction: 10f32.powf(-0.1 * config.dynamic_range_db),
             blank: blank_bins(ping, config.blanking_m),
             widen: widen_bins(tolerance_m, bin_length_m),
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
@@ -553,7 +553,7 @@ mod tests {
     }
 
     #[test]
-    fn tails_are_told_from_echoes_at_their_range_alone_and_not_for_long() {
+    fn side_lobes_are_told_from_echoes_at_their_range_alone_and_not_for_long() {
         let mut levels = Levels::default();
         let mut echoes = |strong: &[(usize, f32)]| {
             let mut power = noise(600);

@@ -62,8 +62,9 @@ pub struct MapperStatus {
     /// The furthest that the unit should be set to hear, metres: beyond, voxels are coarser than the beam resolves there.
     /// `None` as long as that is not known, and where voxels are as configured.
     pub useful_range_m: Option<f32>,
-    /// Voxel looks done so far.
-    pub voxel_looks: u64,
+    /// Observations of voxels made so far.
+    #[serde(rename = "voxel_looks")]
+    pub voxel_observations: u64,
     /// Gaussian–bin pairs done so far.
     pub pairs: u64,
     /// Multiplicative steps made so far.

@@ -1,7 +1,7 @@
 //! What every look at the map starts from.
 
 use crate::accumulate::evidence::Evidence;
-use crate::parts::AtWork;
+use crate::features::AtWork;
 use crate::spawn::gaussians::Gaussians;
 
 /// What a pass reads.

@@ -1,6 +1,6 @@
 //! The plane of a ping's fan over the ground.
 
-use echosplat_acoustics::{Beam, Look};
+use echosplat_acoustics::{Beam, PingGeometry};
 use echosplat_model::glam::Vec3;
 
 /// Steps of the table of the fan's sensitivity.
@@ -47,8 +47,8 @@ impl FanEnergy {
             return 0.0;
         }
         let step = (position as usize).min(STEPS - 1);
-        let part = (position - step as f32).min(1.0);
-        self.below_rad[step] + part * (self.below_rad[step + 1] - self.below_rad[step])
+        let fraction = (position - step as f32).min(1.0);
+        self.below_rad[step] + fraction * (self.below_rad[step + 1] - self.below_rad[step])
     }
 }
 
@@ -62,10 +62,10 @@ pub(crate) struct FanPlane {
 }
 
 impl FanPlane {
-    pub(crate) fn of(look: &Look) -> Self {
-        let axes = look.pose.axes;
+    pub(crate) fn of(geometry: &PingGeometry) -> Self {
+        let axes = geometry.pose.axes;
         Self {
-            position_m: look.pose.position_m,
+            position_m: geometry.pose.position_m,
             along: axes.x_axis,
             // A sonar mounted upside down sees the same ground.
             up: axes.z_axis * if axes.z_axis.z < 0.0 { -1.0 } else { 1.0 },

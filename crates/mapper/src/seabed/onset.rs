@@ -20,7 +20,7 @@ use super::fan_plane::{FanEnergy, FanPlane};
 /// A profile is looked at in about so many runs of bins.
 const RUNS: usize = 150;
 /// The nearest so many-th part of a ping tells its noise, if it is quieter than all.
-const NOISE_PART: usize = 3;
+const NOISE_DIVISOR: usize = 3;
 /// Looks that a run averages, as the likelihood has it: few, since neighbouring bins share them.
 const LOOKS: f32 = 4.0;
 /// `L ln L − ln Γ(L)`: the density of log power is `exp` of this plus `L (x − eˣ)`.
@@ -111,7 +111,7 @@ impl Runs {
         self.empty.clear();
         let open = intensity.get(from..).unwrap_or_default();
         // Ground that fills most of a ping leaves its nearest part to the noise.
-        let nearest = &open[..open.len() / NOISE_PART];
+        let nearest = &open[..open.len() / NOISE_DIVISOR];
         if !nearest.is_empty() {
             self.noise = mean_of_noise(&mut nearest.to_vec())
                 .min(noise)

@@ -5,8 +5,8 @@ use echosplat_model::glam::{Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
 use crate::accumulate::evidence::{BlockIndex, spare};
+use crate::spawn::directional_reflectivity::{DirectionalReflectivity, Faces};
 use crate::spawn::kept::Kept;
-use crate::spawn::lobes::{Lobes, Sides};
 
 /// Of places that the map says nothing for, this part has surface within 0.10 m by chance: those it holds lie about the
 /// structure.
@@ -24,7 +24,7 @@ pub(crate) enum Verdict {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stage {
     /// Born where evidence asked for it, and not looked at since.
-    Newborn,
+    Spawned,
     /// Strength, place and verdict are worked out from pings.
     Worked,
     /// Held still beside those that are being worked out.
@@ -46,11 +46,11 @@ pub(crate) struct Gaussians {
     pub(crate) scale_m: Vec<Vec3>,
     pub(crate) covariance_m2: Vec<SymmetricMat3>,
     /// αρ towards each side, in the unit of the pings' intensity.
-    pub(crate) strength: Vec<Lobes>,
+    pub(crate) strength: Vec<DirectionalReflectivity>,
     /// Sides that a ping has told the strength of; the others hold what they began with.
-    pub(crate) known: Vec<Sides>,
+    pub(crate) known: Vec<Faces>,
     /// What part of a whole Gaussian it is: 1, or ⅛ after a split.
-    pub(crate) part: Vec<f32>,
+    pub(crate) child_share: Vec<f32>,
     pub(crate) sigma_m: Vec<f32>,
     /// Of its position; see [`crate::classify::certainty`].
     pub(crate) position_covariance_m2: Vec<SymmetricMat3>,
@@ -94,15 +94,15 @@ impl Gaussians {
         self.home[s] = home;
         self.mean_m[s] = home_m;
         self.set_shape(s, Quat::IDENTITY, Vec3::splat(scale_m));
-        self.strength[s] = Lobes::even(strength);
-        self.known[s] = Sides::default();
-        self.part[s] = 1.0;
+        self.strength[s] = DirectionalReflectivity::even(strength);
+        self.known[s] = Faces::default();
+        self.child_share[s] = 1.0;
         self.sigma_m[s] = f32::INFINITY;
         self.position_covariance_m2[s] = SymmetricMat3::isotropic(f32::INFINITY);
         self.probability[s] = BY_CHANCE;
         self.is_likely[s] = false;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
-        self.stage[s] = Stage::Newborn;
+        self.stage[s] = Stage::Spawned;
         self.kept[s] = None;
         slot
     }
@@ -117,7 +117,7 @@ impl Gaussians {
         self.covariance_m2[c] = other.covariance_m2[slot];
         self.strength[c] = other.strength[slot];
         self.known[c] = other.known[slot];
-        self.part[c] = other.part[slot];
+        self.child_share[c] = other.child_share[slot];
         self.sigma_m[c] = other.sigma_m[slot];
         self.position_covariance_m2[c] = other.position_covariance_m2[slot];
         self.probability[c] = other.probability[slot];
@@ -137,7 +137,7 @@ impl Gaussians {
         if !std::mem::take(&mut self.alive[slot as usize]) {
             return;
         }
-        self.strength[slot as usize] = Lobes::default();
+        self.strength[slot as usize] = DirectionalReflectivity::default();
         self.kept[slot as usize] = None;
         self.free.push(slot);
     }
@@ -194,7 +194,7 @@ impl Gaussians {
         self.covariance_m2.reserve_exact(count);
         self.strength.reserve_exact(count);
         self.known.reserve_exact(count);
-        self.part.reserve_exact(count);
+        self.child_share.reserve_exact(count);
         self.sigma_m.reserve_exact(count);
         self.position_covariance_m2.reserve_exact(count);
         self.probability.reserve_exact(count);
@@ -216,16 +216,16 @@ impl Gaussians {
         self.rotation.push(Quat::IDENTITY);
         self.scale_m.push(Vec3::ONE);
         self.covariance_m2.push(SymmetricMat3::default());
-        self.strength.push(Lobes::default());
-        self.known.push(Sides::default());
-        self.part.push(1.0);
+        self.strength.push(DirectionalReflectivity::default());
+        self.known.push(Faces::default());
+        self.child_share.push(1.0);
         self.sigma_m.push(f32::INFINITY);
         self.position_covariance_m2
             .push(SymmetricMat3::isotropic(f32::INFINITY));
         self.probability.push(0.0);
         self.is_likely.push(false);
         self.verdict.push(Verdict::ExplainedAway);
-        self.stage.push(Stage::Newborn);
+        self.stage.push(Stage::Spawned);
         self.kept.push(None);
         (self.id.len() - 1) as u32
     }
@@ -233,7 +233,11 @@ impl Gaussians {
     /// How much of what it covers a Gaussian adds: eight parts of one lie behind one another in two
     /// layers.
     pub(crate) fn layers(&self, slot: usize) -> f32 {
-        if self.part[slot] < 1.0 { 0.5 } else { 1.0 }
+        if self.child_share[slot] < 1.0 {
+            0.5
+        } else {
+            1.0
+        }
     }
 
     /// Strength of a slot's strongest side, of those that are known.

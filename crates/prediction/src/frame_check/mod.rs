@@ -37,7 +37,7 @@ const TELLING_ERRORS: f64 = 4.0;
 /// As given explains less than this share of what the best does, if it cannot be.
 const LEAST_SHARE: f64 = 0.5;
 /// Attitudes compared for the turn.
-const TURN_LOOKS: usize = 64;
+const TURN_PINGS: usize = 64;
 
 /// A ping and where its vehicle was, as its poses were read.
 #[derive(Debug, Clone)]
@@ -142,10 +142,10 @@ fn scores(
 fn verdict(scores: &[Scored], pings: u64, turned_deg: f64) -> FrameVerdict {
     // As given comes first and wins a draw.
     let given = &scores[0];
-    let likelier = |a: &Scored, b: &Scored| b.gain() > a.gain();
+    let more_likely = |a: &Scored, b: &Scored| b.gain() > a.gain();
     let best = scores
         .iter()
-        .fold(given, |a, b| if likelier(a, b) { b } else { a });
+        .fold(given, |a, b| if more_likely(a, b) { b } else { a });
     let beyond: [f64; BLOCKS] = std::array::from_fn(|i| best.by_block[i] - given.by_block[i]);
     let error = error_of_sum(&beyond);
     // Against the ranges alone too: a reading that explains nothing refutes nothing.
@@ -173,7 +173,7 @@ fn thinned(pings: &[VehiclePing]) -> Vec<VehiclePing> {
 }
 
 fn turned_deg(pings: &[VehiclePing]) -> f64 {
-    let every = pings.len().div_ceil(TURN_LOOKS).max(1);
+    let every = pings.len().div_ceil(TURN_PINGS).max(1);
     let attitudes = pings
         .iter()
         .step_by(every)

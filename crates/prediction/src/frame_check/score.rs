@@ -19,7 +19,7 @@ const BASE_LEVELS: usize = 20;
 const BASE_FIRST: f64 = -6.0;
 const BASE_STEP: f64 = 0.5;
 /// Looks at a range that are given to it at the rate of all ranges.
-const PRIOR_LOOKS: f64 = 5.0;
+const PRIOR_OBSERVATIONS: f64 = 5.0;
 /// Steps of the fit of a factor, and the most that its logarithm may be.
 const FIT_STEPS: usize = 12;
 const MOST_FACTOR_LN: f64 = 6.0;
@@ -143,8 +143,8 @@ fn range_levels(by_range: &[[Count; CELL_COUNT]], block: usize, lit_rate: f64) -
     std::array::from_fn(|cell| {
         let near = cell.saturating_sub(1)..=(cell + 1).min(CELL_COUNT - 1);
         let mut sum = Count {
-            all: PRIOR_LOOKS,
-            lit: PRIOR_LOOKS * lit_rate,
+            all: PRIOR_OBSERVATIONS,
+            lit: PRIOR_OBSERVATIONS * lit_rate,
         };
         let told = by_range.iter().enumerate();
         for (other, counts) in told.filter(|(other, _)| !left_out(block).contains(other)) {

@@ -22,7 +22,7 @@ pub struct Moment {
     /// Gaussian–bin pairs so far.
     pub pairs: u64,
     /// Voxel looks so far.
-    pub voxel_looks: u64,
+    pub voxel_observations: u64,
     /// Pings so far.
     pub pings: u64,
 }

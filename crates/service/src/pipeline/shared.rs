@@ -40,7 +40,7 @@ pub struct MapperReport {
     /// Pings whose evidence is in the map.
     pub pings_mapped: u64,
     /// Pings kept from the map to judge it by.
-    pub(crate) pings_held_back: u64,
+    pub(crate) pings_held_out: u64,
     /// Pings before `--start`.
     pub(crate) pings_before_start: u64,
     /// Pings past `--end` or `--duration`, or after being told to stop.
@@ -86,7 +86,8 @@ pub struct Spent {
     /// Gaussian–bin pairs.
     pub pairs: u64,
     /// Voxel looks.
-    pub voxel_looks: u64,
+    #[serde(rename = "voxel_looks")]
+    pub voxel_observations: u64,
 }
 
 /// The link to the sonar, as its driver tells of it.

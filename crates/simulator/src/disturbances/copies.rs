@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_of_a_bin_is_shared_by_two_and_the_energy_kept() {
+    fn a_fraction_of_a_bin_is_shared_by_two_and_the_energy_kept() {
         let mut echoes = vec![0.0; 100];
         echoes[10] = 1.0;
         let copies = EchoCopies {

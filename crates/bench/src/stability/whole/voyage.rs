@@ -228,7 +228,7 @@ impl Made {
 
     /// Pairs and voxel looks.
     pub(super) fn work(&self) -> u64 {
-        self.status.pairs + self.status.voxel_looks
+        self.status.pairs + self.status.voxel_observations
     }
 
     /// Chamfer distance of what is asserted from the structure, metres.

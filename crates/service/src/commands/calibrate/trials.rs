@@ -9,7 +9,7 @@ use echosplat_join::ArrivedPose;
 use echosplat_mapper::{Calibration, Calibrator, Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing};
 use echosplat_pose::PoseSource;
-use echosplat_prediction::held_back::{Pair, score};
+use echosplat_prediction::held_out::{Pair, score};
 use echosplat_prediction::{MapRenderer, pair_of};
 use serde::Serialize;
 
@@ -59,13 +59,13 @@ enum Role {
     Mapped,
     /// Mapped, and the renderer's gain and floor are fitted on it.
     Fitted,
-    HeldBack,
+    HeldOut,
 }
 
 fn role(index: usize) -> Role {
     match index % HOLD_BACK {
         4 => Role::Fitted,
-        9 => Role::HeldBack,
+        9 => Role::HeldOut,
         _ => Role::Mapped,
     }
 }
@@ -126,14 +126,14 @@ impl Dive {
             parts: config.mapper.parts.for_comparison(),
             ..config.mapper.clone()
         })?;
-        for ping in posed.iter().filter(|p| role(p) != Some(Role::HeldBack)) {
+        for ping in posed.iter().filter(|p| role(p) != Some(Role::HeldOut)) {
             mapper.insert(ping);
         }
         let map = mapper.finish();
         let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
         let mut pair = |ping: &PosedPing| pair_of(&mut renderer, ping, &config.mapper);
         let fit: Vec<Pair> = of_role(Role::Fitted).map(&mut pair).collect();
-        let held: Vec<Pair> = of_role(Role::HeldBack).map(&mut pair).collect();
+        let held: Vec<Pair> = of_role(Role::HeldOut).map(&mut pair).collect();
         let found = score(&fit, &held).filter(|found| found.ping_count >= LEAST_HELD as u64);
         let Some(found) = found else {
             return Err(Usage::error(format!(
@@ -143,7 +143,7 @@ impl Dive {
                 held.len()
             )));
         };
-        let numbers = of_role(Role::HeldBack).map(|ping| ping.ping.sequence());
+        let numbers = of_role(Role::HeldOut).map(|ping| ping.ping.sequence());
         let likelihoods = held.iter().map(|pair| found.log_likelihood_per_bin(pair));
         Ok(Trial {
             config: config.clone(),
@@ -267,8 +267,8 @@ mod tests {
     }
 
     #[test]
-    fn held_back_and_fitted_pings_are_as_many() {
+    fn held_out_and_fitted_pings_are_as_many() {
         let count = |wanted| (0..100).filter(|&index| role(index) == wanted).count();
-        assert_eq!([count(Role::Fitted), count(Role::HeldBack)], [10, 10]);
+        assert_eq!([count(Role::Fitted), count(Role::HeldOut)], [10, 10]);
     }
 }

@@ -6,14 +6,14 @@ use echosplat_model::glam::{BVec3, Vec3};
 /// it is `Σ u_k² s_k` over the three sides that face the sensor. A surface's back, hidden by the
 /// structure itself, and a glint need no more than this.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(crate) struct Lobes {
+pub(crate) struct DirectionalReflectivity {
     /// Towards +x, +y, +z.
     pub(crate) ahead: Vec3,
     /// Towards −x, −y, −z.
     pub(crate) behind: Vec3,
 }
 
-impl Lobes {
+impl DirectionalReflectivity {
     /// The same towards all sides.
     pub(crate) fn even(strength: f32) -> Self {
         Self {
@@ -30,12 +30,12 @@ impl Lobes {
     }
 
     /// Strength of the strongest of some sides; of all if they are none.
-    pub(crate) fn strongest(&self, sides: Sides) -> f32 {
-        if sides == Sides::default() {
+    pub(crate) fn strongest(&self, faces: Faces) -> f32 {
+        if faces == Faces::default() {
             return self.ahead.max(self.behind).max_element();
         }
-        let ahead = Vec3::select(sides.ahead, self.ahead, Vec3::ZERO);
-        let behind = Vec3::select(sides.behind, self.behind, Vec3::ZERO);
+        let ahead = Vec3::select(faces.ahead, self.ahead, Vec3::ZERO);
+        let behind = Vec3::select(faces.behind, self.behind, Vec3::ZERO);
         ahead.max(behind).max_element()
     }
 
@@ -67,14 +67,14 @@ impl Lobes {
 
 /// Sides of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(crate) struct Sides {
+pub(crate) struct Faces {
     /// +x, +y, +z.
     pub(crate) ahead: BVec3,
     /// −x, −y, −z.
     pub(crate) behind: BVec3,
 }
 
-impl Sides {
+impl Faces {
     /// Adds those of another.
     pub(crate) fn join(&mut self, other: Self) {
         self.ahead |= other.ahead;

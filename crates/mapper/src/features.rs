@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 /// The optional parts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Parts {
+pub struct Features {
     /// What surfaces hide behind them is doubted.
     pub occlusion: Switch,
     /// The fan's sensitivity over elevation is part of the measurement; without it, it is even up
@@ -38,7 +38,7 @@ pub struct Parts {
     pub seabed: Switch,
 }
 
-impl Parts {
+impl Features {
     /// Names of all.
     pub const NAMES: [&'static str; 11] = [
         "occlusion",
@@ -69,17 +69,18 @@ impl Parts {
 /// A part that is not at work though it may be, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// One of [`Parts::NAMES`].
-    pub part: &'static str,
+    /// One of [`Features::NAMES`].
+    #[serde(rename = "part")]
+    pub feature: &'static str,
     /// With the figure that decided.
     pub why: String,
 }
 
 impl LeftOut {
     /// Glints are not reckoned with where so many places would be candidates.
-    pub(crate) fn glints_of_crowd(places: usize) -> Self {
+    pub(crate) fn specular_returns_of_crowd(places: usize) -> Self {
         Self {
-            part: "glints",
+            feature: "glints",
             why: format!("{places} places would be candidates: darkness from every side counts"),
         }
     }
@@ -93,7 +94,7 @@ pub(crate) struct AtWork {
     pub(crate) anisotropy: bool,
     pub(crate) speckle: bool,
     pub(crate) specular: bool,
-    pub(crate) glints: bool,
+    pub(crate) specular_returns: bool,
     pub(crate) splitting: bool,
     /// Whether poses jitter so much that echoes are smeared; no part, but other parts go by it.
     pub(crate) smeared: bool,
@@ -127,7 +128,7 @@ const ALONE: f32 = 1.05;
 /// Pings before anything is decided.
 const LEAST_PINGS: f32 = 64.0;
 /// Share of looks from one side beyond which a structure has no other.
-const ONE_SIDED: f32 = 0.98;
+const ONE_SECTOR: f32 = 0.98;
 /// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
 const BLURRED_VOXELS: f32 = 0.8;
 /// Poses that jitter by so many voxels smear echoes: darkness from every side is needed to tell.
@@ -161,7 +162,7 @@ pub(crate) struct Cue {
     /// Independent look, 0 to 1.
     pub(crate) weight: f32,
     /// Quarter of the horizon it looks towards.
-    pub(crate) quarter: usize,
+    pub(crate) sector: usize,
     pub(crate) blur_m: f32,
     pub(crate) jitter_m: f32,
 }
@@ -174,7 +175,7 @@ impl Cues {
         if cue.runs > 0 {
             self.echoing += 1.0;
             self.runs += cue.runs as f32;
-            self.towards[cue.quarter] += cue.weight;
+            self.towards[cue.sector] += cue.weight;
         }
         let of_late = |before: &mut f32, now: f32| {
             let from = if *before > 0.0 { *before } else { now };
@@ -188,7 +189,7 @@ impl Cues {
         self.runs / self.echoing.max(1.0)
     }
 
-    fn most_sided(&self) -> f32 {
+    fn most_in_one_sector(&self) -> f32 {
         let all: f32 = self.towards.iter().sum();
         self.towards.iter().copied().fold(0.0, f32::max) / all.max(f32::MIN_POSITIVE)
     }
@@ -207,89 +208,89 @@ pub(crate) struct MapCues {
 }
 
 /// Settings and statistics to what is at work, and what is left out.
-pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<LeftOut>) {
+pub(crate) fn decide(features: &Features, cues: &Cues, map: MapCues) -> (AtWork, Vec<LeftOut>) {
     let mut left_out = Vec::new();
-    let mut use_part = |part: &'static str, switch: Switch, reason: Option<String>| {
+    let mut use_feature = |feature: &'static str, switch: Switch, reason: Option<String>| {
         let why = match (switch, reason) {
             (Switch::On, _) | (Switch::Auto, None) => return true,
             (Switch::Off, _) => "switched off".to_owned(),
             (Switch::Auto, Some(why)) => why,
         };
-        left_out.push(LeftOut { part, why });
+        left_out.push(LeftOut { feature, why });
         false
     };
     let known = cues.pings >= LEAST_PINGS && cues.echoing > 0.0;
     let if_so = |so: bool, why: String| (known && so).then_some(why);
     let runs = cues.runs_per_ping();
-    let sided = cues.most_sided();
+    let in_one_sector = cues.most_in_one_sector();
     let voxels = |metres: f32| metres / map.voxel_m.max(f32::MIN_POSITIVE);
     let (blur, jitter) = (voxels(cues.blur_m), voxels(cues.jitter_m));
     let smeared = known && jitter >= SMEARED_VOXELS;
     let at_work = AtWork {
         smeared,
         interfered: map.interfered_bins >= INTERFERED_BINS,
-        occlusion: use_part(
+        occlusion: use_feature(
             "occlusion",
-            parts.occlusion,
+            features.occlusion,
             if_so(
                 runs <= ALONE,
                 format!("{runs:.2} runs of echoes a ping: nothing lies behind anything"),
             ),
         ),
-        elevation: use_part("elevation", parts.elevation, None),
-        anisotropy: use_part("anisotropy", parts.anisotropy, None),
-        speckle: use_part("speckle", parts.speckle, None),
-        specular: use_part(
+        elevation: use_feature("elevation", features.elevation, None),
+        anisotropy: use_feature("anisotropy", features.anisotropy, None),
+        speckle: use_feature("speckle", features.speckle, None),
+        specular: use_feature(
             "specular",
-            parts.specular,
+            features.specular,
             if_so(
-                sided >= ONE_SIDED,
-                format!("{:.0} % of looks from one side", 100.0 * sided),
+                in_one_sector >= ONE_SECTOR,
+                format!("{:.0} % of looks from one side", 100.0 * in_one_sector),
             ),
         ),
-        glints: use_part(
+        specular_returns: use_feature(
             "glints",
-            parts.glints,
+            features.glints,
             if_so(
                 smeared,
                 format!("poses jitter by {jitter:.1} voxels: darkness from every side counts"),
             ),
         ),
-        splitting: use_part(
+        splitting: use_feature(
             "splitting",
-            parts.splitting,
+            features.splitting,
             if_so(
                 blur >= BLURRED_VOXELS,
                 format!("poses leave {blur:.1} voxels open: finer shows nothing finer"),
             ),
         ),
-        converged: parts.converged.into(),
-        redundant: parts.redundant.into(),
-        empty: parts.empty.into(),
+        converged: features.converged.into(),
+        redundant: features.redundant.into(),
+        empty: features.empty.into(),
     };
     // The layer itself knows whether it is proven.
     let why = "its onset was not yet seen to follow the vehicle's height and tilt from places 1 m apart: it may be \
                reverberation";
-    use_part(
+    use_feature(
         "seabed",
-        parts.seabed,
+        features.seabed,
         map.is_ground_open.then(|| why.to_owned()),
     );
-    let mut tell_share = |part, switch, share: f32, what| {
+    let mut tell_share = |feature, switch, share: f32, what| {
         if switch == Switch::Auto && known && share > WORTH_SAYING {
             let why = format!("{:.0} % of pings {what}", 100.0 * share);
-            left_out.push(LeftOut { part, why });
+            left_out.push(LeftOut { feature, why });
         }
     };
     let said_before = map.redundant as f32 / cues.pings.max(1.0);
     tell_share(
         "redundant",
-        parts.redundant,
+        features.redundant,
         said_before,
         "say what the one before did",
     );
     let silent = 1.0 - cues.echoing / cues.pings.max(1.0);
-    tell_share("empty", parts.empty, silent, "have no echo");
+    tell_share("empty", features.empty, silent, "have no echo");
     (at_work, left_out)
 }
 
@@ -298,13 +299,13 @@ mod tests {
     use super::*;
 
     /// A dive of pings with so many runs of echoes, looking towards so many quarters.
-    fn dive(runs: usize, quarters: usize) -> Cues {
+    fn dive(runs: usize, sectors: usize) -> Cues {
         let mut cues = Cues::default();
         for ping in 0..200 {
             cues.add(Cue {
                 runs,
                 weight: 0.5,
-                quarter: ping % quarters,
+                sector: ping % sectors,
                 blur_m: 0.03,
                 jitter_m: 0.01,
             });
@@ -320,12 +321,13 @@ mod tests {
     };
 
     fn names(left_out: &[LeftOut]) -> Vec<&'static str> {
-        left_out.iter().map(|out| out.part).collect()
+        left_out.iter().map(|out| out.feature).collect()
     }
 
     #[test]
     fn another_sonar_is_known_by_its_pulses() {
-        let is_interfered = |map: MapCues| decide(&Parts::default(), &dive(4, 4), map).0.interfered;
+        let is_interfered =
+            |map: MapCues| decide(&Features::default(), &dive(4, 4), map).0.interfered;
         assert!(!is_interfered(KNOWN));
         assert!(is_interfered(MapCues {
             interfered_bins: 0.05,
@@ -339,18 +341,18 @@ mod tests {
             is_ground_open: true,
             ..KNOWN
         };
-        let why = |parts: &Parts, map: MapCues| {
-            let (_, left_out) = decide(parts, &dive(4, 4), map);
-            let seabed = left_out.into_iter().find(|out| out.part == "seabed");
+        let why = |features: &Features, map: MapCues| {
+            let (_, left_out) = decide(features, &dive(4, 4), map);
+            let seabed = left_out.into_iter().find(|out| out.feature == "seabed");
             seabed.map(|out| out.why)
         };
-        let off = Parts {
+        let off = Features {
             seabed: Switch::Off,
-            ..Parts::default()
+            ..Features::default()
         };
-        assert_eq!(why(&Parts::default(), KNOWN), None);
+        assert_eq!(why(&Features::default(), KNOWN), None);
         assert!(
-            why(&Parts::default(), open)
+            why(&Features::default(), open)
                 .unwrap()
                 .contains("reverberation")
         );
@@ -359,32 +361,37 @@ mod tests {
 
     #[test]
     fn auto_leaves_out_what_a_dive_does_not_need_and_says_why() {
-        let (_, of_rich) = decide(&Parts::default(), &dive(3, 4), KNOWN);
+        let (_, of_rich) = decide(&Features::default(), &dive(3, 4), KNOWN);
         assert_eq!(of_rich, []);
-        let (at_work, of_plain) = decide(&Parts::default(), &dive(1, 1), KNOWN);
+        let (at_work, of_plain) = decide(&Features::default(), &dive(1, 1), KNOWN);
         assert_eq!(names(&of_plain), ["occlusion", "specular"]);
         assert!(!at_work.occlusion && at_work.splitting);
         assert!(of_plain[0].why.contains("1.00 runs"), "{}", of_plain[0].why);
     }
 
     #[test]
-    fn jittering_poses_are_no_ground_to_expect_glints() {
+    fn jittering_poses_are_no_ground_to_expect_specular_returns() {
         let mut cues = dive(3, 4);
-        assert!(decide(&Parts::default(), &cues, KNOWN).0.glints);
+        assert!(
+            decide(&Features::default(), &cues, KNOWN)
+                .0
+                .specular_returns
+        );
         cues.jitter_m = 0.1;
-        let (at_work, left_out) = decide(&Parts::default(), &cues, KNOWN);
-        assert!(!at_work.glints);
+        let (at_work, left_out) = decide(&Features::default(), &cues, KNOWN);
+        assert!(!at_work.specular_returns);
         assert!(left_out[0].why.contains("2.0 voxels"), "{left_out:?}");
     }
 
     #[test]
-    fn whether_maps_that_are_compared_expect_glints_does_not_hang_on_how_crowded_each_is() {
+    fn whether_maps_that_are_compared_expect_specular_returns_does_not_hang_on_how_crowded_each_is()
+    {
         let of = |glints: Switch| {
-            let parts = Parts {
+            let features = Features {
                 glints,
-                ..Parts::default()
+                ..Features::default()
             };
-            parts.for_comparison().glints
+            features.for_comparison().glints
         };
         assert_eq!(of(Switch::Auto), Switch::Off);
         assert_eq!(of(Switch::On), Switch::On);
@@ -396,21 +403,21 @@ mod tests {
         cues.add(Cue {
             runs: 1,
             weight: 1.0,
-            quarter: 0,
+            sector: 0,
             blur_m: 1.0,
             jitter_m: 0.0,
         });
-        assert_eq!(decide(&Parts::default(), &cues, KNOWN).1, []);
+        assert_eq!(decide(&Features::default(), &cues, KNOWN).1, []);
     }
 
     #[test]
     fn what_is_switched_stays_as_it_is() {
-        let parts = Parts {
+        let features = Features {
             occlusion: Switch::On,
             splitting: Switch::Off,
-            ..Parts::default()
+            ..Features::default()
         };
-        let (at_work, left_out) = decide(&parts, &dive(1, 4), KNOWN);
+        let (at_work, left_out) = decide(&features, &dive(1, 4), KNOWN);
         assert!(at_work.occlusion && !at_work.splitting);
         assert_eq!(names(&left_out), ["splitting"]);
         assert_eq!(left_out[0].why, "switched off");
