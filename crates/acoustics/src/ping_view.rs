@@ -8,7 +8,7 @@ use crate::lanes;
 use crate::online::constants::{NEAREST_M, SIDEWAYS};
 use crate::triple::{Triple, dot, weighted};
 
-/// A look in single numbers, worked out once per ping.
+/// A ping's geometry as single numbers, worked out once per ping.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PingView {
     /// Axes of the beam's frame: along, left, up.

@@ -152,7 +152,7 @@ impl PingGeometry {
         if !(range_m > NEAREST_M && q.x > SIDEWAYS * range_m) {
             return None;
         }
-        // The beam is narrow: a first look with the Gaussian's widest sigma spares most the rest.
+        // The beam is narrow: a cheap test with the Gaussian's widest sigma rules most of them out.
         let sigma_b = self.beam.azimuth_sigma_rad();
         let pattern_variance = sigma_b * sigma_b + self.azimuth_variance_rad2;
         let widest_m2 = covariance_m2.diagonal.element_sum();

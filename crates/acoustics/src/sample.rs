@@ -44,8 +44,8 @@ impl Numbers {
     }
 }
 
-/// A look along x from the map's origin: 600 bins of 2 cm, the default beam, 1 cm and 0.2° of
-/// doubt about its pose, a vehicle that moves and turns while it listens.
+/// A ping's geometry: it looks along x from the map's origin: 600 bins of 2 cm, the default beam,
+/// with 1 cm and 0.2° of doubt about its pose, a vehicle that moves and turns while it listens.
 #[must_use]
 pub fn geometry() -> PingGeometry {
     PingGeometry {

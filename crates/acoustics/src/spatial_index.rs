@@ -339,7 +339,7 @@ mod tests {
     fn a_ping_tests_its_surroundings_and_not_the_map() {
         let mut numbers = Numbers(3);
         let mut tested_per_visible = |half_m: f32, count: usize| {
-            // Small ones as in a map, and a few giants far away from all looks.
+            // Small ones as in a map, and a few giants far away from all pings.
             let mut gaussians = arrays((0..count).map(|_| numbers.gaussian(half_m, (-4.0, -3.0))));
             let mut giant = numbers.gaussian(1.0, (4.6, 4.61));
             giant.mean_m = Vec3::splat(1e5);

@@ -1,12 +1,11 @@
-//! Parts of the mapper that a scene may not need, and what of the running dive decides.
+//! Features of the mapper that a scene may not need, and what of the running dive decides.
 //!
-//! Cost: a few sums per ping. A decision may change as the dive goes on, and every part that is
-//! left out says why.
+//! Cost: a few sums per ping. A decision may change as the dive goes on, and every feature that is left out says why.
 
 use echosplat_model::Switch;
 use serde::{Deserialize, Serialize};
 
-/// The optional parts.
+/// The optional features.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Features {
@@ -19,19 +18,19 @@ pub struct Features {
     pub anisotropy: Switch,
     /// Echoes scatter as gamma speckle; without it, as counts do: faint ones matter less.
     pub speckle: Switch,
-    /// Strength towards each of six sides; without it, one for all.
+    /// Directional reflectivity: a strength towards each of the six faces of a cube; without it, one for all directions.
     pub specular: Switch,
-    /// Candidates are weighed as if each eighth of the horizon had seen something of its own, since structures
-    /// glint; without it, quarters, and their darkness counts for more.
+    /// Specular returns are expected: candidates are weighed as if each azimuth sector of 45° had seen something of its
+    /// own. Without it, sectors of 90°, and their darkness counts for more.
     pub glints: Switch,
     /// What is confident is split in eight.
     pub splitting: Switch,
-    /// What has been seen often enough is looked at further; with auto only where it helps.
+    /// What has been seen often enough is observed further; with auto only where it helps.
     pub converged: Switch,
     /// Pings that say nearly nothing that the one before did not are taken in too; off leaves out
     /// all that are not independent.
     pub redundant: Switch,
-    /// Pings without an echo are looked at for strengths too; off leaves out every dark bin.
+    /// Pings without an echo count for strengths too; off leaves out every dark bin.
     pub empty: Switch,
     /// Ground is a layer of its own that explains its echoes; with auto the map asserts it once its onset was seen
     /// to follow the vehicle's height and tilt. Without it, ground is a structure like any other.
@@ -54,8 +53,8 @@ impl Features {
         "seabed",
     ];
 
-    /// Of maps that are compared with one another: places that few looks lit are left out of all unless switched on, since
-    /// a crowd of candidates would leave them out of one map and not of the next.
+    /// Of maps that are compared with one another: places that few observations lit are left out of all unless switched on,
+    /// since a crowd of candidates would leave them out of one map and not of the next.
     #[must_use]
     pub fn for_comparison(self) -> Self {
         let glints = match self.glints {
@@ -66,7 +65,7 @@ impl Features {
     }
 }
 
-/// A part that is not at work though it may be, and why.
+/// A feature that is not at work though it may be, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
     /// One of [`Features::NAMES`].
@@ -77,11 +76,13 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
-    /// Glints are not reckoned with where so many places would be candidates.
+    /// Specular returns are not expected where so many places would be candidates.
     pub(crate) fn specular_returns_of_crowd(places: usize) -> Self {
         Self {
             feature: "glints",
-            why: format!("{places} places would be candidates: darkness from every side counts"),
+            why: format!(
+                "{places} places would be candidates: darkness from every azimuth sector counts"
+            ),
         }
     }
 }
@@ -96,16 +97,16 @@ pub(crate) struct AtWork {
     pub(crate) specular: bool,
     pub(crate) specular_returns: bool,
     pub(crate) splitting: bool,
-    /// Whether poses jitter so much that echoes are smeared; no part, but other parts go by it.
+    /// Whether poses jitter so much that echoes are smeared; no feature, but features depend on it.
     pub(crate) smeared: bool,
-    /// Whether another sonar's pulses were heard, which leave false places at random; no part either.
+    /// Whether another sonar's pulses were heard, which leave false places at random; no feature either.
     pub(crate) interfered: bool,
     pub(crate) converged: Extent,
     pub(crate) redundant: Extent,
     pub(crate) empty: Extent,
 }
 
-/// How far a part goes that is not just there or not.
+/// How far a feature goes that is more than on or off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Extent {
     All,
@@ -127,11 +128,11 @@ impl From<Switch> for Extent {
 const ALONE: f32 = 1.05;
 /// Pings before anything is decided.
 const LEAST_PINGS: f32 = 64.0;
-/// Share of looks from one side beyond which a structure has no other.
+/// Share of observations from one azimuth sector beyond which a structure was seen from nowhere else.
 const ONE_SECTOR: f32 = 0.98;
 /// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
 const BLURRED_VOXELS: f32 = 0.8;
-/// Poses that jitter by so many voxels smear echoes: darkness from every side is needed to tell.
+/// Poses that jitter by so many voxels smear echoes: darkness from every azimuth sector is needed to tell.
 const SMEARED_VOXELS: f32 = 1.0;
 /// Bins a ping that another sonar's pulses fill, from which on there is one: where there is none, noise and echoes pass for
 /// at most 0.003.
@@ -146,7 +147,7 @@ pub(crate) struct Cues {
     /// Pings with an echo, and runs of echoes in them.
     echoing: f32,
     runs: f32,
-    /// Looks towards each quarter of the horizon.
+    /// Observations towards each azimuth sector of 90°.
     towards: [f32; 4],
     /// What poses leave open at the range of echoes, metres, mean of late.
     blur_m: f32,
@@ -159,9 +160,9 @@ pub(crate) struct Cues {
 pub(crate) struct Cue {
     /// Runs of echoes.
     pub(crate) runs: usize,
-    /// Independent look, 0 to 1.
+    /// How independent an observation it is, 0 to 1.
     pub(crate) weight: f32,
-    /// Quarter of the horizon it looks towards.
+    /// Azimuth sector of 90° it looks towards.
     pub(crate) sector: usize,
     pub(crate) blur_m: f32,
     pub(crate) jitter_m: f32,
@@ -245,7 +246,10 @@ pub(crate) fn decide(features: &Features, cues: &Cues, map: MapCues) -> (AtWork,
             features.specular,
             if_so(
                 in_one_sector >= ONE_SECTOR,
-                format!("{:.0} % of looks from one side", 100.0 * in_one_sector),
+                format!(
+                    "{:.0} % of observations from one azimuth sector",
+                    100.0 * in_one_sector
+                ),
             ),
         ),
         specular_returns: use_feature(
@@ -253,7 +257,9 @@ pub(crate) fn decide(features: &Features, cues: &Cues, map: MapCues) -> (AtWork,
             features.glints,
             if_so(
                 smeared,
-                format!("poses jitter by {jitter:.1} voxels: darkness from every side counts"),
+                format!(
+                    "poses jitter by {jitter:.1} voxels: darkness from every azimuth sector counts"
+                ),
             ),
         ),
         splitting: use_feature(
@@ -298,7 +304,7 @@ pub(crate) fn decide(features: &Features, cues: &Cues, map: MapCues) -> (AtWork,
 mod tests {
     use super::*;
 
-    /// A dive of pings with so many runs of echoes, looking towards so many quarters.
+    /// A dive of pings with so many runs of echoes, looking towards so many azimuth sectors.
     fn dive(runs: usize, sectors: usize) -> Cues {
         let mut cues = Cues::default();
         for ping in 0..200 {

@@ -12,7 +12,7 @@ const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
 /// from.
 const AT_FAR_END: f64 = 0.35;
 const AT_WORKING_RANGE: f64 = 0.8;
-/// A unit that is set to hear much further than what is there has voxels at most this part of those of its far end: noise
+/// A unit that is set to hear much further than what is there has voxels at most this fraction of those of its far end: noise
 /// out there fills room as well.
 const FINEST_FRACTION: f64 = 0.5;
 /// Voxels that would be finer or coarser by less stay as they are.

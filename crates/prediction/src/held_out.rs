@@ -1,8 +1,8 @@
 //! How good a map is without a truth: the likelihood of pings that were kept from it.
 //!
 //! Speckle of `L` looks makes a bin's intensity gamma distributed about its mean μ:
-//! `p(I) = (L/μ)ᴸ I^{L−1} e^{−LI/μ} / Γ(L)`. The map predicts `μ = g·a + f`, `a` being what it
-//! renders, against a constant μ. Gain `g`, floor `f`, the constant, and the looks of each predictor
+//! `p(I) = (L/μ)ᴸ I^{L−1} e^{−LI/μ} / Γ(L)`. The map predicts `μ = g·a + f`, `a` being what it renders,
+//! against a constant μ. Gain `g`, floor `f`, the constant, and the number of looks of each predictor
 //! are fitted on pings that the map was made of; held-back pings are only scored.
 
 use serde::{Deserialize, Serialize};
@@ -23,7 +23,7 @@ pub fn is_held_out(sequence: u64, every: u64) -> bool {
 }
 
 /// Whether the ping with this number, one of the map's own, is one to fit gain and floor on: as many as
-/// are held back, halfway between those.
+/// are held out, halfway between those.
 #[must_use]
 pub fn is_fitted_on(sequence: u64, every: u64) -> bool {
     !is_held_out(sequence, every) && sequence % every.max(1) == every.saturating_sub(1) / 2
@@ -41,7 +41,8 @@ pub struct Pair {
 /// How well one predictor does on the held-back pings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// Looks of the gamma distribution, the likeliest of a grid of half steps from 1/16 to 64.
+    /// Number of looks of the gamma distribution, the most likely of a grid of half steps from 1/16 to
+    /// 64.
     pub looks: f64,
     /// Mean logarithm of the density of a bin's intensity over the constant's level.
     pub log_likelihood_per_bin: f64,
@@ -128,7 +129,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Maximum likelihood whatever the looks: each of the two is multiplied by
+/// Maximum likelihood whatever the number of looks: each of the two is multiplied by
 /// `√(Σ A I/μ² / Σ A/μ)`, `A` being what it is multiplied with.
 fn fit_gain_and_floor(fit: &[Pair], level: f64) -> (f64, f64) {
     let rendered = mean(bins(fit).map(|(_, rendered)| rendered)).unwrap_or(0.0);
@@ -200,7 +201,7 @@ impl Sums {
         sums
     }
 
-    /// `Σ ln p` at `looks`.
+    /// `Σ ln p` at this number of `looks`.
     fn log_likelihood(&self, looks: f64) -> f64 {
         let shape = looks * looks.ln() - libm::lgamma(looks);
         let spread = self.ln_predicted + self.ratio;

@@ -48,7 +48,7 @@ impl MapRenderer {
         }
     }
 
-    /// Looks are relative to this, world coordinates.
+    /// Ping geometries are relative to this, world coordinates.
     #[must_use]
     pub fn origin_m(&self) -> DVec3 {
         self.origin_m

@@ -4,11 +4,11 @@
 //! I_b = Σ_i T_i ρ_i α_i Ω_i g(φ̄_i) σ_b/√(σ_b²+Σθθ) exp(−ΔΘ²/2(σ_b²+Σθθ)) [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]
 //! ```
 //!
-//! Eight Gaussians are projected at a time, then each is spread over its bins eight at a time. With
-//! occlusion, T comes between: Gaussians pass from near to far over a raster of azimuth and
-//! elevation, on which each leaves `ln(1 − α f)` in the share f of every cell that it covers. Sums
-//! run in the order of the Gaussians' positions: the same Gaussians and look give the same bits, in
-//! whatever order they are named, at any thread count, on one processor feature level.
+//! Eight Gaussians are projected at a time, then each is spread over its bins eight at a time. With occlusion,
+//! T comes between: Gaussians pass from near to far over a raster of azimuth and elevation, on which each
+//! leaves `ln(1 − α f)` in the share f of every cell that it covers. Sums run in the order of the Gaussians'
+//! positions: the same Gaussians and ping geometry give the same bits, in whatever order they are named, at
+//! any thread count, on one processor feature level.
 //!
 //! The plain twin is [`crate::reference::online`].
 

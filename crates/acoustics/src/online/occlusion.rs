@@ -111,7 +111,8 @@ impl Occlusion {
         }
     }
 
-    /// From far to near: adds what each row's hiding of others, and being hidden, pulls at.
+    /// From far to near: adds the gradients that come from each row's hiding of others and from its
+    /// being hidden.
     #[inline(always)]
     pub(super) fn backward<S: Simd>(
         &mut self,

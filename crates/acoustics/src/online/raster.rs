@@ -38,7 +38,7 @@ fn sigma_rad(geometry: &PingGeometry) -> f64 {
 }
 
 impl Raster {
-    /// The raster of one look.
+    /// The raster of one ping geometry.
     #[must_use]
     pub(crate) fn new(geometry: &PingGeometry) -> Self {
         let mut raster = Self::default();
@@ -51,8 +51,8 @@ impl Raster {
         let sigma = sigma_rad(geometry);
         let [column_rad, row_rad] = cell_rad(geometry);
         let half_rad = f64::from(geometry.beam.elevation_half_width_rad());
-        // More than the whole circle is no fan, whatever the look says.
-        // A whole number of rows stays that number, whatever an f32 angle's last bit says.
+        // More than the whole circle is no fan, whatever the geometry says. A whole number of rows
+        // stays that number, whatever an f32 angle's last bit says.
         let rows = (2.0 * RASTER_HALF_HEIGHT * half_rad / row_rad - 1e-3)
             .ceil()
             .clamp(1.0, MOST_ROWS);

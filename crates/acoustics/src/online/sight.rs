@@ -18,7 +18,7 @@ use crate::parameters::{OPACITY_MAX, PARAMETER_COUNT};
 use crate::ping_view::PingView;
 use crate::triple::{Triple, cross, dot, gathered, times};
 
-/// A look in single numbers, worked out once per ping.
+/// A ping's geometry as single numbers, worked out once per ping.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     pub(super) ping: PingView,
@@ -374,7 +374,7 @@ fn push_rows<S: Simd>(
     }
 }
 
-/// Bins and parts of one from the ping's start, inside the ping.
+/// Bins and fractions of one from the ping's start, inside the ping.
 #[inline(always)]
 fn bin_edge<S: Simd>(view: &View, range_m: f32x8<S>) -> f32x8<S> {
     let ping = &view.ping;

@@ -1,4 +1,5 @@
-//! From what the loss pulls at in a ping back to the parameters, eight Gaussians at a time.
+//! From the gradients of the loss by the rows of a ping back to the parameters, eight Gaussians at
+//! a time.
 
 use fearless_simd::f32x8;
 use fearless_simd::prelude::*;

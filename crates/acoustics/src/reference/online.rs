@@ -134,8 +134,8 @@ struct Sight<R> {
     total2: R,
 }
 
-/// A look in the twin's numbers. Its axes are made orthogonal to the twin's precision: that is the
-/// rotation which the look's f32 axes mean.
+/// A ping's geometry in the twin's numbers. Its axes are made orthogonal to the twin's precision:
+/// that is the rotation which the geometry's f32 axes mean.
 struct View<'a, R> {
     geometry: &'a PingGeometry,
     axes: [[R; 3]; 3],
@@ -507,7 +507,7 @@ pub fn backward<R: Real>(
 }
 
 impl<R: Real> MatrixRow<R> {
-    /// `Σ g ΔΦ`, `Σ g Δϕ`, `Σ g Δ(zϕ)` over the row, and what they pull at.
+    /// `Σ g ΔΦ`, `Σ g Δϕ`, `Σ g Δ(zϕ)` over the row, and the gradient that they make.
     fn spread_back(
         &self,
         view: &View<R>,

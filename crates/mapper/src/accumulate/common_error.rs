@@ -1,30 +1,31 @@
-//! What the poses of some looks make of a place together: they are off alike, the less the further apart in time.
+//! The error that the poses of some observations give a place: they are off alike, the less so the further apart in
+//! time.
 //!
-//! Errors of poses are a first-order Gauss–Markov process: of two looks Δt apart, e^(−Δt/τ) of the error is the same.
+//! Errors of poses are a first-order Gauss–Markov process: two observations Δt apart share e^(−Δt/τ) of the error.
 
 use echosplat_acoustics::SymmetricMat3;
 
 use super::finding::{add, times};
 
-/// The error that a place has by its looks' poses. Each look counts as much as it informs.
+/// The error that a place has from the poses of its observations. Each observation counts as much as it informs.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct CommonError {
-    /// How much the looks inform, 1/m².
+    /// How much the observations inform, 1/m².
     weight: f32,
-    /// What a single look's pose makes of the place, square metres, times `weight`.
+    /// Variance of the place from a single observation's pose, square metres, times `weight`.
     weighted_m2: SymmetricMat3,
-    /// When the first and the last look were, in time constants of the error.
+    /// Times of the first and the last observation, in time constants of the error.
     first: f64,
     last: f64,
-    /// Part of a single look's variance that their mean has: Σ w w′ e^(−|t − t′|) / (Σ w)².
+    /// Fraction of a single observation's variance that their mean has: Σ w w′ e^(−|t − t′|) / (Σ w)².
     shared: f32,
-    /// Correlation of their mean with the error at the first look and at the last: Σ w e^(−|t − first|) / Σ w.
+    /// Correlation of their mean with the error at the first observation and at the last: Σ w e^(−|t − first|) / Σ w.
     shared_with_first: f32,
     shared_with_last: f32,
 }
 
 impl CommonError {
-    /// Of one look that informs by `weight`, made at this time in time constants of the error, whose pose makes
+    /// Of one observation that informs by `weight`, made at this time in time constants of the error, whose pose makes
     /// `variance_m2` of the place.
     pub(crate) fn of_observation(weight: f32, variance_m2: SymmetricMat3, at: f64) -> Self {
         Self {
@@ -38,8 +39,8 @@ impl CommonError {
         }
     }
 
-    /// Adds other looks. They were made before these or after; where the times overlap, they count as made at the same
-    /// moments.
+    /// Adds other observations. They were made before these or after; where the times overlap, they count as made at
+    /// the same moments.
     pub(crate) fn add(&mut self, other: &Self) {
         if other.weight == 0.0 {
             return;
@@ -59,7 +60,7 @@ impl CommonError {
         let between = if late.first < early.last {
             (early.shared * late.shared).sqrt()
         } else {
-            // Of a single look that comes after the others it is the same.
+            // Of a single observation that comes after the others it is the same.
             let gap = match late.first < last {
                 true => left_after(early.last, late.first),
                 false => of_early,
@@ -83,7 +84,7 @@ impl CommonError {
         };
     }
 
-    /// As if each look informed so many times as much.
+    /// As if each observation informed so many times as much.
     pub(crate) fn times(self, factor: f32) -> Self {
         Self {
             weight: self.weight * factor,
@@ -92,7 +93,7 @@ impl CommonError {
         }
     }
 
-    /// Variance of the place by all looks together, square metres; 0 without looks.
+    /// Variance of the place by all observations together, square metres; 0 without observations.
     pub(crate) fn variance_m2(&self) -> SymmetricMat3 {
         match self.weight == 0.0 {
             true => SymmetricMat3::default(),
@@ -129,7 +130,7 @@ mod tests {
         of.variance_m2().diagonal.x
     }
 
-    /// The sum over all pairs of looks.
+    /// The sum over all pairs of observations.
     fn expected(observations: &[(f32, f64)]) -> f32 {
         let weight: f64 = observations.iter().map(|&(w, _)| f64::from(w)).sum();
         let of_pair = |&(w, t): &(f32, f64), &(w2, t2): &(f32, f64)| {

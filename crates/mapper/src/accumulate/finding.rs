@@ -1,4 +1,4 @@
-//! What looks found of one Gaussian.
+//! What the observations of one Gaussian add up to.
 
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
@@ -6,23 +6,25 @@ use echosplat_model::glam::Vec3;
 use super::common_error::CommonError;
 use crate::refine::expectation::Score;
 
-/// What was seen of one Gaussian over all looks that lit it.
+/// View statistics: sums over all lit observations of one Gaussian.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct ViewStatistics {
-    /// Independent lit looks.
+    /// Independent lit observations.
     pub(crate) observations: f32,
-    /// Of these, looks past a confident surface that should hide it.
+    /// Of these, observations through a confident surface that should hide it.
     pub(crate) hidden_observations: f32,
-    /// Of all, looks whose echo comes from its surroundings alone, or nearly.
+    /// Of all, observations whose echo comes from its surroundings alone, or nearly.
     pub(crate) clear_observations: f32,
-    /// Log likelihood ratio of all looks, dark ones too: that its surroundings send back what they do, against nothing.
+    /// Log likelihood ratio of all observations, dark ones too: that its surroundings send back what they do, against
+    /// nothing.
     pub(crate) odds: f32,
-    /// Sum over looks of what its surroundings explain against the best place on the same arc.
+    /// Explained-energy ratio, summed over the observations: what its surroundings explain of the echo over what the best
+    /// place on the same arc does.
     pub(crate) explained_ratio: f32,
-    /// Sum over looks of the part of what its surroundings send back that comes from their middle.
+    /// Sum over the observations of the fraction of what its surroundings send back that comes from their middle.
     pub(crate) compactness: f32,
-    /// Sums over looks of its mirror image above or below the beam's axis, metres from the
-    /// Gaussian's home, and of its square.
+    /// Sums over the observations of its mirror image above or below the beam's axis, metres from the Gaussian's home, and
+    /// of its square.
     pub(crate) mirror_m: Vec3,
     pub(crate) mirror_m2: f32,
 }
@@ -39,7 +41,7 @@ impl ViewStatistics {
         self.mirror_m2 += other.mirror_m2;
     }
 
-    /// As if each look had been made so many times.
+    /// As if each observation had been made so many times.
     fn times(self, count: f32) -> Self {
         Self {
             observations: self.observations * count,
@@ -54,7 +56,7 @@ impl ViewStatistics {
     }
 }
 
-/// What the looks of some pings say of one Gaussian.
+/// What the observations of some pings say of one Gaussian.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Finding {
     pub(crate) statistics: ViewStatistics,
@@ -62,13 +64,13 @@ pub(crate) struct Finding {
     pub(crate) information: SymmetricMat3,
     /// What the gradient of its mean changes by were all echoes a metre nearer, 1/m².
     pub(crate) nearer: Vec3,
-    /// What its looks' poses make of its place.
+    /// The error that the poses of its observations give its place.
     pub(crate) of_poses: CommonError,
 }
 
 impl Finding {
-    /// Of one look, by what it says of the mean, at a time in time constants of its pose's error, which makes `pose_m2` of
-    /// the place.
+    /// Of one observation with this score, at a time in time constants of its pose's error, which makes `pose_m2` of the
+    /// place.
     pub(crate) fn of_observation(score: &Score, pose_m2: SymmetricMat3, at: f64) -> Self {
         let weight = score.information.diagonal.element_sum();
         Self {
@@ -86,7 +88,7 @@ impl Finding {
         self.of_poses.add(&other.of_poses);
     }
 
-    /// As if each look had been made so many times.
+    /// As if each observation had been made so many times.
     pub(crate) fn times(self, count: f32) -> Self {
         Self {
             statistics: self.statistics.times(count),
@@ -96,7 +98,7 @@ impl Finding {
         }
     }
 
-    /// With the information of looks as many times as sharp.
+    /// With the information multiplied by this factor.
     pub(crate) fn with_information(self, factor: f32) -> Self {
         Self {
             information: times(self.information, factor),

@@ -1,4 +1,4 @@
-//! The pings the mapper still remembers, as looks with profiles, bounded.
+//! Keyframe pings: those the mapper still remembers, each with its geometry and profile. Their number is bounded.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -30,7 +30,7 @@ pub(crate) struct Keyframe {
     pub(crate) blur: PoseBlur,
     /// What its pose may be off by together with those around it.
     pub(crate) pose_error: PoseBlur,
-    /// What it counts against a look that owes nothing to the ping before, 0 to 1.
+    /// What it counts against an observation that is independent of the ping before, 0 to 1.
     pub(crate) weight: f32,
     pub(crate) sequence: u64,
     pub(crate) time: Timestamp,
@@ -46,7 +46,7 @@ impl Keyframe {
         self.blur.range_sigma_m(self.geometry.range_variance_m2)
     }
 
-    /// The look with all that its pose blurs.
+    /// The geometry with all that its pose blurs.
     pub(crate) fn blurred_geometry(&self) -> PingGeometry {
         self.blur.of(self.geometry)
     }
@@ -210,9 +210,9 @@ pub(crate) fn pulse_variance_m2(settings: &PingSettings) -> f32 {
     (settings.pulse_length_m() / 2.354_82).powi(2) as f32
 }
 
-/// The look of a posed ping on the local coordinates of a map with this origin, as the mapper
-/// takes it in: what renders a map for a ping starts from the same. What the pose blurs is left out
-/// of it: folded into every Gaussian, it would pull surfaces inwards.
+/// The geometry of a posed ping on the local coordinates of a map with this origin, as the mapper takes it in: what
+/// renders a map for a ping starts from the same. What the pose blurs is left out of it: folded into every Gaussian, it
+/// would pull surfaces inwards.
 #[must_use]
 pub fn geometry_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> PingGeometry {
     let settings = posed.ping.settings();
@@ -261,9 +261,8 @@ pub(crate) fn keyframe_of(
     }
 }
 
-/// How much a look says that the one before it did not, 0 to 1: neighbouring pings see the same
-/// speckle until the beam has turned by its width or moved by a few centimetres, so a vehicle at
-/// rest does not grow sure of anything.
+/// How much a ping says that the one before it did not, 0 to 1: neighbouring pings see the same speckle until the beam
+/// has turned by its width or moved by a few centimetres, so a vehicle at rest does not grow sure of anything.
 pub(crate) fn novelty(geometry: &PingGeometry, before: Option<&PingGeometry>) -> f32 {
     const MOVED_M: f32 = 0.05;
     const LEAST: f32 = 0.02;

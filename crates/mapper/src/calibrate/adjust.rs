@@ -1,4 +1,4 @@
-//! Places of landmarks and what is estimated, together, so that the looks at each landmark agree.
+//! Places of landmarks and what is estimated, together, so that the observations of each landmark agree.
 
 use rayon::prelude::*;
 
@@ -185,7 +185,7 @@ mod tests {
         (place_m, Quat::from_euler(EulerRot::ZYX, yaw, 0.0, roll))
     }
 
-    /// A look at a landmark believed 3 cm from where it is, which sounds as `values` have it.
+    /// An observation of a landmark believed 3 cm from where it is, which sounds as `values` have it.
     fn observation(at_m: Vec3, number: u32, values: &Values) -> Option<Observation> {
         const DT_S: f32 = 0.01;
         let time_s = 0.05 * number as f32;

@@ -1,4 +1,4 @@
-//! Places of the map that many pings looked at, and what those heard around them.
+//! Places of the map that many pings observed, and what those heard around them.
 
 use std::collections::BTreeMap;
 
@@ -13,14 +13,14 @@ use crate::refine::scene::Scene;
 use crate::refine::visibility::Sight;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 
-/// Most landmarks, and most looks at one.
+/// Most landmarks, and most observations of one.
 const MOST_LANDMARKS: usize = 160;
 const MOST_OBSERVATIONS: usize = 160;
 /// Confident ones that are enough to do without others.
 const ENOUGH_SURE: usize = MOST_LANDMARKS / 4;
-/// Fewest looks that make a landmark.
+/// Fewest observations that make a landmark.
 const LEAST_OBSERVATIONS: usize = 24;
-/// A look reaches this far beyond the beam, radians, and in range, metres.
+/// An observation reaches this far beyond the beam, radians, and in range, metres.
 const REACH_RAD: f32 = 0.06;
 const REACH_M: f32 = 0.4;
 /// Nominal speed of sound: the motion within a ping is a matter of milliseconds.
@@ -28,7 +28,7 @@ const SOUND_MPS: f32 = 1500.0;
 /// Log odds of an echo in a bin of power `x` over its noise: `x` less this.
 const EVEN_POWER: f32 = 6.4;
 
-/// One ping's look at a landmark.
+/// One ping's observation of a landmark.
 #[derive(Debug, Clone)]
 pub(super) struct Observation {
     /// Landmark in the sensor's frame, as the pose was told, metres.
@@ -50,7 +50,7 @@ pub(super) struct Observation {
     pub(super) block: u32,
 }
 
-/// A place and who looked at it.
+/// A place and its observations.
 #[derive(Debug, Clone)]
 pub(super) struct Landmark {
     pub(super) observations: Vec<Observation>,
@@ -229,7 +229,7 @@ fn observation_at(at_m: Vec3, moving: &Moving, predicted: Option<&[f32]>) -> Opt
     })
 }
 
-/// Powers to parts of the loudest that is usual.
+/// Powers to fractions of the loudest that is usual.
 fn level(observations: &mut [Observation]) {
     let mut peaks: Vec<f32> = observations
         .iter()

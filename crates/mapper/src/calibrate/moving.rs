@@ -13,7 +13,7 @@ use crate::accumulate::history::{FAN_SIGMAS, Keyframe};
 const MOST_PINGS: usize = 8192;
 /// Motion is told by pings this much before and after, seconds.
 const MOTION_S: f64 = 0.2;
-/// Length of the blocks of time whose looks may be off together, seconds.
+/// Length of the blocks of time whose observations may be off together, seconds.
 const BLOCK_S: f64 = 10.0;
 
 /// A ping with its motion.

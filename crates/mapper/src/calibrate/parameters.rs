@@ -19,7 +19,7 @@ pub(crate) type Values = [f64; PARAMETERS];
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// One sigma of what is thought possible before any ping: seconds, radians, metres, parts of the range.
+/// One sigma of what is thought possible before any ping: seconds, radians, metres, fractions of the range.
 pub(super) const PRIOR: Values = [
     0.1,
     3.0 * DEGREE,
@@ -57,11 +57,11 @@ impl Compass {
 /// A value with its sigma.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Estimate {
-    /// What is likeliest.
+    /// The most likely value.
     pub value: f64,
     /// One standard deviation of it.
     pub sigma: f64,
-    /// Whether a map made with another value makes pings likelier: only then is it off.
+    /// Whether a map made with another value makes pings more likely: only then is it off.
     pub is_believed: bool,
 }
 
@@ -112,13 +112,13 @@ pub(crate) struct Difference {
 
 /// A map is made with another value where the residual is so many sigmas.
 const TRIED_SIGMAS: f64 = 4.0;
-/// Another value is believed if it makes pings likelier by so many standard errors.
+/// Another value is believed if its likelihood gain on held-out pings is so many standard errors.
 const LEAST_GAIN_SIGMAS: f64 = 4.0;
-/// What part of an error a map made with it leaves to see, as on the survey of a fence; of ranges that is not asked.
+/// What fraction of an error a map made with it leaves to see, as on the survey of a fence; of ranges that is not asked.
 const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 1.0, 0.65, 0.65];
-/// Least part that one is taken for.
+/// Least fraction that one is taken for.
 const SEEN_AT_LEAST: f64 = 0.4;
-/// What part of the step has to vanish from the residual where it is right, and at most does.
+/// What fraction of the step has to vanish from the residual where it is right, and at most does.
 const LEAST_SEEN: f64 = 0.2;
 const MOST_SEEN: f64 = 1.3;
 
@@ -143,7 +143,7 @@ impl Default for Verdict {
 }
 
 impl Verdict {
-    /// Whether a trial is believed: it takes away what it should of that which explains most, and makes pings likelier.
+    /// Whether a trial is believed: it takes away what it should of that which explains most, and has a likelihood gain.
     pub(crate) fn judge(
         &mut self,
         trial: &Step,
@@ -172,7 +172,7 @@ impl Verdict {
     }
 }
 
-/// What is tried together: both parts of the compass are one thing.
+/// What is tried together: both coefficients of the compass are one thing.
 fn group(which: usize) -> Range<usize> {
     match which {
         COMPASS.. => COMPASS..PARAMETERS,
@@ -243,14 +243,14 @@ impl Difference {
         (COMPASS..PARAMETERS).any(|i| self.is_off(i) && !verdict.tried[i])
     }
 
-    /// What part of a value is likely to be its own and not its error: Wiener's filter.
+    /// What fraction of a value is likely to be its own and not its error: Wiener's filter.
     fn sure_fraction(&self, which: usize) -> f64 {
         let (value, sigma) = (self.residual()[which], self.sigmas()[which]);
         value * value / (value * value + sigma * sigma).max(f64::MIN_POSITIVE)
     }
 
-    /// What is left over, added to what was believed. What was tried and not believed is an error of the method, and
-    /// counts as such. `sound` is what is told of the speed of sound, in parts of it, and `compass` of the heading.
+    /// What is left over, added to what was believed. What was tried and not believed is an error of the method, and counts as
+    /// such. `sound` is what is told of the speed of sound, as a fraction of it, and `compass` of the heading.
     pub(crate) fn told(
         &self,
         verdict: &Verdict,

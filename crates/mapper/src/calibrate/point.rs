@@ -1,4 +1,4 @@
-//! Where a look hears a landmark, and how that moves with what is estimated.
+//! Where an observation hears a landmark, and how that moves with what is estimated.
 
 use echosplat_model::glam::{Mat3, Vec3};
 

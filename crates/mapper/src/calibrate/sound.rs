@@ -1,4 +1,4 @@
-//! The speed of sound that makes pings likeliest.
+//! The speed of sound under which pings are most likely.
 //!
 //! A map takes up an error of ranges in its landmarks, so that they tell little of it. How likely it makes pings that it was not
 //! made of does tell: ranges that are wrong alike put the same structure elsewhere from each place it is seen from.
@@ -9,10 +9,10 @@ use std::collections::btree_map::Entry;
 use super::parameters::{Estimate, PRIOR, RANGE};
 use crate::classify::certainty::HALF_THICKNESS_M;
 
-/// Log likelihoods of pings held back, by block of time.
+/// Log likelihoods of held-out pings, by block of time.
 pub(crate) type Blocks = BTreeMap<u32, f64>;
 
-/// From one speed of sound that is tried to the next, as a part of it: at 6 m what a beam of 0.8° is wide.
+/// From one speed of sound that is tried to the next, as a fraction of it: at 6 m what a beam of 0.8° is wide.
 const STEP: f64 = 0.015;
 /// Steps either way at most: fresh water near freezing has 1,402 m/s, warm salt water 1,560 m/s, and units reckon with 1,500.
 const MOST_STEPS: i32 = 5;
@@ -31,7 +31,7 @@ pub(crate) const ANY_WATER: Estimate = Estimate {
     is_believed: false,
 };
 
-/// The top of a likelihood, as a part of the speed of sound, less 1.
+/// The top of a likelihood, as a fraction of the speed of sound, less 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Top {
     value: f64,
@@ -69,7 +69,7 @@ impl Top {
         }
     }
 
-    /// As parts of the speed of sound; believed at most if the likelihood is to be.
+    /// As fractions of the speed of sound; believed at most if the likelihood is to be.
     pub(crate) fn told(self, is_likelihood: bool) -> Estimate {
         let (value, sigma) = self.in_water();
         Estimate {

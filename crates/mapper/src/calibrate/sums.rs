@@ -1,4 +1,4 @@
-//! What the looks at one landmark say of it and of what is estimated.
+//! What the observations of one landmark say of it and of what is estimated.
 
 use super::landmarks::{Landmark, Observation};
 use super::linear::{Square, cholesky, solve};
@@ -25,8 +25,8 @@ struct Sums {
     curvature: Square<ALL>,
 }
 
-/// Goes through the looks and gives each one's gradient. Near the maximum the curvature is at least the true one, so
-/// that steps do not overshoot.
+/// Goes through the observations and gives each one's gradient. Near the maximum the curvature is at least the true
+/// one, so that steps do not overshoot.
 fn each_observation(
     landmark: &Landmark,
     (values, free): (&Values, &Free),
@@ -104,7 +104,7 @@ fn sums(landmark: &Landmark, at: (&Values, &Free), kernel: Kernel) -> Sums {
     sums
 }
 
-/// What a landmark says of the parameters once it is free to be where its looks have it.
+/// What a landmark says of the parameters once it is free to be where its observations put it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reduced {
     pub(super) gradient: Values,
@@ -115,7 +115,7 @@ pub(super) struct Reduced {
 }
 
 impl Reduced {
-    /// The Schur complement of the landmark's freedom; `None` if its looks leave that open.
+    /// The Schur complement of the landmark's freedom; `None` if its observations leave that open.
     pub(super) fn of(
         landmark: &Landmark,
         at: (&Values, &Free),
@@ -155,7 +155,7 @@ impl Reduced {
         })
     }
 
-    /// Adds each look's gradient, less what the landmark's freedom takes of it, to that of its block of time.
+    /// Adds each observation's gradient, less what the landmark's freedom takes of it, to that of its block of time.
     pub(super) fn scores(
         &self,
         landmark: &Landmark,

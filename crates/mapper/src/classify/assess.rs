@@ -1,5 +1,5 @@
-//! What the map asserts: a Gaussian is surface only if its surroundings explain most of its
-//! echoes and the looks fix its position; else it is ambiguous, or explained away by others.
+//! What the map asserts: a Gaussian is surface only if its surroundings explain most of its echoes and the observations
+//! fix its position; else it is ambiguous, or explained away by others.
 
 use std::f32::consts::PI;
 
@@ -24,47 +24,47 @@ use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 use crate::spawn::split::CHILD_SHARE;
 
-/// A Gaussian is let go if what it explains of all pings together is less than this part of one bin: others explain
-/// the echoes that it was born of.
+/// A Gaussian is let go if what it explains of all pings together is less than this fraction of one bin: others explain
+/// the echoes that it was spawned from.
 const LEAST_EXPLAINED: f32 = 0.1;
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
-/// Least number of clear looks. At the rim of what a dive saw, a handful agree by chance.
+/// Least number of clear observations. At the rim of what a dive saw, a handful agree by chance.
 const LEAST_OBSERVATIONS: f32 = 8.0;
 /// Where poses smear echoes over voxels, more do.
 const LEAST_SMEARED_OBSERVATIONS: f32 = 10.0;
-/// Log likelihood ratio at which a place is sure although few looks, or a small part of them, are clear: weak echoes
-/// are dark in most pings. A clear look counts as one more.
+/// Log likelihood ratio at which a place is sure although few observations, or a small fraction of them, are clear:
+/// weak echoes are dark in most pings. A clear observation counts as one more.
 const ENOUGH_ODDS: f32 = 15.0;
 /// Such a place explains at least half of what the best place on its arcs does.
 const LEAST_LIKELY_EXPLAINED_RATIO: f32 = 0.5;
 /// Steps of an arc on either side that are a place's surroundings, and those of them that are its middle.
 const AROUND_STEPS: usize = 2;
 const MIDDLE_STEPS: usize = 1;
-/// Least part of what its surroundings send back that comes from their middle: with less, the surface is beside the
+/// Least fraction of what its surroundings send back that comes from their middle: with less, the surface is beside the
 /// place. An even spread has three fifths.
 const LEAST_COMPACTNESS: f32 = 0.5;
-/// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
+/// Least fraction of its lit observations that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
-/// Most part of its lit looks that pass through another surface: what is behind an opaque one is
-/// its ghost, but a frame of bars is seen through.
+/// Greatest fraction of its lit observations that pass through another surface: what is behind an opaque one is its
+/// ghost, but a frame of bars is seen through.
 const MOST_HIDDEN_SHARE: f32 = 0.7;
-/// What continues a surface is asked for this part of the clear looks, and may be this much less
-/// certain: chance leaves strays, not surfaces, and along a surface places are hard to tell apart.
+/// Hysteresis linking: beside a surface this fraction of the clear observations is enough, and a place may be this much
+/// less certain. Chance leaves isolated points, not surfaces, and along a surface places are hard to tell apart.
 const OBSERVATIONS_TO_LINK: f32 = 0.6;
 const SIGMAS_TO_LINK: f32 = 4.0;
-/// Whole confident Gaussians within so many voxels that make a surface to continue, none of them
-/// this much stronger: what is beside them and far weaker is a side lobe.
+/// Whole confident Gaussians within so many voxels that make a surface to link to, none of them this much stronger:
+/// what is beside them and far weaker is a side lobe.
 const LINK_SUPPORT: f32 = 8.0;
 const LINK_VOXELS: f32 = 6.0;
 const MUCH_STRONGER: f32 = 5.0;
 /// A mirror image this near is the same place; farther ones have to scatter by this much.
 const HARMLESS_MIRROR_M: f32 = certainty::NEAR_M;
 const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
-/// Below this part of what the best place on its arcs explains, a Gaussian is explained away. Where
-/// all places explain alike nothing is: they are ambiguous together.
+/// With a smaller explained-energy ratio, what it explains over what the best place on its arcs does, a Gaussian is
+/// explained away. Where all places explain alike nothing is: they are ambiguous together.
 const LEAST_EXPLAINED_RATIO: f32 = 0.15;
-/// Below this part of the strongest strength around it, it is the tail of a neighbour.
+/// Below this fraction of the strongest strength around it, it is a side lobe of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
 /// How far around.
 const PEAK_VOXELS: f32 = 2.5;
@@ -72,26 +72,26 @@ const PEAK_VOXELS: f32 = 2.5;
 /// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
 const FAN_REACH: f32 = 1.3;
 
-/// Least number of whole confident Gaussians within so many voxels, itself included, where another sonar is heard; each
-/// part of a split one counts by its part. A rod one voxel thick has six times as many.
+/// Minimum support where another sonar is heard: least number of whole confident Gaussians within so many voxels,
+/// itself included. Each child of a split one counts by its share. A rod one voxel thick has six times as many.
 const LEAST_NEAR_SUPPORT: f32 = 2.0;
 const NEAR_SUPPORT_VOXELS: f32 = 6.0;
-/// The same further around, on every dive: a glinting rod shows here and there along its whole length.
+/// The same further around, on every dive: a rod with specular returns shows here and there along its whole length.
 const LEAST_SUPPORT: f32 = 12.0;
 const SUPPORT_VOXELS: f32 = 16.0;
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
 
 impl ViewStatistics {
-    /// Whether the looks tell the place from its mirror image: it is too near to matter, or each
-    /// look has it elsewhere.
+    /// Whether the observations tell the place from its mirror image: it is too near to matter, or each observation has
+    /// it elsewhere.
     fn tells_from_mirror(&self) -> bool {
         let mean_m = self.mirror_m / self.observations;
         let spread_m2 = self.mirror_m2 / self.observations - mean_m.length_squared();
         mean_m.length() < HARMLESS_MIRROR_M || spread_m2 > LEAST_MIRROR_SPREAD_M.powi(2)
     }
 
-    /// Whether its looks fix a place, one sigma of which is given.
+    /// Whether its observations fix a place, one sigma of which is given.
     fn fixes(&self, sigma_m: f32, thresholds: VerdictThresholds) -> bool {
         let is_clear = self.clear_observations >= thresholds.observations
             && self.clear_observations >= LEAST_CLEAR_SHARE * self.observations
@@ -106,20 +106,20 @@ impl ViewStatistics {
     }
 }
 
-/// What is asked of a confident Gaussian.
+/// Thresholds that a confident Gaussian has to reach.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct VerdictThresholds {
-    /// Least number of clear looks.
+    /// Least number of clear observations.
     observations: f32,
     /// Most one-sigma uncertainty.
     sigma_m: f32,
-    /// Log likelihood ratio that does in place of clear looks, and the uncertainty it may have then.
+    /// Log likelihood ratio that does in place of clear observations, and the uncertainty it may have then.
     odds: f32,
     likely_sigma_m: f32,
-    /// Least share of an echo that makes a look clear.
+    /// Least share of an echo that makes an observation clear.
     clear_share: f32,
-    /// Least number of whole confident Gaussians beside one, itself included; none is asked for where no other sonar
-    /// is heard.
+    /// Minimum support: least number of whole confident Gaussians beside one, itself included; `None` where no other
+    /// sonar is heard.
     near_support: Option<f32>,
     /// What a Gaussian that was not split counts among them, where others were.
     unsplit: f32,
@@ -142,15 +142,15 @@ impl VerdictThresholds {
             },
             likely_sigma_m: SIGMAS_TO_LINK * config.confident_sigma_m,
             clear_share: config.confident_share,
-            // Pulses at random leave small clusters; without them a surface may be heard in small parts only.
+            // Pulses at random leave small clusters; without them a surface may be heard in small pieces only.
             near_support: at_work.interfered.then_some(LEAST_NEAR_SUPPORT),
-            // It was not confident when the others were split, so that it counts no more than a part of one.
+            // It was not confident when the others were split, so that it counts no more than a child.
             unsplit: CHILD_SHARE,
             pose_error_time_s: config.pose_error_time_s,
         }
     }
 
-    /// For a work-out that makes so few looks before the split that many places are confident only after it.
+    /// For a work-out with so few steps before the split that many places are confident only after it.
     pub(crate) fn in_haste(self) -> Self {
         Self {
             unsplit: 1.0,
@@ -158,7 +158,7 @@ impl VerdictThresholds {
         }
     }
 
-    /// Of one that continues a surface.
+    /// The lower thresholds of one that may be linked to a surface.
     fn to_link(self) -> Self {
         Self {
             observations: OBSERVATIONS_TO_LINK * self.observations,
@@ -215,7 +215,7 @@ pub(crate) fn judge(
             ..
         } = finding_of(slot)?;
         let alone = 1.0 / least_eigenvalue(&information).max(0.0).sqrt();
-        // What the parts of a split Gaussian know adds up.
+        // What the children of a split Gaussian know adds up.
         let sigma_m = alone * gaussians.child_share[slot];
         let explained_ratio = statistics.explained_ratio / statistics.observations;
         let is_explained_away = is_outshone || !(explained_ratio > LEAST_EXPLAINED_RATIO);
@@ -246,7 +246,7 @@ pub(crate) fn judge(
     certainty::tell(gaussians, finding_of, voxel_m);
 }
 
-/// What is nearly sure by itself is so beside a surface that is.
+/// Hysteresis linking: what reaches the lower thresholds is confident beside a surface that reaches the upper ones.
 fn link_by_hysteresis(gaussians: &mut Gaussians, may_link: &[bool], voxel_m: f32) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
     let keep = |slot: usize| may_link[slot] || is_confident(slot);
@@ -267,8 +267,8 @@ fn link_by_hysteresis(gaussians: &mut Gaussians, may_link: &[bool], voxel_m: f32
     }
 }
 
-/// What has fewer than `least` whole confident Gaussians within `reach_m` is ambiguous: a surface fills more than one
-/// place. `counts` is what each counts, by its part of a whole one.
+/// Isolated-point rejection: what has fewer than `least` whole confident Gaussians within `reach_m` is ambiguous, since
+/// a surface fills more than one place. `counts` is what each counts, by its share of a whole one.
 fn reject_isolated(
     gaussians: &mut Gaussians,
     least: f32,
@@ -276,7 +276,7 @@ fn reject_isolated(
     counts: impl Fn(f32) -> f32 + Sync,
 ) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
-    // All of a cell are within reach of each other: most need no look around.
+    // All of a cell are within reach of each other: most need no search around.
     let cell_m = reach_m / 2.0;
     let cell_of = |slot: usize| (gaussians.mean_m[slot] / cell_m).floor().as_ivec3();
     let mut wholes_in: HashMap<IVec3, f32> = HashMap::new();
@@ -302,7 +302,7 @@ fn reject_isolated(
     }
 }
 
-/// What a Gaussian counts beside others by its part of a whole one: that part, and where there are split ones at most
+/// What a Gaussian counts beside others by its share of a whole one: that share, and where there are split ones at most
 /// `unsplit`.
 fn counts_beside(gaussians: &Gaussians, unsplit: f32) -> impl Fn(f32) -> f32 + Sync + use<> {
     let mut confident = gaussians
@@ -331,14 +331,14 @@ fn whole_strength(gaussians: &Gaussians) -> f32 {
     *strengths.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-/// What is asked of every look.
+/// What is asked of every observation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rule {
     /// Surroundings of a Gaussian.
     radius_m: f32,
-    /// Least share of an echo that makes a look clear.
+    /// Least share of an echo that makes an observation clear.
     clear_share: f32,
-    /// Strength of what is certainly there: weaker ones are there only in part.
+    /// Strength of what is certainly there: weaker ones are there only to a fraction.
     whole_strength: f32,
     /// Whether what surfaces hide is doubted.
     occlusion: bool,
@@ -368,9 +368,8 @@ pub(crate) struct Desk {
 }
 
 impl Desk {
-    /// For every Gaussian near the beam's axis: which part of the echo in its own bin comes from
-    /// its surroundings. In one bin of a narrow beam a place is its position along the arc, so
-    /// these are the steps of the arc next to it.
+    /// For every Gaussian near the beam's axis: which fraction of the echo in its own bin comes from its surroundings.
+    /// In one bin of a narrow beam a place is its position along the arc, so these are the steps of the arc next to it.
     fn enter(
         &mut self,
         tally: &mut Tally<Finding>,
@@ -487,7 +486,7 @@ impl Arcs {
     }
 }
 
-/// Slots that are nothing but the tail of a stronger neighbour: below `child_share` of it.
+/// Slots that are nothing but a side lobe of a stronger neighbour: below `fraction` of it.
 pub(crate) fn side_lobes(gaussians: &Gaussians, voxel_m: f32, fraction: f32) -> Vec<usize> {
     let neighbours = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true);
     let outshone = neighbours.outshone(fraction, |slot| gaussians.is_worked_on(slot));
@@ -608,7 +607,7 @@ mod tests {
         let rod: Vec<usize> = (0..160)
             .map(|i| place(Vec3::X * 0.125 * i as f32, CHILD_SHARE))
             .collect();
-        // Eight that were not split, and fifteen parts of split ones.
+        // Eight that were not split, and fifteen children of split ones.
         let late: Vec<usize> = (0..8)
             .map(|i| place(Vec3::new(10.0, 10.0, 0.1 * i as f32), 1.0))
             .collect();

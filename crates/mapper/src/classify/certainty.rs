@@ -22,17 +22,17 @@ const REACH_M: f64 = 10.0;
 /// A surface goes on within so many voxels.
 const SURFACE_VOXELS: f32 = 1.5;
 
-/// Half the thickness of what may be taken for one place while looks from two sides hear a face of it each: that of a pipe
+/// Half the thickness of what may be taken for one place while observations from two sides hear a face of it each: that of a pipe
 /// of 8 cm.
 pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
-/// Log odds of a place that explains as much as its best rival on the arc, whose sigma across the surface and the error that
-/// its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by so many times its log odds
-/// against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many times the logarithms of that sigma, of
-/// what its poses share, and of how many half thicknesses it lies from the body's middle. Found by logistic regression;
-/// `docs/algorithm.md` has the dives and what they leave over.
+/// Log odds of a place that explains as much as the best other place on the arc, whose sigma across the surface and the error
+/// that its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by so many times its log odds
+/// against the other places, from its explained-energy ratio (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many
+/// times the logarithms of that sigma, of what its poses share, and of how many half thicknesses it lies from the body's middle.
+/// Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
 const EVEN_ODDS: f32 = 0.2;
 const PER_EXPLAINED_RATIO: f32 = 1.2;
 const LEAST_TOLD: f32 = -3.0;
@@ -125,14 +125,14 @@ struct Place {
     covariance_m2: Mat3,
     /// One sigma along an axis of the error that its poses share, metres.
     shared_m: f32,
-    /// How many half thicknesses its looks put it from the middle of what they hear.
+    /// How many half thicknesses its observations put it from the middle of what they hear.
     off: f32,
 }
 
 impl Place {
     /// Covariance `(H + P⁻¹)⁻¹ + T + C`: information `H` of its own pings, the place `P` that the surface around leaves it (the
     /// scatter of its neighbours, and as much as a voxel is wide) or any within reach, what a thick body adds as `T`, and the
-    /// error `C` of the poses. What the parts of a split Gaussian know adds up.
+    /// error `C` of the poses. What the children of a split Gaussian know adds up.
     fn of(finding: &Finding, child_share: f32, surface: Option<Mat3>, voxel_m: f32) -> Self {
         let information =
             finding.information.to_mat3().as_dmat3() * f64::from(child_share).powi(-2);
@@ -156,16 +156,17 @@ impl Place {
         }
     }
 
-    /// That there is surface within [`NEAR_M`] of it, by the odds that its looks give.
+    /// That there is surface within [`NEAR_M`] of it, by the odds that its observations give.
     fn probability(&self, own_odds: f32) -> f32 {
         let shared = self.shared_m.max(LEAST_SHARED_M) / NEAR_M;
         of_odds(own_odds - PER_SHARED * shared.ln() - PER_BEYOND * self.off.max(1.0).ln())
     }
 }
 
-/// What a body's thickness makes of a place, square metres. Each look hears the face towards it, half a thickness nearer than the
-/// middle, and `off` is where the place goes, in half thicknesses from the middle. Looks from one side put it on the face that they
-/// hear, one away. Looks from two sides, all from above, agree on a place further above than the body reaches.
+/// Variance of a place from a body's thickness, square metres. Each observation hears the face towards it, half a thickness
+/// nearer than the middle, and `off` is where the place goes, in half thicknesses from the middle. Observations from one side put
+/// it on the face that they hear, one away. Observations from two sides, all from above, agree on a place further above than the
+/// body reaches.
 fn of_thickness(off: DVec3) -> DMat3 {
     let beyond = (off.length() - 1.0).max(0.0) * HALF_THICKNESS_M;
     let beyond_m = off.normalize_or_zero() * beyond;
@@ -197,14 +198,14 @@ fn least_odds(voxel_m: f32) -> f32 {
     least.ln() - PER_SIGMA * (voxel_m / NEAR_M).max(1.0).ln()
 }
 
-/// Log odds over chance that there is surface within [`NEAR_M`], as far as a place's own looks say, with this variance across
-/// the surface, square metres.
+/// Log odds over chance that there is surface within [`NEAR_M`], as far as a place's own observations say, with this variance
+/// across the surface, square metres.
 fn own_odds(statistics: &ViewStatistics, across_m2: f32) -> f32 {
     let explains = statistics.explained_ratio / statistics.observations;
     if explains.is_nan() {
         return f32::NEG_INFINITY;
     }
-    // Rounding puts what explains all of its looks beside 1.
+    // Rounding puts what explains all of its observations beside 1.
     let explains = explains.min(1.0);
     let told = (explains / (1.0 - explains)).ln();
     let across_m = across_m2.max(LEAST_M2).sqrt();
@@ -345,7 +346,7 @@ mod tests {
         assert!(!covariance.diagonal.is_nan() && covariance.mixed == Vec3::ZERO);
     }
 
-    /// Of what explains this share of ten looks.
+    /// Of what explains this share of ten observations.
     fn statistics(explains: f32) -> ViewStatistics {
         ViewStatistics {
             observations: 10.0,

@@ -28,7 +28,7 @@ pub(crate) struct Occlusion {
 }
 
 impl Occlusion {
-    /// Takes in rows, each with the part of it that is there.
+    /// Takes in rows, each with the fraction of it that is there.
     pub(crate) fn fill<'a>(
         &mut self,
         geometry: &PingGeometry,

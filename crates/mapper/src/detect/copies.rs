@@ -38,9 +38,9 @@ const STRONG_FRACTION: f32 = 0.03;
 const MOST_ASKED: usize = 24;
 /// A copy that would be heard is this many times above the threshold: 5 dB, for speckle.
 const AUDIBLE: f32 = 3.0;
-/// One echo may be this part of the strength expected: 6 dB less.
+/// One echo may be this fraction of the strength expected: 6 dB less.
 const SPECKLE_FRACTION: f32 = 0.25;
-/// A copy has at most this part of its source's power.
+/// A copy has at most this fraction of its source's power.
 const MOST_FRACTION: f32 = 0.25;
 /// Pings between decisions.
 const DECISION_STRIDE: u32 = 64;

@@ -34,7 +34,7 @@ const LEAST_RANGE_SCATTER: f64 = 0.05;
 const STRONG_FRACTION: f32 = 0.03;
 /// Strong bins of a ping that are asked.
 const MOST_ASKED: usize = 24;
-/// A multiple has at most this part of its source's power.
+/// A multiple has at most this fraction of its source's power.
 const MOST_FRACTION: f32 = 0.25;
 /// Pings between decisions.
 const DECISION_STRIDE: u32 = 64;

@@ -33,9 +33,9 @@ pub(crate) struct Profile {
     strongest_here: f32,
     /// The same at about each range, by section of it.
     strongest: Powers,
-    /// An echo is above this, and no tail.
+    /// An echo is above this, and no side lobe.
     threshold: f32,
-    /// Echoes below this part of the strongest at about their range are tails of the beam.
+    /// Echoes below this fraction of the strongest at about their range are side lobes of the beam.
     side_lobe_fraction: f32,
     blank: usize,
     /// Bins that echoes are widened by, and that they may hide.
@@ -322,8 +322,8 @@ impl Levels {
         (0..SECTIONS).map(near).collect()
     }
 
-    /// Whether a ping is evidence of anything: its receiver is not at its stop, and it is not louder
-    /// than can be, a glitch and not a glint. Nothing else is learnt of one that is not.
+    /// Whether a ping is evidence of anything: its receiver is not at its stop, and it is not louder than can be, a glitch
+    /// and not a specular return. Nothing else is learnt of one that is not.
     pub(crate) fn hears(&mut self, ping: &Ping, blanking_m: f64) -> bool {
         let open = &ping.intensity()[blank_bins(ping, blanking_m)..];
         if open.is_empty() || is_clipped(open) {
@@ -377,7 +377,7 @@ pub(crate) fn mean_of_noise(powers: &mut [f32]) -> f32 {
     *powers.select_nth_unstable_by(quarter, f32::total_cmp).1 / QUARTILE_OVER_MEAN
 }
 
-/// Rises at once and falls slowly, so that one glint does not hide what follows.
+/// Rises at once and falls slowly, so that one specular return does not hide what follows.
 fn risen(strongest: f32, peak: f32) -> f32 {
     peak.max(strongest * LEFT)
 }

@@ -31,7 +31,7 @@ const BESIDE: f32 = 4.0;
 const MOST_CHANGE: f32 = 2.0;
 /// A pulse is some bins long and has its peak anywhere in them.
 const TOLERANCE_BINS: f32 = 3.0;
-/// A pulse goes on where power is at least this part of its peak: 9 dB.
+/// A pulse goes on where power is at least this fraction of its peak: 9 dB.
 const PULSE_FRACTION: f32 = 0.125;
 /// Strongest peaks of a ping that are asked.
 const MOST_ASKED: usize = 24;

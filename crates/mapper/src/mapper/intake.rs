@@ -27,7 +27,7 @@ use crate::world::{World, first_voxel_m, useful_range_m};
 const SUMMED_UP_ANEW: usize = 32;
 /// On the pings' clock, a slice does not wait longer than this to be complete.
 const LONGEST_SLICE_S: f64 = 0.1;
-/// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
+/// Of what an independent observation says, which a turn by the beam's width or a move of 5 cm makes.
 const LEAST_NOVELTY: f32 = 0.5;
 /// No place on Earth is further from any origin in use, and nothing under water as fast: metres, and
 /// metres or radians a second.
@@ -35,7 +35,7 @@ const FURTHEST_M: f64 = 1e9;
 const FASTEST: f64 = 1e3;
 /// A vehicle moves less before the map's sources of echoes are told again, metres.
 const BETWEEN_SOURCES_M: f32 = 5.0;
-/// A ping whose pose leaves open this part of its range says nothing of any place.
+/// A ping whose pose leaves open this fraction of its range says nothing of any place.
 const UNPLACED_FRACTION: f64 = 0.25;
 /// Voxels from the first ping that can still be counted in 32 bits.
 const MOST_VOXELS: f64 = (1 << 30) as f64;
@@ -279,7 +279,7 @@ impl Mapper {
         world.better_voxel_m(range_end_m, working_range_m, &self.config)
     }
 
-    /// Begins with empty voxels of this size, which hear of the pings so far slice by slice. Gaussians are born again where
+    /// Begins with empty voxels of this size, which hear of the pings so far slice by slice. Gaussians are spawned again where
     /// their evidence is; until they are worked out, those of before are published.
     fn leave_voxels_for(&mut self, voxel_m: f32) {
         self.workout = None;

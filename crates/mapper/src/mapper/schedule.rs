@@ -10,7 +10,7 @@ use crate::refine::expectation::Pace;
 pub(crate) const INTERLEAVE: f64 = 8.0;
 /// The last assessment looks at every so many-th ping.
 const LAST_STRIDE: f64 = 3.0;
-/// Steps after which tails are let go.
+/// Steps after which side lobes are suppressed.
 const ROUND_STEPS: usize = 4;
 /// Strengths have converged after this many times as many steps as sort out candidates.
 const CONVERGED: usize = 2;
@@ -59,8 +59,8 @@ pub(crate) struct Due {
     pub(crate) is_live: bool,
 }
 
-/// Few looks sort out most candidates; the rest is worth all of them. From an even start strengths converge, on few
-/// places of a surface, before the surface is filled again.
+/// Few observations sort out most candidates; the rest is worth all of them. From an even start strengths converge, on
+/// few places of a surface, before the surface is filled again.
 pub(crate) fn actions(passes: usize, start: Start, at_work: AtWork) -> VecDeque<Action> {
     let mut actions = VecDeque::new();
     let moves = match start {
@@ -106,8 +106,8 @@ fn steps(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pa
     }));
 }
 
-/// Steps, with tails let go after every [`ROUND_STEPS`], and what is idle once candidates are sorted out: before, each
-/// explains little.
+/// Steps, with side lobes suppressed after every [`ROUND_STEPS`], and what is idle once candidates are sorted out:
+/// before, each explains little.
 fn rounds(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pace) {
     for step in 0..count {
         actions.push_back(Action::Strengthen {

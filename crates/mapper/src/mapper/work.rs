@@ -16,13 +16,13 @@ use crate::mapper::workout::{Terms, Workout, keep};
 use crate::progress::Progress;
 use crate::seabed::Seabed;
 
-/// Tiles are due when this part of what they hold comes from looks that it was not worked out with: they were looked
-/// at a quarter as often again.
+/// Tiles are due when this fraction of what they hold comes from observations that it was not worked out with: a quarter more
+/// than it was.
 const STALE_FRACTION: f32 = 0.2;
-/// Tiles that were looked at so much more are worth working out again.
+/// Tiles with so many times the observations are worth working out again.
 const GROWN: f32 = 1.05;
-/// Tiles that were looked at so many times as often as when they were last worked out anew are so again: starts
-/// from the map alone would make it ever sharper.
+/// Tiles with so many times the observations they had when they were last worked out anew are so again: starts from the map
+/// alone would make it ever sharper.
 const ANEW: f32 = 2.0;
 
 impl Mapper {
@@ -53,8 +53,8 @@ impl Mapper {
         self.status.pairs - before
     }
 
-    /// The end of the data: takes in what waits and works out all that was looked at since it last was, until
-    /// nothing is left to do.
+    /// The end of the data: takes in what waits and works out all that was observed since it last was, until nothing is left to
+    /// do.
     pub fn finish(&mut self) -> Snapshot {
         if !self.waiting.is_empty() {
             self.take_in_slice();
@@ -212,7 +212,7 @@ impl Mapper {
         pairs
     }
 
-    /// Which parts the dive so far asks for.
+    /// Which features the dive so far asks for.
     fn decide(&mut self) {
         let map = MapCues {
             voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
@@ -224,7 +224,7 @@ impl Mapper {
     }
 }
 
-/// While the dive goes on: the tiles that were looked at more, once enough of what they hold is stale.
+/// While the dive goes on: the tiles with new observations, once enough of what they hold is stale.
 fn due(evidence: &Evidence) -> Option<Due> {
     let (mut tiles, mut held, mut stale) = (Vec::new(), 0.0, 0.0);
     let (mut observations, mut even_observations, mut is_remembered) = (0.0, 0.0, true);
@@ -255,8 +255,8 @@ fn due(evidence: &Evidence) -> Option<Due> {
     (stale > STALE_FRACTION * held).then_some(due)
 }
 
-/// At the end of the data: all that was looked at since it was worked out anew, or since it was worked out where
-/// only the map knows what forgotten pings told.
+/// At the end of the data: all that was observed since it was worked out anew, or since it was worked out where only the map
+/// knows what forgotten pings told.
 pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
     let of = |is_due: fn(&Tile) -> bool| -> Vec<TileIndex> {
         let tiles = evidence.tiles().iter().enumerate();
@@ -337,7 +337,7 @@ mod tests {
         for number in 0..40 {
             mapper.insert(&going_by(number, 0.0));
         }
-        // Where nothing speaks for a place any more although it was born there.
+        // Where nothing speaks for a place any more although it was spawned there.
         let evidence = &mut mapper.world.as_mut().unwrap().evidence;
         let index = evidence.tiles()[0].blocks[0];
         let sums = evidence.of(evidence.block(index), SectorWidth::Eighth).0;

@@ -32,8 +32,8 @@ const LEAST_CHUNKS: usize = 2;
 const FULL_STEP: f32 = 0.5;
 /// A fast step over a full one: over-relaxed, below the 2 up to which it converges.
 const FAST: f32 = 1.8;
-/// Of what a pass tells of all sides, what it counts for each that it is like the mean of them. Looks along a surface
-/// face one of its sides by a few per cent, and what they leave over would make it many times the others.
+/// Of what a pass tells of all faces, what it counts for each that it is like their mean. Observations along a surface see
+/// one of its faces by a few per cent, and what they leave over would make it many times the others.
 const ALIKE: f32 = 0.005;
 /// Exponent for counts over that for gamma speckle.
 const COUNTS_STEP: f32 = 2.0;
@@ -143,7 +143,7 @@ fn join<T: Sum + Sync>(sums: &mut [T], parts: &[(Tally<T>, u64)]) {
     });
 }
 
-/// Numerator and denominator of the multiplicative step, per side.
+/// Numerator and denominator of the multiplicative step, per face.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct StepSums {
     numerator: DirectionalReflectivity,
@@ -175,7 +175,7 @@ pub(crate) fn strengths_of_ping(
     }
 }
 
-/// How many bins' power each slot explained in some steps, parts of bins added up.
+/// How many bins' power each slot explained in some steps, fractions of bins added up.
 #[derive(Debug, Default)]
 pub(crate) struct Explained {
     /// By slot; none where no ping of these steps saw it.
@@ -279,7 +279,7 @@ fn add_kept(
     numerator.add(&numerator_to(&kept.strength, &kept_weight, now, exponent));
 }
 
-/// Adds to both sums that each side that was told of is like the mean of all, with the weight of [`ALIKE`].
+/// Adds to both sums that each face that was told of is like the mean of all, with the weight of [`ALIKE`].
 fn add_alike(
     numerator: &mut DirectionalReflectivity,
     weight: &mut DirectionalReflectivity,
@@ -306,7 +306,7 @@ fn add_alike(
     ));
 }
 
-/// The numerator that with the denominator `weight` would bring each side from `now` to `goal`.
+/// The numerator that with the denominator `weight` would bring each face from `now` to `goal`.
 fn numerator_to(
     goal: &DirectionalReflectivity,
     weight: &DirectionalReflectivity,
@@ -322,7 +322,7 @@ fn numerator_to(
     }
 }
 
-/// The factors of three sides; a side that no ping of the pass saw keeps its strength.
+/// The factors of three faces; a face that no ping of the pass saw keeps its strength.
 fn step(numerator: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
     let factor = |numerator: f32, weight: f32| {
         if weight <= 0.0 {
@@ -348,7 +348,7 @@ pub(crate) struct Score {
 }
 
 impl Score {
-    /// Adds a row of a ping: a mean moves its echo in range and across the beam.
+    /// Adds a row of the system matrix: a mean moves its echo in range and across the beam.
     pub(crate) fn add(&mut self, row: &MatrixRow, moments: &Moments, weight: f32) {
         let splat = &row.splat;
         let lever = splat.azimuth_variance_rad2 * splat.lever_m;
@@ -651,7 +651,7 @@ mod tests {
         let ends = |y_numerator: f32, y_weight: f32| {
             let mut now = DirectionalReflectivity::even(1.0);
             for _ in 0..100 {
-                // What these looks alone would have: 1 towards x, √(pull/weight) towards y.
+                // What these observations alone would have: 1 towards x, √(numerator/weight) towards y.
                 let mut weight = faces(100.0, y_weight);
                 let mut numerator = faces(
                     100.0 / now.ahead.x.powi(2),

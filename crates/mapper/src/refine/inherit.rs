@@ -12,8 +12,8 @@ use crate::spawn::directional_reflectivity::DirectionalReflectivity;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::spawn::kept::Kept;
 
-/// All other places begin with this part of the middle strength of the tiles: what tails have when they are let
-/// go, so that a few steps let go of them or raise them.
+/// All other places begin with this fraction of the middle strength of the tiles: what side lobes have when
+/// they are let go, so that a few steps let go of them or raise them.
 const LEAST_FRACTION: f32 = 0.05;
 
 /// Gives every candidate of `draft` the strength that the Gaussians `known` of `map` have at its place.

@@ -49,8 +49,8 @@ impl Places {
         self.near(at_m).next().is_some()
     }
 
-    /// The places in this voxel and the 26 around it, each with its part of what is here. The parts add up to 1; the list
-    /// is empty where there is no place.
+    /// The places in this voxel and the 26 around it, each with its fraction of what is here. The fractions add up to 1;
+    /// the list is empty where there is no place.
     pub(crate) fn shares(&self, at_m: Vec3) -> Vec<(usize, f32)> {
         let mut shares: Vec<(usize, f32)> = self
             .near(at_m)

@@ -15,7 +15,7 @@ use crate::spawn::gaussians::{Gaussians, Verdict};
 /// A place that a work-out began with: its centre, and its block and voxel.
 pub(crate) type Candidate = (Vec3, (BlockIndex, u16));
 
-/// Every Gaussian that is worked on gives way to the candidates around it, which share its strength and the sides it
+/// Every Gaussian that is worked on gives way to the candidates around it, which share its strength and the faces it
 /// is known from.
 pub(crate) fn refill(draft: &mut Gaussians, candidates: &[Candidate], voxel_m: f32) {
     let centers = candidates.iter().map(|&(center_m, _)| center_m);

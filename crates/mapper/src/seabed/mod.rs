@@ -122,7 +122,7 @@ impl Seabed {
         self.shown >= LEAST_SHOWN && self.shown as f32 > LEAST_SHARE * self.able as f32
     }
 
-    /// Natural logarithm of how much likelier it is ground than reverberation, if it is there.
+    /// Log likelihood ratio, nats, of ground against reverberation, if it is there.
     pub(crate) fn log_ratio(&self) -> Option<f32> {
         self.is_there().then(|| self.proof.log_ratio())
     }
@@ -193,8 +193,8 @@ impl Seabed {
         }
     }
 
-    /// The ground in the ping at hand, by the likeliest power of range; learns its brightness, and the power as long as
-    /// it is open.
+    /// The ground in the ping at hand, by the most likely power of range; learns its brightness, and the power as long as it is
+    /// open.
     fn onset(&mut self, plane: &FanPlane) -> Option<Onset> {
         let is_open = self.shown < LEAST_SHOWN;
         let settled = self.most_likely();
@@ -226,7 +226,7 @@ impl Seabed {
         onsets[self.most_likely()]
     }
 
-    /// Power of the ground per bin of a look, by the brightness of its time, 0 for that of now.
+    /// Power of the ground per bin of a ping, by the brightness of its time, 0 for that of now.
     pub(crate) fn backdrop(&self, geometry: &PingGeometry, brightness: f32) -> Backdrop {
         if !self.is_there() {
             return Backdrop::default();
@@ -265,7 +265,7 @@ impl Seabed {
         backdrop
     }
 
-    /// The ground as a look meets it, nearest first: seen where it stands above all that is nearer.
+    /// The ground as a ping meets it, nearest first: seen where it stands above all that is nearer.
     fn stretches(&self, geometry: &PingGeometry) -> Vec<Stretch> {
         let plane = FanPlane::of(geometry);
         let count = geometry.bin_count as usize;

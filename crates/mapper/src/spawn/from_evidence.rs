@@ -1,14 +1,14 @@
-//! Births and deaths: Gaussians follow the evidence until they are worked out.
+//! Gaussians are spawned and pruned by the evidence until they are worked out.
 
 use rayon::prelude::*;
 
 use crate::accumulate::evidence::{Block, BlockIndex, Evidence, SectorWidth, VOXELS};
 use crate::spawn::gaussians::{Gaussians, Stage};
 
-/// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
+/// Evidence at which a Gaussian is pruned: doubt, not certainty, so that it does not flicker.
 const DROP_EVIDENCE: f32 = 0.0;
-/// Places with less than this part of the best evidence beside them are its surroundings: less
-/// gives birth to nothing, and less still lets go.
+/// Places with less than this fraction of the best evidence beside them are its surroundings:
+/// nothing is spawned there, and with still less a Gaussian is pruned.
 const SPAWN_FRACTION: f32 = 0.15;
 const DROP_FRACTION: f32 = 0.1;
 
@@ -21,7 +21,7 @@ struct Change {
     to_spawn: Vec<u16>,
 }
 
-/// Births and deaths where evidence changed. What was worked out stays until it is again.
+/// Spawns and prunes where evidence changed. What was worked out stays until it is again.
 pub(crate) fn spawn_and_prune(
     evidence: &mut Evidence,
     gaussians: &mut Gaussians,

@@ -8,8 +8,8 @@ use crate::accumulate::evidence::{BlockIndex, spare};
 use crate::spawn::directional_reflectivity::{DirectionalReflectivity, Faces};
 use crate::spawn::kept::Kept;
 
-/// Of places that the map says nothing for, this part has surface within 0.10 m by chance: those it holds lie about the
-/// structure.
+/// Of places that the map says nothing for, this fraction has surface within 0.10 m by chance: those it holds lie about
+/// the structure.
 pub(crate) const BY_CHANCE: f32 = 0.05;
 /// What the last assessment found of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,7 +23,7 @@ pub(crate) enum Verdict {
 /// How far a Gaussian has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stage {
-    /// Born where evidence asked for it, and not looked at since.
+    /// Spawned where evidence asked for it, and not worked out since.
     Spawned,
     /// Strength, place and verdict are worked out from pings.
     Worked,
@@ -38,25 +38,25 @@ pub(crate) enum Stage {
 pub(crate) struct Gaussians {
     pub(crate) id: Vec<GaussianId>,
     pub(crate) alive: Vec<bool>,
-    /// Where it was born; it stays within a voxel of there.
+    /// Where it was spawned; it stays within a voxel of there.
     pub(crate) home_m: Vec<Vec3>,
     pub(crate) home: Vec<(BlockIndex, u16)>,
     pub(crate) mean_m: Vec<Vec3>,
     pub(crate) rotation: Vec<Quat>,
     pub(crate) scale_m: Vec<Vec3>,
     pub(crate) covariance_m2: Vec<SymmetricMat3>,
-    /// αρ towards each side, in the unit of the pings' intensity.
+    /// αρ towards each face, in the unit of the pings' intensity.
     pub(crate) strength: Vec<DirectionalReflectivity>,
-    /// Sides that a ping has told the strength of; the others hold what they began with.
+    /// Faces that a ping has told the strength of; the others hold what they began with.
     pub(crate) known: Vec<Faces>,
-    /// What part of a whole Gaussian it is: 1, or ⅛ after a split.
+    /// Its share of the Gaussian it was split from: ⅛, or 1 if it was not split.
     pub(crate) child_share: Vec<f32>,
     pub(crate) sigma_m: Vec<f32>,
     /// Of its position; see [`crate::classify::certainty`].
     pub(crate) position_covariance_m2: Vec<SymmetricMat3>,
     /// That there is surface beside it.
     pub(crate) probability: Vec<f32>,
-    /// That it is asserted where its looks fix it.
+    /// That it is asserted where its observations fix it.
     pub(crate) is_likely: Vec<bool>,
     pub(crate) verdict: Vec<Verdict>,
     pub(crate) stage: Vec<Stage>,
@@ -230,8 +230,7 @@ impl Gaussians {
         (self.id.len() - 1) as u32
     }
 
-    /// How much of what it covers a Gaussian adds: eight parts of one lie behind one another in two
-    /// layers.
+    /// How much of what it covers a Gaussian adds: eight children of one lie behind one another in two layers.
     pub(crate) fn layers(&self, slot: usize) -> f32 {
         if self.child_share[slot] < 1.0 {
             0.5
@@ -240,7 +239,7 @@ impl Gaussians {
         }
     }
 
-    /// Strength of a slot's strongest side, of those that are known.
+    /// Strength of a slot's strongest face, of those that are known.
     pub(crate) fn strongest(&self, slot: usize) -> f32 {
         self.strength[slot].strongest(self.known[slot])
     }

@@ -3,10 +3,11 @@
 use crate::accumulate::finding::Finding;
 use crate::spawn::directional_reflectivity::DirectionalReflectivity;
 
-/// All as of a round Gaussian of one voxel, whatever its shape is now: parts of one hold the same.
+/// All as of a round Gaussian of one voxel, whatever its shape is now: children of one hold the
+/// same.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Kept {
-    /// Strength at which what they told is likeliest.
+    /// Strength at which what they told is most likely.
     pub(crate) strength: DirectionalReflectivity,
     /// How much they weigh: the denominator of the multiplicative step, `Σ A w/Î`.
     pub(crate) weight: DirectionalReflectivity,
@@ -15,7 +16,7 @@ pub(crate) struct Kept {
 }
 
 impl Kept {
-    /// Of a Gaussian that covers `area` of a whole one's and is this `child_share` of it.
+    /// Of a Gaussian that covers `area` of a whole one's and has this `child_share` of it.
     pub(crate) fn add(
         &mut self,
         mut weight: DirectionalReflectivity,
@@ -25,17 +26,17 @@ impl Kept {
     ) {
         weight.scale(area.recip());
         self.weight.add(&weight);
-        // Parts explain their share of each echo, and information goes with its square.
+        // Children explain their share of each echo, and information goes with its square.
         self.finding
             .add(&finding.with_information((child_share * child_share).recip()));
     }
 
-    /// As of such a part.
+    /// As of a child with this share.
     pub(crate) fn finding_of(&self, child_share: f32) -> Finding {
         self.finding.with_information(child_share * child_share)
     }
 
-    /// Of the parts of one Gaussian, each of which was looked at by all pings.
+    /// Of the children of one Gaussian, each of which was observed by all pings.
     pub(crate) fn mean<'a>(children: impl Iterator<Item = &'a Self>) -> Option<Self> {
         let (mut sum, mut count) = (Self::default(), 0.0);
         for child in children {

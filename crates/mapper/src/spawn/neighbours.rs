@@ -1,7 +1,6 @@
 //! Which Gaussians lie beside which.
 //!
-//! Cost: a sort of all, then for each cell of a grid one look at the 27 around it and a distance for
-//! each pair in them.
+//! Cost: a sort of all, then for each cell of a grid one pass over the 27 around it and a distance for each pair in them.
 
 use std::ops::Range;
 

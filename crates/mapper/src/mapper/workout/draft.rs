@@ -15,12 +15,12 @@ use crate::world::World;
 
 /// What all Gaussians start with, alike, of the strength that a typical echo needs.
 const EVEN_STRENGTH: f32 = 0.2;
-/// A place that few looks lit, since it glints, is asked for less evidence.
+/// Less evidence is asked of a place that few observations lit, since its returns are specular.
 const SPAWN_FRACTION_OF_SPECULAR: f32 = 0.667;
-/// With more candidates than this, all that any side saw dark is doubted in full.
+/// With more candidates than this, all that any azimuth sector saw dark is doubted in full.
 const MOST_PLACES: usize = 400_000;
-/// Where forgotten pings made this part of the looks, what is confident is held as it is: the others alone would
-/// find its place less well.
+/// Where forgotten pings made this fraction of the observations, what is confident is held as it is: the others alone
+/// would find its place less well.
 const HELD_FRACTION: f32 = 0.3;
 
 impl Workout {

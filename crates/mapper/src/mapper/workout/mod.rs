@@ -4,8 +4,8 @@
 //! The one process of estimation. Work is done in portions, on a draft; the map shows the tiles as they were until
 //! the draft is done.
 //!
-//! Cost: about nine looks at each ping that sees the tiles, four of them at few Gaussians; four where it starts from the
-//! map, fewer where more would say nothing new, up to eight times as many where few pings see each place.
+//! Cost: about nine visits to each ping that sees the tiles, four of them at few Gaussians; four where it starts from the map,
+//! fewer where more would say nothing new, up to eight times as many where few pings see each place.
 
 mod draft;
 mod keep;
@@ -40,23 +40,23 @@ use crate::spawn::split::split_confident;
 use crate::world::World;
 pub(crate) use keep::keep;
 
-/// Candidates below this part of their strongest neighbour are not worth further work.
+/// Candidates below this fraction of their strongest neighbour are its side lobes, not worth further work.
 const SIDE_LOBE_FRACTION: f32 = 0.05;
-/// While the dive goes on the steps of a work-out take at most this part of the pairs that its pings allowed, since what
+/// While the dive goes on the steps of a work-out take at most this fraction of the pairs that its pings allowed, since what
 /// it shows is as old when it is done.
 const LAG: f64 = 0.25;
-/// Looks made at each ping, all steps together, by how many Gaussians there are then.
+/// Visits to each ping, all steps together, by how many Gaussians there are then.
 const VISITS_PER_PING: f64 = 7.5;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new to a step.
 const ENOUGH_PAIRS: f64 = 6_000.0;
-/// Pairs of each Gaussian that a step has at least, if there are so many: some two dozen looks of a dozen bins. Speckle leaves
-/// a step of fewer more than a fifth, and what is moved to and fro by that much is smeared along its arcs.
+/// Pairs of each Gaussian that a step has at least, if there are so many: some two dozen observations of a dozen bins. Speckle
+/// leaves a step of fewer more than a fifth, and what is moved to and fro by that much is smeared along its arcs.
 const LEAST_PAIRS_OF_STEP: f64 = 300.0;
-/// The part of them that a step needs which starts from the map, since the map knows the rest.
+/// The fraction of them that a step from the map needs, since the map knows the rest.
 const ENOUGH_FROM_MAP: f64 = 0.125;
 /// Pairs of each Gaussian beyond which more pings say nothing new to its verdict; the map knows nothing of that.
 const ENOUGH_PAIRS_OF_VERDICTS: f64 = 12_000.0;
-/// So many times fewer looks see every ping about once over all steps.
+/// With this thinning factor all steps together visit every ping about once.
 const NEVER_TWICE: f64 = VISITS_PER_PING;
 /// Steps of offset from one step to the next.
 const OFFSET_STRIDE: f64 = 5.0;
@@ -67,7 +67,7 @@ const PORTION_PAIRS: f64 = 2e6;
 
 /// A pair of an assessment takes as long as so many of a step.
 const PAIRS_OF_A_FINDING: u64 = 2;
-/// What looks around every Gaussian and at no ping takes as long as so many pairs of each: beginning and ending a
+/// Work that needs the neighbours of every Gaussian and no ping takes as long as so many pairs of each: beginning and ending a
 /// work-out, filling again, verdicts, shapes. Letting go of some takes far less and is not counted.
 const PAIRS_OF_A_CHANGE: u64 = 50;
 
@@ -119,7 +119,7 @@ enum Doing {
 /// Some tiles while they are worked out.
 #[derive(Debug)]
 pub(crate) struct Workout {
-    /// Tiles, and how often each had been looked at.
+    /// Tiles, and how many observations each had.
     tiles: Vec<(TileIndex, f32)>,
     start: Start,
     /// Blocks in them, and the voxels that are worked out: candidates, and what was one before.
@@ -137,10 +137,10 @@ pub(crate) struct Workout {
     pairs_per_ping: f64,
     actions: VecDeque<Action>,
     doing: Option<Doing>,
-    /// What each slot explained since tails were last let go.
+    /// What each slot explained since side lobes were last suppressed.
     explained: Explained,
     iterations: u64,
-    /// Whether it looks less often than it would if there were time.
+    /// Whether it visits fewer pings than it would if there were time.
     is_hurried: bool,
 }
 
@@ -270,7 +270,7 @@ impl Workout {
         !self.actions.iter().any(is_assessment)
     }
 
-    /// How many times fewer looks a step needs than every [`INTERLEAVE`]-th; below 1 where they are few.
+    /// Thinning factor of a step: it takes one ping in so many of every [`INTERLEAVE`]-th; below 1 where there are few.
     fn thinning_factor(&self, most_pairs: f64) -> f64 {
         let fraction = match self.start {
             Start::Even => 1.0,
@@ -293,8 +293,8 @@ impl Workout {
         self.thinning_factor_to(self.most_pairs_in_full, ENOUGH_PAIRS_OF_VERDICTS, 1.0)
     }
 
-    /// How many times fewer looks do, at least `least`: to stay within the work allowed, and since what has been seen
-    /// often enough, by pairs of each Gaussian, gains nothing.
+    /// Thinning factor, at least `least`: to stay within the work allowed, and since what has been seen often enough, by pairs
+    /// of each Gaussian, gains nothing.
     fn thinning_factor_to(&self, most_pairs: f64, enough_pairs: f64, least: f64) -> f64 {
         let pings = self.pings.len() as f64;
         let within_work = VISITS_PER_PING * pings * self.pairs_per_ping / most_pairs;
@@ -303,7 +303,7 @@ impl Workout {
             Extent::Useful => self.pairs_of_each() / enough_pairs,
             Extent::None => NEVER_TWICE,
         };
-        // At least some dozens of looks a step, however crowded the map.
+        // At least some dozens of pings a step, however crowded the map.
         let most = (pings / (64.0 * INTERLEAVE)).max(1.0);
         within_work.max(enough).clamp(least, most)
     }
@@ -318,7 +318,7 @@ impl Workout {
         slots.filter(|&slot| self.draft.is_worked_on(slot)).count()
     }
 
-    /// How many times fewer looks steps and verdicts need.
+    /// Thinning factors of steps and of verdicts.
     #[cfg(test)]
     pub(crate) fn thinning_factors(&self) -> (f64, f64) {
         (
@@ -348,7 +348,7 @@ impl Workout {
         }
     }
 
-    /// Pairs that take as long as a look around every Gaussian.
+    /// Pairs that take as long as a search around every Gaussian.
     pub(crate) fn change_pairs(&self) -> u64 {
         PAIRS_OF_A_CHANGE * self.draft.alive_count() as u64
     }

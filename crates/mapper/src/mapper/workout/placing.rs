@@ -11,8 +11,8 @@ use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::spawn::kept::Kept;
 use crate::world::World;
 
-/// What was worked out anew in haste counts as if it had been looked at a little less, so that the end of the data does it
-/// in full, were it never looked at again.
+/// What was worked out anew in haste counts as if it had a few observations less, so that the end of the data does it in
+/// full, were it never observed again.
 const HURRIED_FRACTION: f32 = 0.99;
 
 impl Workout {
