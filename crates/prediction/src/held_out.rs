@@ -3,7 +3,7 @@
 //! Speckle of `L` looks makes a bin's intensity gamma distributed about its mean μ:
 //! `p(I) = (L/μ)ᴸ I^{L−1} e^{−LI/μ} / Γ(L)`. The map predicts `μ = g·a + f`, `a` being what it renders,
 //! against a constant μ. Gain `g`, floor `f`, the constant, and the number of looks of each predictor
-//! are fitted on pings that the map was made of; held-back pings are only scored.
+//! are fitted on pings that the map was made of; held-out pings are only scored.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,7 +16,7 @@ const FIT_STEPS: usize = 100;
 const LEAST_SHARE: f64 = 1e-4;
 
 /// Whether the ping with this number is the last of its `every`, and so kept from a map that holds
-/// every so many-th back; `every` 0 holds back none.
+/// every so many-th out; `every` 0 holds out none.
 #[must_use]
 pub fn is_held_out(sequence: u64, every: u64) -> bool {
     every > 0 && sequence % every == every - 1
@@ -38,7 +38,7 @@ pub struct Pair {
     pub rendered: Vec<f32>,
 }
 
-/// How well one predictor does on the held-back pings.
+/// How well one predictor does on the held-out pings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Score {
     /// Number of looks of the gamma distribution, the most likely of a grid of half steps from 1/16 to

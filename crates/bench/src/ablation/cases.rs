@@ -1,4 +1,4 @@
-//! Which parts, which of their states together, and on which dives.
+//! Which features, which of their states together, and on which dives.
 
 use echosplat_simulator::{DiveKind, NoiseLevel};
 use serde::Serialize;
@@ -8,7 +8,8 @@ use crate::runs::{Spec, dive_name};
 
 /// Poses are freed from jitter before the mapper has them.
 const POSES: &str = "poses";
-/// Names of the optional parts: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or "auto".
+/// Names of the optional features: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or
+/// "auto".
 pub(crate) const FEATURES: [&str; 11] = [
     "occlusion",
     "elevation",
@@ -25,7 +26,7 @@ pub(crate) const FEATURES: [&str; 11] = [
 
 const QUICK_DIVE_S: f64 = 30.0;
 
-/// Whether a part takes part.
+/// Whether a feature takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum State {
@@ -52,7 +53,7 @@ impl State {
     }
 }
 
-/// An optional part and how the configuration says what becomes of it.
+/// An optional feature and how the configuration says what becomes of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Feature {
     /// As in reports.
@@ -89,12 +90,12 @@ impl Feature {
     }
 }
 
-/// A state for every part.
+/// A state for every feature.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Variant {
     /// As in reports.
     pub(crate) name: String,
-    /// One for each part, in their order.
+    /// One for each feature, in their order.
     pub(crate) states: Vec<State>,
 }
 
@@ -105,7 +106,7 @@ impl Variant {
         self.states.iter().all(|state| *state == State::Auto)
     }
 
-    /// Whether every part is in the same state.
+    /// Whether every feature is in the same state.
     #[must_use]
     pub(crate) fn is_whole(&self) -> bool {
         self.states.windows(2).all(|pair| pair[0] == pair[1])
@@ -119,8 +120,8 @@ impl Variant {
     }
 }
 
-/// Everything in each state, and each part alone fixed on and off with the others left to the mapper.
-/// Without parts, what the mapper does by itself.
+/// Everything in each state, and each feature alone fixed on and off with the others left to the
+/// mapper. Without features, what the mapper does by itself.
 #[must_use]
 pub(crate) fn variants(features: &[Feature], quick: bool) -> Vec<Variant> {
     let auto = Variant::all(State::Auto, features.len());
@@ -158,7 +159,7 @@ pub(crate) struct Case {
     first_seed_only: bool,
 }
 
-/// When each part is fixed by itself on a dive: that is 22 runs, with the first seed.
+/// When each feature is fixed by itself on a dive: that is 22 runs, with the first seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Alone {
     /// Before other seeds.
@@ -175,7 +176,7 @@ impl Case {
         dive_name(self.scene, self.dive, self.noise, self.duration_s)
     }
 
-    /// The run of one variant: every part is set, also to what is its default.
+    /// The run of one variant: every feature is set, also to what is its default.
     #[must_use]
     pub(crate) fn spec(&self, features: &[Feature], variant: &Variant, seed: u64) -> Spec {
         let spec = Spec {
@@ -191,7 +192,7 @@ impl Case {
 }
 
 /// Runs in the order in which they are worth their time: everything in each state with the first seed,
-/// each part alone where a run is short, the other seeds, each part alone elsewhere.
+/// each feature alone where a run is short, the other seeds, each feature alone elsewhere.
 #[must_use]
 pub(crate) fn specs(
     cases: &[Case],
@@ -229,7 +230,7 @@ pub(crate) fn omissions(cases: &[Case]) -> Vec<Omission> {
     };
     let omitted = [
         (
-            "each part alone on",
+            "each feature alone on",
             named(|case| case.alone == Alone::Never),
         ),
         (
@@ -237,7 +238,7 @@ pub(crate) fn omissions(cases: &[Case]) -> Vec<Omission> {
             named(|case| case.first_seed_only),
         ),
         (
-            "each part alone with other seeds on",
+            "each feature alone with other seeds on",
             named(|case| case.alone != Alone::Never),
         ),
     ];
@@ -276,7 +277,7 @@ pub(crate) fn cases(quick: bool) -> Vec<Case> {
 mod tests {
     use super::*;
 
-    /// Parts that the configuration has had all along.
+    /// Features that the configuration has had all along.
     pub(crate) fn stand_ins() -> Vec<Feature> {
         let feature = |name: &str, values: [&str; 3]| Feature {
             name: name.to_owned(),

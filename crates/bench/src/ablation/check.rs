@@ -21,7 +21,7 @@ pub(crate) struct Standard {
     /// Chamfer distance, metres; where no truth was seen, the number of asserted Gaussians.
     #[serde(with = "nullable")]
     pub(crate) error: f64,
-    /// Gaussian–bin pairs and voxel looks.
+    /// Gaussian–bin pairs and voxel observations.
     pub(crate) work: f64,
 }
 
@@ -82,7 +82,7 @@ pub(crate) struct Check {
     /// at an error no more than 2 % higher.
     pub(crate) saves_on: Vec<String>,
     /// Cases where everything on or off has no figures beside the mapper's choice, so that no savings are
-    /// claimed or missed. Parts alone do not matter to it.
+    /// claimed or missed. Features alone do not matter to it.
     pub(crate) incomplete: Vec<String>,
     /// Whether there is anything to choose.
     #[serde(rename = "has_parts")]

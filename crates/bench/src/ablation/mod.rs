@@ -1,4 +1,4 @@
-//! What each optional part of the mapper is worth: on, off, and as the mapper chooses by itself.
+//! What each optional feature of the mapper is worth: on, off, and as the mapper chooses by itself.
 //!
 //! A [`Feature`] is a key of the configuration with a value for each [`State`]; a [`Variant`] sets all
 //! of them; a [`Case`] is a dive that every variant maps. [`check`] holds what the mapper chooses

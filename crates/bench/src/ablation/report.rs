@@ -1,4 +1,4 @@
-//! The table of parts as sections of a report, and as text.
+//! The table of features as sections of a report, and as text.
 
 use serde::Serialize;
 
@@ -14,9 +14,9 @@ const COLUMNS: [&str; 10] = [
     "runs",
     "CD m",
     "false",
-    "held-back gain",
+    "held-out gain",
     "pairs",
-    "voxel looks",
+    "voxel observations",
     "compute s",
     "finish s",
     "left out by itself",
@@ -42,7 +42,7 @@ pub(crate) struct Row {
     pub(crate) held_out_gain: Option<Spread>,
     /// Gaussian–bin pairs.
     pub(crate) pairs: Spread,
-    /// Voxel looks.
+    /// Voxel observations.
     #[serde(rename = "voxel_looks")]
     pub(crate) voxel_observations: Spread,
     /// Processor seconds.
@@ -133,7 +133,7 @@ pub(crate) fn case_section(rows: &[Row]) -> Section {
     Section {
         title: title.clone(),
         plots: vec![Plot {
-            x_label: "work, pairs + voxel looks".to_owned(),
+            x_label: "work, pairs + voxel observations".to_owned(),
             y_label: "CD, m".to_owned(),
             lines: rows.iter().map(place).collect(),
             ..Plot::default()
@@ -143,7 +143,7 @@ pub(crate) fn case_section(rows: &[Row]) -> Section {
             columns: COLUMNS.map(str::to_owned).into(),
             rows: rows.iter().map(|row| cells(row).into()).collect(),
             note:
-                "Medians over the seeds. A part alone on or off leaves the others to the mapper; \
+                "Medians over the seeds. A feature alone on or off leaves the others to the mapper; \
                    its auto is everything auto. Held-back gain is the log likelihood per bin of \
                    pings that the map has not seen, over that of a constant."
                     .to_owned(),

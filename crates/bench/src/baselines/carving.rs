@@ -1,4 +1,4 @@
-//! Carving by hit ratio: of all places on the arcs of echoes, those that most looks find lit.
+//! Carving by hit ratio: of all places on the arcs of echoes, those that most observations find lit.
 //!
 //! Two passes over all pings: the first marks the voxels on the arcs, the second counts for each of
 //! them the pings whose fan passes it and whether their bin at that range was lit or dark. Echoes are
@@ -27,9 +27,9 @@ pub(crate) struct Carving {
     pub(crate) tolerance_m: f64,
     /// Dark bins this far behind an echo say nothing: they may be in its shadow. Metres.
     pub(crate) shadow_m: f64,
-    /// Least share of looks that find a kept voxel lit, 0 to 1.
+    /// Least share of observations that find a kept voxel lit, 0 to 1.
     pub(crate) least_share: f64,
-    /// Least number of pings that look at a kept voxel.
+    /// Least number of pings that observe a kept voxel.
     pub(crate) least_observations: u32,
 }
 
@@ -54,7 +54,7 @@ impl Default for Carving {
 pub(crate) struct Carved {
     /// Centres of the kept voxels, world coordinates, metres.
     pub(crate) positions_m: Vec<DVec3>,
-    /// Places looked at, both passes together.
+    /// Places observed, both passes together.
     pub(crate) voxel_observations: u64,
     /// Places on arcs that found no room.
     pub(crate) dropped: u64,
@@ -119,8 +119,8 @@ impl Carving {
         observations >= self.least_observations && f64::from(voxel.hits) >= least_hits
     }
 
-    /// What every bin of every ping says; the strongest echo so far falls slowly, so that one glint
-    /// does not hide what follows.
+    /// What every bin of every ping says; the strongest echo so far falls slowly, so that one
+    /// specular return does not hide what follows.
     fn profiles(&self, pings: &[PosedPing]) -> Vec<Vec<State>> {
         let mut strongest = 0.0_f32;
         let profile = |posed: &PosedPing| {

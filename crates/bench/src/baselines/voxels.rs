@@ -19,7 +19,7 @@ pub(super) struct Voxel {
     pub(super) hits: u16,
     /// Pings that found it dark.
     pub(super) misses: u16,
-    /// Counts pings from 1; each looks at a voxel once.
+    /// Counts pings from 1; each observes a voxel once.
     last_ping: u32,
 }
 
@@ -54,7 +54,7 @@ impl Voxels {
         }
     }
 
-    /// Counts a look of ping `ping`, from 1, at a place on some arc; others are not kept.
+    /// Counts an observation by ping `ping`, from 1, of a place on some arc; others are not kept.
     pub(super) fn observe(&mut self, place_m: DVec3, ping: u32, is_lit: bool) {
         let (block, voxel) = self.cell_of(place_m);
         let Some(index) = self.block_at(block) else {

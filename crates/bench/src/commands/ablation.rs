@@ -1,4 +1,5 @@
-//! `echosplat bench ablation`: each optional part of the mapper on, off and as it chooses by itself.
+//! `echosplat bench ablation`: each optional feature of the mapper on, off and as it chooses by
+//! itself.
 
 use std::collections::BTreeMap;
 
@@ -54,7 +55,10 @@ impl Plan {
         let (features, mut omissions) = features(arguments);
         if quick {
             let why = "--quick: short dives of three scenes, one seed";
-            omissions.push(Omission::new("each part by itself; the other scenes", why));
+            omissions.push(Omission::new(
+                "each feature by itself; the other scenes",
+                why,
+            ));
         }
         let cases: Vec<Case> = all.into_iter().filter(is_chosen).collect();
         if !quick {
@@ -75,7 +79,7 @@ impl Plan {
     }
 }
 
-/// The parts that the configuration knows; the others are listed.
+/// The features that the configuration knows; the others are listed.
 fn features(arguments: &AblationBenchArguments) -> (Vec<Feature>, Vec<Omission>) {
     let others = arguments.part.iter().map(|(key, values)| Feature {
         name: key.rsplit('.').next().unwrap_or(key).to_owned(),
@@ -129,9 +133,9 @@ fn results(plan: &Plan, outcomes: &Outcomes) -> anyhow::Result<Findings> {
         name: "ablation",
         fields,
         report: Report {
-            title: "What each part is worth".to_owned(),
+            title: "What each feature is worth".to_owned(),
             highlights: vec![
-                highlight("parts", features.len()),
+                highlight("features", features.len()),
                 highlight("fixed settings better than auto", check.beaten_by.len()),
                 highlight("scenes where auto saves", check.saves_on.len()),
             ],
@@ -140,7 +144,7 @@ fn results(plan: &Plan, outcomes: &Outcomes) -> anyhow::Result<Findings> {
             ..Report::default()
         },
         text: format!(
-            "{}{} parts, {} variants, {} kinds of runs omitted",
+            "{}{} features, {} variants, {} kinds of runs omitted",
             ablation::text(&rows),
             features.len(),
             variants.len(),
@@ -179,8 +183,8 @@ mod tests {
         let plan = plan(&words).unwrap();
         assert_eq!(plan.features.len(), 1);
         assert_eq!(plan.omissions[0].what, "mapper.finish_pases");
-        // A single part on is everything on, so that each part alone adds nothing; of the slowest
-        // dive there is one seed.
+        // A single feature on is everything on, so that each feature alone adds nothing; of the
+        // slowest dive there is one seed.
         assert_eq!(plan.variants.len(), 5);
         assert_eq!(plan.specs().len(), 3 * (2 * plan.cases.len() - 1));
     }

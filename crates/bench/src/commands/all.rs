@@ -38,7 +38,7 @@ struct Kept {
 /// What a run came to, without anything of the machine it ran on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Figures {
-    /// Gaussian–bin pairs and voxel looks.
+    /// Gaussian–bin pairs and voxel observations.
     work: u64,
     /// Chamfer distance, metres; none for an empty map.
     cd_m: Option<f64>,

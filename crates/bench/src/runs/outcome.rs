@@ -17,20 +17,20 @@ pub(crate) struct Work {
     pub(crate) compute_s: f64,
     /// Gaussian–bin pairs.
     pub(crate) pairs: u64,
-    /// Voxel looks; arc samples of methods that have no voxels.
+    /// Voxel observations; arc samples of methods that have no voxels.
     #[serde(rename = "voxel_looks")]
     pub(crate) voxel_observations: u64,
 }
 
 impl Work {
-    /// Pairs and voxel looks, each at its count.
+    /// Pairs and voxel observations, each at its count.
     #[must_use]
     pub(crate) fn counted(&self) -> u64 {
         self.pairs + self.voxel_observations
     }
 }
 
-/// An optional part of the mapper that a map was made without.
+/// An optional feature of the mapper that a map was made without.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct LeftOut {
     /// Its name, as in the configuration's `mapper.parts`.
@@ -127,7 +127,7 @@ pub(crate) struct Outcome {
     /// Whether a limit on its work ended it rather than its own end.
     #[serde(default)]
     pub(crate) met_budget: bool,
-    /// Optional parts that the mapper left out by itself.
+    /// Optional features that the mapper left out by itself.
     #[serde(default)]
     pub(crate) left_out: Vec<LeftOut>,
     /// From the same dive where it really was, for a dive that took place elsewhere: the mean of

@@ -16,7 +16,7 @@ pub(crate) enum Method {
     Online,
     /// Places on the arcs that enough views agree on: the paper's first Gaussians.
     Support,
-    /// Voxels on the arcs that most looks at them find lit.
+    /// Voxels on the arcs that most observations of them find lit.
     Carving,
     /// The paper's method whole; needs a dive that comes in images.
     Paper,
@@ -68,7 +68,7 @@ pub(crate) struct Spec {
     pub(crate) seed: u64,
     /// Length of the dive; the default's without.
     pub(crate) duration_s: Option<f64>,
-    /// The first part of its pings that is mapped, above 0 to 1.
+    /// The first fraction of its pings that is mapped, above 0 to 1.
     pub(crate) share: f64,
     /// Added to the pings' times before poses are looked up.
     pub(crate) time_offset_s: f64,
@@ -213,7 +213,7 @@ impl Spec {
             add(format!("{} {even}moments", self.moments));
         }
         if self.held_out {
-            add("held-back pings scored".to_owned());
+            add("held-out pings scored".to_owned());
         }
         add(format!("seed {}", self.seed));
         name

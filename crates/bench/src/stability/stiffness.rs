@@ -49,7 +49,7 @@ const SOFTEST: f64 = 1e5;
 /// Noise over the strongest bin.
 const FLOOR: f64 = 1e-3;
 
-/// Looks at one Gaussian from three sides, one of them counting far more.
+/// Observations of one Gaussian from three directions, one of them counting far more.
 struct Problem {
     observations: Vec<(PingGeometry, f64)>,
     measured: Vec<Vec<f64>>,
@@ -260,7 +260,7 @@ fn grown(times: impl Fn(DVec3) -> DVec3) -> f64 {
 
 /// Of strengths, from the right ones off by up to a factor of ten.
 struct Strengths {
-    /// Energy of each Gaussian per look and bin, shape `[geometry·bin][gaussian]`.
+    /// Energy of each Gaussian per ping and bin, shape `[ping·bin][gaussian]`.
     energies: Vec<Vec<f64>>,
     measured: Vec<f64>,
     truth: Vec<f64>,

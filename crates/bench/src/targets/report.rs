@@ -27,10 +27,10 @@ const RUN_COLUMNS: [&str; 13] = [
     "compute s",
     "finish s",
     "pairs",
-    "voxel looks",
+    "voxel observations",
     "Gaussians",
     "normals 20°",
-    "held-back gain",
+    "held-out gain",
     "MB",
 ];
 

@@ -19,11 +19,11 @@ use crate::logs;
 use crate::thinned::Thinned;
 use crate::{logging, maps, truth};
 
-/// Most held-back pings scored, and most others the fit is made on.
+/// Most held-out pings scored, and most others the fit is made on.
 const MOST_PINGS: usize = 8192;
 
 /// # Errors
-/// If map, truth or log cannot be read, or no ping was held back.
+/// If map, truth or log cannot be read, or no ping was held out.
 pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
     let map = maps::read(&arguments.map)?;
     let mut said = Value::Object(Map::new());

@@ -21,7 +21,7 @@ pub struct Moment {
     pub compute_s: f64,
     /// Gaussian–bin pairs so far.
     pub pairs: u64,
-    /// Voxel looks so far.
+    /// Voxel observations so far.
     pub voxel_observations: u64,
     /// Pings so far.
     pub pings: u64,

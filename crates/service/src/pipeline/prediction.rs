@@ -56,7 +56,7 @@ pub(crate) struct Prediction {
 }
 
 impl Prediction {
-    /// For every `every`-th ping held back, at least 1.
+    /// For every `every`-th ping held out, at least 1.
     ///
     /// # Errors
     /// If the thread cannot be started.

@@ -70,11 +70,11 @@ pub struct MapperReport {
     pub(crate) listening: ListeningReport,
     /// Whether poses can be read as they are, once the dive has told.
     pub(crate) frames: Option<FrameVerdict>,
-    /// What the dive told of clock, mount, compass and speed of sound, by the newest look.
+    /// What the dive told of clock, mount, compass and speed of sound, by the newest estimate.
     pub(crate) calibration: Option<Found>,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
-    /// Parts that the dive so far does not need, and why.
+    /// Features that the dive so far does not need, and why.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -85,7 +85,7 @@ pub struct Spent {
     pub compute_s: f64,
     /// Gaussian–bin pairs.
     pub pairs: u64,
-    /// Voxel looks.
+    /// Voxel observations.
     #[serde(rename = "voxel_looks")]
     pub voxel_observations: u64,
 }

@@ -233,11 +233,11 @@ impl Status {
         let mapper = &self.report.mapper;
         let held_out = match self.report.pings_held_out {
             0 => String::new(),
-            count => format!(", {count} held back"),
+            count => format!(", {count} held out"),
         };
         let prediction = self.report.prediction.map_or(String::new(), |found| {
             format!(
-                "\n{:+.4} nats per bin above a constant on {} held-back pings",
+                "\n{:+.4} nats per bin above a constant on {} held-out pings",
                 found.gain_per_bin, found.pings
             )
         });

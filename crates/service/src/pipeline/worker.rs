@@ -232,7 +232,7 @@ impl Worker {
         self.publish_if_due(posed.ping.transmit_time(), inserted.slice_taken_in);
         self.note_published();
         if inserted.slice_taken_in {
-            self.calibration.look(&self.mapper);
+            self.calibration.advance(&self.mapper);
         }
     }
 

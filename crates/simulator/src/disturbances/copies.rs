@@ -37,7 +37,7 @@ impl EchoCopies {
         let copied = echoes.iter_mut().skip(whole);
         let mut before = 0.0;
         for (power, source) in copied.zip(&sources) {
-            // A shift by a part of a bin falls into two of them.
+            // A shift by a fraction of a bin falls into two of them.
             *power += factor * ((1.0 - share) * source + share * before);
             before = *source;
         }

@@ -226,7 +226,7 @@ impl Made {
         self
     }
 
-    /// Pairs and voxel looks.
+    /// Pairs and voxel observations.
     pub(super) fn work(&self) -> u64 {
         self.status.pairs + self.status.voxel_observations
     }
