@@ -1,5 +1,6 @@
 //! [`PingGeometry::project`], eight Gaussians at a time: what a ping sees of Gaussians that are kept as
-//! packed covariances with a strength towards each of six sides.
+//! packed covariances with a directional reflectivity: a strength towards each of the six faces of a
+//! cube.
 //!
 //! [`cull`] and [`project`] belong inside `dispatch!`. Nothing here is known of where the Gaussians
 //! come from: they are arrays of numbers.
@@ -22,7 +23,7 @@ use crate::{PingGeometry, Splat};
 /// towards +x, +y, +z and towards −x, −y, −z.
 pub const NUMBERS: usize = 15;
 
-/// One Gaussian in one ping.
+/// A row of the system matrix: one Gaussian in one ping.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MatrixRow {
     /// Which Gaussian: what `slots` names it.
@@ -37,7 +38,7 @@ pub struct MatrixRow {
     pub energies_from: u32,
 }
 
-/// A look in single numbers, worked out once per ping.
+/// A ping's geometry as single numbers, worked out once per ping.
 #[derive(Debug, Clone, Copy)]
 pub struct View {
     ping: PingView,
@@ -61,7 +62,7 @@ impl View {
         }
     }
 
-    /// Bins and parts of one from the ping's start, inside the ping.
+    /// Bins and fractions of one from the ping's start, inside the ping.
     #[inline(always)]
     fn bin_edge<S: Simd>(&self, range_m: f32x8<S>) -> f32x8<S> {
         let position = (range_m - self.ping.range_start_m) * self.bins_per_m;
@@ -69,7 +70,7 @@ impl View {
     }
 }
 
-/// Appends the places among `members` that the ping may see: a first look that spares most the rest.
+/// Appends the places among `members` that the ping may see: a cheap test that rules most of them out.
 /// `numbers` has shape `[NUMBERS][places]`, with [`LANES`] places or more from each member on.
 #[inline(always)]
 pub fn cull<S: Simd>(
@@ -271,7 +272,7 @@ fn arrays<S: Simd, const N: usize>(vectors: [f32x8<S>; N]) -> [[f32; LANES]; N] 
     arrays
 }
 
-/// Strength seen from the sensor, `Σ u_k² s_k` over the three sides that face against `range_axis`.
+/// Strength seen from the sensor, `Σ u_k² s_k` over the three faces turned against `range_axis`.
 #[inline(always)]
 fn facing<S: Simd>(range_axis: Triple<S>, ahead: Triple<S>, behind: Triple<S>) -> f32x8<S> {
     let [x, y, z] = range_axis;

@@ -224,7 +224,7 @@ impl Loss {
     }
 }
 
-/// What the loss pulls at in every row, by the moments `Σ h Φ`, `Σ h ϕ`, `Σ h z ϕ` over its edges.
+/// The gradient of the loss by every row, from the moments `Σ h Φ`, `Σ h ϕ`, `Σ h z ϕ` over its edges.
 #[inline(always)]
 pub(super) fn spread_back<S: Simd>(
     simd: S,

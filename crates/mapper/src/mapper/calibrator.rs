@@ -32,10 +32,10 @@ const TRIALS: usize = 4;
 /// What a map is made for. Maps of one kind alone are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Purpose {
-    /// To see its landmarks. Places that few looks lit would take up part of what poses have wrong.
+    /// To see its landmarks. Places that few observations lit would take up some of what poses have wrong.
     Landmarks,
-    /// To see how long ranges are, with places that few looks lit where the dive expects glints: a body's sides are seen by few,
-    /// and by near sides alone ranges look short.
+    /// To see how long ranges are, with places that few observations lit where the dive expects specular returns: a body's sides
+    /// are seen by few, and by near sides alone ranges look short.
     Ranges,
 }
 
@@ -146,7 +146,7 @@ impl Calibrator {
         world.map_or(0.0, World::axis_rad)
     }
 
-    /// The likeliest speed of sound with what else was believed. A map of few pings may be better than another by chance, so
+    /// The most likely speed of sound with what else was believed. A map of few pings may be better than another by chance, so
     /// that what would be believed is asked once more of maps of other pings.
     fn sound(&self, told: &[Moving], verdict: &Verdict) -> Option<Estimate> {
         let range_m = mean_range_m(told)?;
@@ -162,7 +162,7 @@ impl Calibrator {
         if !(is_likelihood && first.is_off()) {
             return Some(first.told(is_likelihood));
         }
-        // Those that the first maps were made of are held back now, and most of the others were.
+        // Those that the first maps were made of are held out now, and most of the others were.
         let others = told.get(1..)?;
         let second = sound::most_likely(range_m, |fraction| blocks(others, fraction))?;
         Some(first.and(second).told(true))
@@ -236,7 +236,7 @@ impl Mapped {
         Some(Self { map, moving })
     }
 
-    /// By how many standard errors over blocks of time the pings held back are likelier than with another.
+    /// Likelihood gain over another on held-out pings, in standard errors over blocks of time.
     fn more_likely(&self, other: &Self) -> f64 {
         let theirs = other.blocks();
         let gains = self.blocks().into_iter();
@@ -249,7 +249,7 @@ impl Mapped {
         mean / (square / (count * (count - 1.0))).sqrt()
     }
 
-    /// Log likelihood of the pings held back.
+    /// Log likelihood of the held-out pings.
     fn blocks(&self) -> Blocks {
         let Some(world) = &self.map.world else {
             return Blocks::new();
@@ -273,7 +273,7 @@ impl Mapped {
     }
 }
 
-/// The map of some of the pings that are not held back.
+/// The map of some of the pings that are not held out.
 fn mapped(blank: &Mapper, purpose: Purpose, moving: &[Moving]) -> Option<Mapper> {
     let mut map = blank.emptied(Arc::clone(&blank.pool))?;
     if purpose == Purpose::Ranges && blank.at_work.specular_returns {

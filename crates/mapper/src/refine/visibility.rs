@@ -55,8 +55,8 @@ pub(crate) struct Against {
     pub(crate) numerator: f32,
 }
 
-/// Sums over the bins of a row, with `e = Î_row/Î` the row's part in a bin, `z` the bin's middle in
-/// sigmas from the row's mean, and `ε` what was measured over what was predicted, less 1.
+/// Sums over the bins of a row, with `e = Î_row/Î` the row's fraction of a bin, `z` the bin's middle in sigmas
+/// from the row's mean, and `ε` what was measured over what was predicted, less 1.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Moments {
     /// `Σ w e²`, `Σ w e² z`, `Σ w e² z²`.

@@ -1,5 +1,5 @@
 //! What was seen where under one reading: the voxels along the arcs of all pings' ranges, and how
-//! often looks at each found it lit, by block of time.
+//! often observations of each found it lit, by block of time.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -16,7 +16,7 @@ pub(super) const BLOCKS: usize = 20;
 /// Blocks before and after the predicted one that are left out: what was seen a moment ago is seen
 /// again under any reading.
 const LEFT_OUT: usize = 1;
-/// Looks that every voxel is given at the rate of all cells, so that few say little.
+/// Observations that every voxel is given at the rate of all cells, so that few say little.
 const PRIOR_OBSERVATIONS: f32 = 3.0;
 /// Voxels reach so far in each direction.
 const MOST_VOXELS: i32 = 1 << 20;
@@ -51,7 +51,7 @@ impl Arcs {
     }
 }
 
-/// Looks at one voxel and how many found it lit, by block.
+/// Observations of one voxel and how many found it lit, by block.
 #[derive(Debug, Clone, Copy, Default)]
 struct Observations {
     all: [u8; BLOCKS],
@@ -74,7 +74,7 @@ impl Observations {
         }
     }
 
-    /// All looks and those that were lit, of the blocks that may tell of `block`.
+    /// All observations and those that were lit, of the blocks that may tell of `block`.
     fn told(&self, block: usize) -> (f32, f32) {
         let told = |observations: &[u8; BLOCKS]| {
             let sum =
@@ -122,7 +122,7 @@ impl Evidence {
         evidence
     }
 
-    /// Looks at the voxels along an arc, and numbers those that are new.
+    /// Observes the voxels along an arc, and numbers those that are new.
     fn observe(
         &mut self,
         rays: &Rays,
@@ -162,14 +162,14 @@ impl Evidence {
     }
 }
 
-/// What looks along an arc say of it.
+/// What observations along an arc say of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Said {
     /// Most of it was not seen.
     Nothing,
     /// Most of it was seen, and all of that dark.
     Dark,
-    /// Some of it was seen lit, the surest place in this share of looks.
+    /// Some of it was seen lit, the surest place in this share of observations.
     Lit(f32),
 }
 

@@ -1,4 +1,4 @@
-//! A cube of voxels, and what looks from each side say of it.
+//! A cube of voxels, and what observations from each azimuth sector say of it.
 
 use std::sync::Arc;
 
@@ -13,12 +13,12 @@ use super::{BLOCK_EDGE, VOXELS};
 use crate::accumulate::history::{History, Keyframe};
 use crate::features::Extent;
 
-/// Sides of a block that looks come from: eighths of the horizon, each from above and from below.
+/// Azimuth sectors of a block that observations come from: of 45° each, from above and from below.
 const SECTORS: usize = 16;
 
-/// Log likelihood ratio of a look on the beam's axis: an echo is seen from 95 % of looks at a
-/// surface, and from about 57 % at a place that is only asked about because some arc of it was
-/// lit: ln(0.95/0.57) and ln(0.05/0.43).
+/// Log likelihood ratio of an observation on the beam's axis: an echo is seen in 95 % of the observations of a
+/// surface, and from about 57 % at a place that is only asked about because some arc of it was lit:
+/// ln(0.95/0.57) and ln(0.05/0.43).
 const LIT: f32 = 0.5;
 const DARK: f32 = -2.15;
 /// Darkness behind an echo may be its shadow.
@@ -26,17 +26,17 @@ const SHADOWED: f32 = 0.15 * DARK;
 /// Rows further off than the beam's reach and this are passed over: a voxel's own spread, and what
 /// the sensor drifts until an echo.
 const ROW_MARGIN_VOXELS: f32 = 0.7;
-/// Beyond this many sigma from the axis a look says nothing clear.
+/// Beyond this many sigma from the axis an observation says nothing clear.
 const OBSERVATION_SIGMAS_SQUARED: f32 = 1.4;
-/// Of the fan's half-width, beyond which a look says nothing.
+/// Of the fan's half-width, beyond which an observation says nothing.
 const FAN_SHARE: f32 = 1.0;
-/// Places are found although the heading is off by this factor of variance: what a surface that
-/// glints shows but once must not be lost to one bad pose.
+/// Places are found although the heading is off by this factor of variance: what a surface with specular
+/// returns shows but once must not be lost to one bad pose.
 const POSE_DOUBT: f32 = 6.0;
-/// What a side that saw a place dark counts at most against what others saw.
+/// What an azimuth sector that saw a place dark counts at most against what others saw.
 const AGAINST_EIGHTH: f32 = -0.25;
 const AGAINST_QUARTER: f32 = -2.0;
-/// Each side of [`sector_of`] by itself: what lies flat is seen from above or below alone.
+/// Each sector of [`sector_of`] by itself: what lies flat is seen from above or below alone.
 const EIGHTH_SECTORS: [[usize; 1]; SECTORS] = {
     let mut sectors = [[0]; SECTORS];
     let mut sector = 0;
@@ -46,23 +46,24 @@ const EIGHTH_SECTORS: [[usize; 1]; SECTORS] = {
     }
     sectors
 };
-/// The sides that make up quarters around the axes.
+/// The sectors of 45° that make up those of 90° around the axes.
 const QUARTER_SECTORS: [[usize; 4]; 4] =
     [[0, 2, 8, 10], [1, 3, 9, 11], [4, 5, 12, 13], [6, 7, 14, 15]];
 
-/// How finely sides are told apart.
+/// How finely azimuth sectors are told apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum SectorWidth {
-    /// Where structures glint, each eighth of the horizon, above or below, may have seen something of its own.
+    /// 45°: where specular returns are expected, each sector, above or below, may have seen something of its
+    /// own.
     Eighth,
-    /// Where echoes are smeared, darkness has to count for more.
+    /// 90°: where echoes are smeared, darkness has to count for more.
     Quarter,
 }
 
-/// A block whose best voxel is this deep in darkness from a side needs no more looks from there: it
-/// would take eight clear ones to bring it back to nothing.
+/// A block whose best voxel is this deep in darkness from an azimuth sector needs no more observations from
+/// there: it would take eight clear ones to bring it back to nothing.
 const SETTLED_EVIDENCE: f32 = -4.0;
-/// The same if every ping is looked at about once at most.
+/// The same if every ping is visited about once at most.
 const SOON_SETTLED_EVIDENCE: f32 = -3.0;
 
 /// Sums per voxel, x fastest.
@@ -72,22 +73,22 @@ pub(crate) type Sums = [f32; VOXELS];
 pub(crate) struct Block {
     /// Position in units of blocks.
     pub(crate) key: IVec3,
-    /// What was seen from each side.
+    /// What was seen from each azimuth sector.
     sectors: [Sector; SECTORS],
-    /// Those that were looked from since [`Self::lay_away`], a bit each.
+    /// Those with observations since [`Self::lay_away`], a bit each.
     observed_from: u16,
-    /// Slots of the Gaussians born here, by voxel.
+    /// Slots of the Gaussians spawned here, by voxel.
     pub(crate) gaussians: Vec<(u16, u32)>,
     /// Voxels that were candidates when the block was last worked out and hold nothing, a bit each: none is
-    /// born there until then again.
+    /// spawned there until then again.
     pub(crate) suppressed: [u64; VOXELS / 64],
     /// The most evidence of any voxel if that is above 0; else no voxel has more than this.
     pub(crate) best: f32,
-    /// Evidence of looks that are not in `sectors` any more, where there are Gaussians.
+    /// Evidence of observations that are not in `sectors` any more, where there are Gaussians.
     left: Vec<(u16, f32)>,
 }
 
-/// The side a look comes from, by the direction towards its sensor.
+/// The azimuth sector an observation comes from, by the direction towards its sensor.
 fn sector_of(towards_m: Vec3) -> usize {
     let (west, south, below) = (towards_m.x < 0.0, towards_m.y < 0.0, towards_m.z < 0.0);
     let is_steep = towards_m.y.abs() > towards_m.x.abs();
@@ -129,7 +130,7 @@ impl Block {
         self.gaussians.shrink_to_fit();
     }
 
-    /// Holds sides in fewer bytes that nobody looked from since it was asked to last.
+    /// Holds azimuth sectors in fewer bytes that had no observation since it was asked to last.
     pub(super) fn lay_away(&mut self) {
         let observed_from = std::mem::take(&mut self.observed_from);
         for (index, sector) in self.sectors.iter_mut().enumerate() {
@@ -143,8 +144,8 @@ impl Block {
         (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
     }
 
-    /// Adds the evidence of `pings` in their order, and lets go of sides settled to the `extent` of
-    /// looking on. Returns voxel looks done.
+    /// Adds the evidence of `pings` in their order, and lets go of azimuth sectors settled to the `extent` of
+    /// observing on. Returns voxel observations made.
     pub(super) fn integrate<'a>(
         &mut self,
         pings: impl IntoIterator<Item = &'a Arc<Keyframe>>,
@@ -153,7 +154,7 @@ impl Block {
     ) -> u64 {
         let (center_m, radius_m) = (self.center_m(voxel_m), radius_m(voxel_m));
         let (mut work, mut observed_from) = (0, [false; SECTORS]);
-        // Looks that light nothing can only lower it.
+        // Observations that light nothing can only lower it.
         let mut may_be_more = self.best > 0.0;
         for keyframe in pings {
             if keyframe.fan.touches(center_m, radius_m) {
@@ -206,13 +207,13 @@ impl Block {
         self.best = totals.into_iter().fold(i32::MIN, i32::max) as f32 / STEPS;
     }
 
-    /// Evidence for each voxel over all sides; what one saw dark counts only so far.
+    /// Evidence for each voxel over all azimuth sectors; what one saw dark counts only so far.
     pub(super) fn evidence(&self, width: SectorWidth) -> Sums {
         self.totals(width).map(|total| total as f32 / STEPS)
     }
 
-    /// What sides say together, in steps: one that saw a place dark, since the structure hides itself
-    /// or glints elsewhere, contradicts the others only so far.
+    /// What azimuth sectors say together, in steps: one that saw a place dark, since the structure hides
+    /// itself or has specular returns elsewhere, contradicts the others only so far.
     fn totals(&self, width: SectorWidth) -> Totals {
         let mut totals = [0; VOXELS];
         dispatch!(Level::new(), _simd => match width {
@@ -280,7 +281,8 @@ impl<'a> Glance<'a> {
         }
     }
 
-    /// Adds the look to every voxel in its beam. Returns voxel looks done, and whether any was lit.
+    /// Adds the observations of all voxels in the beam. Returns voxel observations made, and whether any was
+    /// lit.
     #[inline(always)]
     fn add<S: Simd>(&self, simd: S, sums: &mut SectorSums) -> (u64, bool) {
         let geometry = &self.keyframe.geometry;
@@ -321,8 +323,8 @@ impl<'a> Glance<'a> {
                 continue;
             }
             let clear = seen.select(one - off, none);
-            // As whole numbers all at once: one by one that took a third of the look. Beyond the last
-            // bin nothing is seen.
+            // As whole numbers all at once: one by one that took a third of the time. Beyond the last bin
+            // nothing is seen.
             let bins: i32x8<S> = bin.max(0.0).min(bin_count).to_int();
             let mut ratio = [0.0; LANES];
             for (ratio, bin) in ratio.iter_mut().zip(bins.to_array()) {

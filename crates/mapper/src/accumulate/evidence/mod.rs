@@ -1,11 +1,11 @@
 //! Evidence of presence per place: a sparse grid of voxels around whatever was ever lit.
 //!
-//! Each look adds a log likelihood ratio to every voxel in its beam: for an echo at the voxel's
-//! range, against darkness there. Looks are weighted by what they say that the one before did
-//! not, so that the sum counts views rather than pings.
+//! Each ping adds a log likelihood ratio, its observation, to every voxel in its beam: for an echo at the voxel's range,
+//! against darkness there. Observations are weighted by what they say that the ping before did not, so that the sum
+//! counts views rather than pings.
 //!
-//! Cost: pings/s × blocks in the slice (about 150 at 10 m and 5 cm voxels) × 512 voxels, of
-//! which rows off the beam are passed over: 63,000 voxel looks a ping on the fence's survey.
+//! Cost: pings/s × blocks in the slice (about 150 at 10 m and 5 cm voxels) × 512 voxels, of which rows off the beam are
+//! passed over: 63,000 voxel observations a ping on the fence's survey.
 
 mod block;
 mod packed;
@@ -29,9 +29,10 @@ pub(crate) use block::{Block, SectorWidth, Sums};
 pub(crate) const BLOCK_EDGE: i32 = 8;
 pub(crate) const VOXELS: usize = 512;
 const TILE_EDGE: i32 = 8;
-/// Blocks that each slice lays away what nobody looked at of: few, so that sides are not taken up again the next moment.
+/// Blocks of which each slice lays away what had no observations: few, so that azimuth sectors are not taken up again the
+/// next moment.
 const LAID_AWAY: usize = 16;
-/// Of what there is, the part that there is room for more: twice as much would leave half of the memory of a large map
+/// What there is over this is the room for more: twice as much room would leave half of the memory of a large map
 /// unused.
 const SPARE_DIVISOR: usize = 8;
 const LEAST_SPARE: usize = 64;
@@ -50,13 +51,13 @@ pub(crate) fn spare(count: usize) -> usize {
 pub(crate) struct Tile {
     pub(crate) center_m: Vec3,
     pub(crate) blocks: Vec<BlockIndex>,
-    /// Independent looks at it of all pings that heard anything.
+    /// Independent observations of it by all pings that heard anything.
     pub(crate) observations: f32,
-    /// Of these looks, those of forgotten pings.
+    /// Of these observations, those of forgotten pings.
     pub(crate) forgotten_observations: f32,
-    /// Looks there had been when its Gaussians were last worked out.
+    /// Observations there had been when its Gaussians were last worked out.
     pub(crate) worked_observations: f32,
-    /// Looks there had been when they were last worked out anew, not from the map.
+    /// Observations there had been when they were last worked out anew, not from the map.
     pub(crate) even_observations: f32,
     /// Remembered pings with echoes that may see it.
     remembered_pings: u32,
@@ -65,7 +66,7 @@ pub(crate) struct Tile {
 }
 
 impl Tile {
-    /// Counts the looks of some pings; whether any may see it.
+    /// Counts the observations of some pings; whether any may see it.
     fn count_observations<'a>(
         &mut self,
         pings: impl IntoIterator<Item = &'a Arc<Keyframe>>,
@@ -101,7 +102,7 @@ pub(crate) struct Evidence {
     tile_at: HashMap<IVec3, usize>,
     /// Indices of blocks that are no more.
     free: Vec<BlockIndex>,
-    /// The next of the blocks that is asked to lay away sides, in turn.
+    /// The next of the blocks that is asked to lay away azimuth sectors, in turn.
     next_laid_away: usize,
     /// Remembered pings that it was told of, the oldest ones.
     told_pings: usize,
@@ -139,7 +140,7 @@ impl Evidence {
         &mut self.blocks[index as usize]
     }
 
-    /// Evidence for each voxel of a block over all sides, and the most of any.
+    /// Evidence for each voxel of a block over all azimuth sectors, and the most of any.
     pub(crate) fn of(&self, block: &Block, width: SectorWidth) -> (Sums, f32) {
         let sums = block.evidence(width);
         (sums, sums.into_iter().fold(f32::MIN, f32::max))
@@ -161,9 +162,9 @@ impl Evidence {
         history.pings().len() - self.told_pings
     }
 
-    /// Takes in a slice of looks, at most so many of those it was not told of yet: new blocks along their lit arcs, which
-    /// are told of every ping before as well, and evidence in the blocks there were. Returns voxel
-    /// looks done, the work.
+    /// Takes in a slice of pings, at most so many of those it was not told of yet: new blocks along their lit arcs, which
+    /// are told of every ping before as well, and evidence in the blocks there were. Returns voxel observations made, the
+    /// work.
     pub(crate) fn integrate(&mut self, history: &History, most: usize, extent: Extent) -> u64 {
         let slice_start = self.told_pings;
         self.told_pings += most.min(self.untold_pings(history));
@@ -195,7 +196,8 @@ impl Evidence {
         observations.iter().sum()
     }
 
-    /// Some of the blocks in turn hold sides in fewer bytes that were not looked from since it was their turn last.
+    /// Some of the blocks in turn hold azimuth sectors in fewer bytes that had no observation since it was their turn
+    /// last.
     fn lay_away(&mut self) {
         let count = self.blocks.len();
         for _ in 0..LAID_AWAY.min(count) {
@@ -204,7 +206,7 @@ impl Evidence {
         }
     }
 
-    /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
+    /// Forgets all evidence and takes in every ping again. Returns voxel observations made.
     pub(crate) fn integrate_anew(
         &mut self,
         history: &History,
@@ -225,7 +227,7 @@ impl Evidence {
                 progress.tell();
                 block.forget();
                 let observations = block.integrate_all(history, told_pings, voxel_m, extent);
-                // Once for what was looked from, and once for good.
+                // Once for sectors with observations, and once for good.
                 block.lay_away();
                 block.lay_away();
                 observations
@@ -233,12 +235,12 @@ impl Evidence {
             .sum()
     }
 
-    /// Forgets what all looks said and keeps the Gaussians: nothing can be worked out any more.
+    /// Forgets what all observations said and keeps the Gaussians: nothing can be worked out any more.
     pub(crate) fn forget_observations(&mut self) {
         self.blocks.iter_mut().for_each(Block::forget);
     }
 
-    /// Blocks that any look of the slice may see, through the tiles, which count their looks.
+    /// Blocks that any ping of the slice may see, through the tiles, which count their observations.
     fn near(&mut self, slice: &[Arc<Keyframe>]) -> Vec<BlockIndex> {
         let radius_m = self.tile_radius_m();
         let mut near = Vec::new();

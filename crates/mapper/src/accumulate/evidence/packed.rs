@@ -1,4 +1,4 @@
-//! The sums of a side in about half the bytes, exactly, while nobody looks from there.
+//! The sums of an azimuth sector in about half the bytes, exactly, while no observation comes from there.
 //!
 //! A row is its least sum and what the others are above it, in as few bits as the greatest needs; of rows that are
 //! all 0 nothing is held.
@@ -7,8 +7,8 @@ use echosplat_acoustics::lanes::LANES;
 
 use super::VOXELS;
 
-/// Sums of one side per voxel, x fastest, in steps of 1/64 up to 512: small, since there are many, and exact enough
-/// for looks of ½.
+/// Sums of one azimuth sector per voxel, x fastest, in steps of 1/64 up to 512: small, since there are many, and
+/// exact enough for observations of ½.
 pub(super) type SectorSums = [i16; VOXELS];
 
 /// A row is read as one number of so many bytes.

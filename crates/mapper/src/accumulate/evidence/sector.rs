@@ -1,18 +1,18 @@
-//! What looks from one side say of a block.
+//! What observations from one azimuth sector say of a block.
 
 use super::VOXELS;
 use super::packed::{Packed, SectorSums};
 
-/// What a settled side counts with the other half of its quarter.
+/// What a settled sector of 45° counts with the other half of its sector of 90°.
 const SETTLED_COUNTS: f32 = -8.0;
 
 /// Steps of [`SectorSums`] that are 1.
 pub(super) const STEPS: f32 = 64.0;
-/// Of all sides together, in steps.
+/// Of all sectors together, in steps.
 pub(super) type Totals = [i32; VOXELS];
 
-/// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
-/// that glints do not contradict their front.
+/// Evidence of observations from one azimuth sector: a structure seen from behind, where it hides
+/// itself, and one with specular returns do not contradict their front.
 #[derive(Debug, Default)]
 pub(super) enum Sector {
     #[default]
@@ -21,7 +21,7 @@ pub(super) enum Sector {
     Seen(Box<SectorSums>),
     /// The same, laid away.
     Packed(Packed),
-    /// So dark everywhere that no more looks are needed and nothing need be remembered.
+    /// So dark everywhere that no more observations are needed and nothing need be remembered.
     Settled,
 }
 
@@ -40,7 +40,8 @@ impl Sector {
         }
     }
 
-    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few looks.
+    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few
+    /// observations.
     #[inline(always)]
     pub(super) fn add_to(&self, total: &mut Totals) {
         match self {
