@@ -172,7 +172,7 @@ impl Bench {
                 dive_s: self.dive_s(&self.pings),
                 compute_s: clock.compute_s,
                 pair_count: method.pair_count(),
-                voxel_observations: voxel_observations,
+                voxel_observations,
                 ping_count: self.pings.len() as u64,
                 metrics: self.judge(&points),
             };
