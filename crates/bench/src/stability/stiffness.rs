@@ -326,13 +326,13 @@ impl Strengths {
             let mut sums = vec![(0.0, 0.0); CROWD];
             for ((p, m), row) in pairs().zip(&self.energies) {
                 let (p, m) = (p + self.floor, m + self.floor);
-                for ((score, weight), energy) in sums.iter_mut().zip(row) {
-                    *score += energy * m / (p * p);
+                for ((numerator, weight), energy) in sums.iter_mut().zip(row) {
+                    *numerator += energy * m / (p * p);
                     *weight += energy / p;
                 }
             }
-            for (strength, (score, weight)) in strengths.iter_mut().zip(sums) {
-                *strength *= (score / weight).powf(exponent).clamp(0.05, 20.0);
+            for (strength, (numerator, weight)) in strengths.iter_mut().zip(sums) {
+                *strength *= (numerator / weight).powf(exponent).clamp(0.05, 20.0);
             }
         }
         None

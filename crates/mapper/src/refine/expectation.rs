@@ -114,7 +114,7 @@ impl<T: Sum + Sync> Pass<T> {
             let parts: Vec<(Tally<T>, u64)> = chunks.par_chunks(T::CHUNK).map(of_chunk).collect();
             pairs += parts
                 .iter()
-                .map(|(_, of_chunk_pairs)| of_chunk_pairs)
+                .map(|(_, chunk_pairs)| chunk_pairs)
                 .sum::<u64>();
             join(&mut self.sums, &parts);
         }
@@ -338,8 +338,8 @@ fn step(numerator: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
     )
 }
 
-/// Gradient and Fisher information of the log likelihood in the mean of one Gaussian, and what the gradient changes by were
-/// all echoes a metre nearer, 1/m².
+/// Score and Fisher information: gradient and expected curvature of the log likelihood by the mean of one Gaussian, and what
+/// the gradient changes by were all echoes a metre nearer, 1/m².
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Score {
     pub(crate) gradient: Vec3,

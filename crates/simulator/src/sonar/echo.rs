@@ -170,7 +170,7 @@ fn first_hit(
     cast(step).map(|hit| (hit, step))
 }
 
-/// Power gathered in fractions of bins, with a margin at both ends for the pulse to reach in.
+/// Power gathered in parts of bins, with a margin at both ends for the pulse to reach in.
 pub(crate) struct Gathered {
     part_m: f64,
     margin_m: f64,

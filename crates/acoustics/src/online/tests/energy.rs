@@ -108,10 +108,10 @@ fn a_shift_by_a_fraction_of_a_bin_keeps_the_energy() {
             Quat::IDENTITY,
             Vec3::splat(sigma_m),
         );
-        let at = |part: f32| {
+        let at = |fraction: f32| {
             let mut geometry = still_geometry();
             geometry.range_variance_m2 = 1e-6;
-            geometry.range_start_m = geometry.bin_length_m * part;
+            geometry.range_start_m = geometry.bin_length_m * fraction;
             total(&geometry, &[ball])
         };
         for part in 1..20 {
