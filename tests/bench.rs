@@ -175,7 +175,7 @@ fn the_sweep_of_noise_says_what_became_of_each_level() {
 }
 
 #[test]
-fn parts_are_compared_and_those_that_are_not_settings_are_listed() {
+fn features_are_compared_and_those_that_are_not_settings_are_listed() {
     let parts = [
         "--only",
         "fence",

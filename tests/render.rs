@@ -14,7 +14,7 @@ use crate::python::tool;
 const LONG: Duration = Duration::from_secs(120);
 
 /// Every so many-th ping is kept from the map.
-const HELD_BACK: u64 = 20;
+const HELD_OUT: u64 = 20;
 
 fn json(arguments: &[&str]) -> Value {
     let mut program = Program::echosplat(arguments);
@@ -39,9 +39,9 @@ fn map() -> &'static str {
         let arguments = replay(&more);
         let arguments: Vec<&str> = arguments.iter().map(String::as_str).collect();
         let summary = json(&arguments);
-        let held_back = PING_COUNT / HELD_BACK;
-        assert_eq!(summary["pings_held_back"], held_back);
-        assert_eq!(summary["pings_mapped"], PING_COUNT - held_back);
+        let held_out = PING_COUNT / HELD_OUT;
+        assert_eq!(summary["pings_held_back"], held_out);
+        assert_eq!(summary["pings_mapped"], PING_COUNT - held_out);
         assert_eq!(summary["lossy"], Value::Null);
         // Without a truth, the run itself says how well its map predicts what was kept from it.
         let prediction = &summary["prediction"];
@@ -109,16 +109,16 @@ fn a_second_renderer_written_from_the_formulas_agrees() {
 }
 
 #[test]
-fn held_back_pings_are_told_better_by_the_map_than_by_a_constant() {
+fn held_out_pings_are_told_better_by_the_map_than_by_a_constant() {
     let folder = tempfile::tempdir().unwrap();
     let picture = folder.path().join("held.svg").display().to_string();
-    let (log, poses, every) = (file("dive.svlog"), file("dive.tum"), HELD_BACK.to_string());
+    let (log, poses, every) = (file("dive.svlog"), file("dive.tum"), HELD_OUT.to_string());
     let dive = ["--log", &log, "--poses", &poses];
     let asked = ["--held-back", &every, "--picture", &picture, "--json"];
     let said = json(&[&["evaluate", map()], &dive[..], &asked].concat());
     let score = &said["held_back"];
-    assert_eq!(score["ping_count"], PING_COUNT / HELD_BACK);
-    assert_eq!(score["fit_ping_count"], PING_COUNT / HELD_BACK);
+    assert_eq!(score["ping_count"], PING_COUNT / HELD_OUT);
+    assert_eq!(score["fit_ping_count"], PING_COUNT / HELD_OUT);
     // Little of the fence is known after half a minute: where it is not, L1 says nothing yet.
     assert!(score["gain_per_bin"].as_f64().unwrap() > 0.1, "{score}");
     let drawn = fs::read_to_string(&picture).unwrap();

@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use echosplat_acoustics::reference::online as twin;
 use echosplat_acoustics::{
-    GaussianArrays, GradientArrays, Look, OnlineOptions, OnlineRenderer, sample,
+    GaussianArrays, GradientArrays, OnlineOptions, OnlineRenderer, PingGeometry, sample,
 };
 
 /// Seconds of the fastest of several runs, so that other programs disturb least.
@@ -25,17 +25,22 @@ struct Rates {
     both: f64,
 }
 
-fn kernels(look: &Look, gaussians: &GaussianArrays, visible: &[u32], occlusion: bool) -> Rates {
+fn kernels(
+    geometry: &PingGeometry,
+    gaussians: &GaussianArrays,
+    visible: &[u32],
+    occlusion: bool,
+) -> Rates {
     let mut renderer = OnlineRenderer::new(OnlineOptions { occlusion });
     let mut gradients = GradientArrays::zeros(gaussians.len());
-    let loss = vec![0.5; look.bin_count as usize];
-    renderer.forward(look, gaussians, visible);
+    let loss = vec![0.5; geometry.bin_count as usize];
+    renderer.forward(geometry, gaussians, visible);
     let pairs = renderer.pair_count() as f64;
     let forward = fastest(400, || {
-        renderer.forward(look, gaussians, visible);
+        renderer.forward(geometry, gaussians, visible);
     });
     let both = fastest(400, || {
-        renderer.forward(look, gaussians, visible);
+        renderer.forward(geometry, gaussians, visible);
         renderer.backward(gaussians, &loss, &mut gradients);
     });
     Rates {
@@ -44,17 +49,22 @@ fn kernels(look: &Look, gaussians: &GaussianArrays, visible: &[u32], occlusion: 
     }
 }
 
-fn plain(look: &Look, gaussians: &GaussianArrays, visible: &[u32], occlusion: bool) -> Rates {
+fn plain(
+    geometry: &PingGeometry,
+    gaussians: &GaussianArrays,
+    visible: &[u32],
+    occlusion: bool,
+) -> Rates {
     let numbers = twin::numbers_of::<f32>(gaussians);
-    let loss = vec![0.5f32; look.bin_count as usize];
+    let loss = vec![0.5f32; geometry.bin_count as usize];
     let cutoffs = twin::Cutoffs::default();
-    let forward = || twin::forward(look, &numbers, visible, occlusion, &cutoffs);
+    let forward = || twin::forward(geometry, &numbers, visible, occlusion, &cutoffs);
     let pairs = forward().pair_count() as f64;
     let once = fastest(10, || {
         std::hint::black_box(forward());
     });
     let both = fastest(10, || {
-        std::hint::black_box(twin::backward(look, &numbers, &forward(), &loss));
+        std::hint::black_box(twin::backward(geometry, &numbers, &forward(), &loss));
     });
     Rates {
         forward: pairs / once,
@@ -63,7 +73,7 @@ fn plain(look: &Look, gaussians: &GaussianArrays, visible: &[u32], occlusion: bo
 }
 
 fn main() {
-    let (look, gaussians) = sample::bench_scene(1);
+    let (geometry, gaussians) = sample::bench_scene(1);
     let all: Vec<u32> = (0..gaussians.len() as u32).collect();
     let mut scattered = GaussianArrays::new();
     for &i in &all {
@@ -72,12 +82,12 @@ fn main() {
     }
     let every_other: Vec<u32> = all.iter().map(|i| 2 * i).collect();
     for occlusion in [false, true] {
-        let twin = plain(&look, &gaussians, &all, occlusion);
+        let twin = plain(&geometry, &gaussians, &all, occlusion);
         for (name, gaussians, visible) in [
             ("in a row", &gaussians, &all),
             ("scattered", &scattered, &every_other),
         ] {
-            let fast = kernels(&look, gaussians, visible, occlusion);
+            let fast = kernels(&geometry, gaussians, visible, occlusion);
             println!(
                 "occlusion {occlusion}, {name}: forward {:.2} M/s ({:.1} × {:.2}), \
                  both {:.2} M/s ({:.1} × {:.2})",

@@ -12,7 +12,7 @@
 //!
 //! ```
 //! use echosplat_acoustics::{
-//!     Beam, GaussianArrays, GradientArrays, Look, LookPose, OnlineOptions, OnlineRenderer,
+//!     Beam, GaussianArrays, GradientArrays, PingGeometry, PingPose, OnlineOptions, OnlineRenderer,
 //!     SpatialIndex,
 //! };
 //! use echosplat_model::glam::{Mat3, Quat, Vec3};
@@ -30,8 +30,8 @@
 //!     probability: 1.0,
 //!     standing: Standing::Confident,
 //! }]);
-//! let look = Look {
-//!     pose: LookPose {
+//! let geometry = PingGeometry {
+//!     pose: PingPose {
 //!         position_m: Vec3::ZERO,
 //!         axes: Mat3::IDENTITY,
 //!         drift_per_m: Vec3::ZERO,
@@ -46,9 +46,9 @@
 //! };
 //!
 //! let mut visible = Vec::new();
-//! SpatialIndex::new(&gaussians).visible(&look, &mut visible);
+//! SpatialIndex::new(&gaussians).visible(&geometry, &mut visible);
 //! let mut renderer = OnlineRenderer::new(OnlineOptions::default());
-//! let intensity = renderer.forward(&look, &gaussians, &visible);
+//! let intensity = renderer.forward(&geometry, &gaussians, &visible);
 //! let loudest = (0..intensity.len()).max_by(|&a, &b| intensity[a].total_cmp(&intensity[b]));
 //! assert_eq!(loudest, Some(250)); // 5.01 m / 0.02 m
 //!
@@ -79,6 +79,6 @@ pub use parameters::{
     OPACITY_LOGIT_LIMIT, OPACITY_MAX, PARAMETER_COUNT, Parameters, REFLECTIVITY_LOG_LIMIT,
     opacity_of, opacity_slope,
 };
-pub use projector::{Look, LookPose, Splat, SymmetricMat3};
+pub use projector::{PingGeometry, PingPose, Splat, SymmetricMat3};
 pub use real::Real;
 pub use spatial_index::SpatialIndex;

@@ -1,5 +1,6 @@
-//! [`Look::project`], eight Gaussians at a time: what a ping sees of Gaussians that are kept as
-//! packed covariances with a strength towards each of six sides.
+//! [`PingGeometry::project`], eight Gaussians at a time: what a ping sees of Gaussians that are kept as
+//! packed covariances with a directional reflectivity: a strength towards each of the six faces of a
+//! cube.
 //!
 //! [`cull`] and [`project`] belong inside `dispatch!`. Nothing here is known of where the Gaussians
 //! come from: they are arrays of numbers.
@@ -16,15 +17,15 @@ use crate::online::constants::{
 };
 use crate::ping_view::PingView;
 use crate::triple::{Triple, cross, dot, gathered};
-use crate::{Look, Splat};
+use crate::{PingGeometry, Splat};
 
 /// Numbers per Gaussian, world axes: mean (m), covariance (xx, yy, zz, yz, xz, xy, m²), strength
 /// towards +x, +y, +z and towards −x, −y, −z.
 pub const NUMBERS: usize = 15;
 
-/// One Gaussian in one ping.
+/// A row of the system matrix: one Gaussian in one ping.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Row {
+pub struct MatrixRow {
     /// Which Gaussian: what `slots` names it.
     pub slot: u32,
     /// How the ping sees it.
@@ -37,7 +38,7 @@ pub struct Row {
     pub energies_from: u32,
 }
 
-/// A look in single numbers, worked out once per ping.
+/// A ping's geometry as single numbers, worked out once per ping.
 #[derive(Debug, Clone, Copy)]
 pub struct View {
     ping: PingView,
@@ -49,19 +50,19 @@ pub struct View {
 }
 
 impl View {
-    /// Of `look`; unless `is_graded`, the fan is equally sensitive over all elevations that it sees.
+    /// Of `geometry`; unless `is_graded`, the fan is equally sensitive over all elevations that it sees.
     #[must_use]
-    pub fn of(look: &Look, is_graded: bool) -> Self {
-        let half_width = look.beam.elevation_half_width_rad();
+    pub fn of(geometry: &PingGeometry, is_graded: bool) -> Self {
+        let half_width = geometry.beam.elevation_half_width_rad();
         Self {
-            ping: PingView::new(look),
+            ping: PingView::new(geometry),
             is_graded,
             fan_tangent: (FAN_REACH * half_width).min(1.5).tan(),
-            bins_per_m: 1.0 / look.bin_length_m,
+            bins_per_m: 1.0 / geometry.bin_length_m,
         }
     }
 
-    /// Bins and parts of one from the ping's start, inside the ping.
+    /// Bins and fractions of one from the ping's start, inside the ping.
     #[inline(always)]
     fn bin_edge<S: Simd>(&self, range_m: f32x8<S>) -> f32x8<S> {
         let position = (range_m - self.ping.range_start_m) * self.bins_per_m;
@@ -69,7 +70,7 @@ impl View {
     }
 }
 
-/// Appends the places among `members` that the ping may see: a first look that spares most the rest.
+/// Appends the places among `members` that the ping may see: a cheap test that rules most of them out.
 /// `numbers` has shape `[NUMBERS][places]`, with [`LANES`] places or more from each member on.
 #[inline(always)]
 pub fn cull<S: Simd>(
@@ -154,7 +155,7 @@ pub fn project<S: Simd>(
     numbers: &[Vec<f32>; NUMBERS],
     slots: &[u32],
     places: &[u32],
-    rows: &mut Vec<Row>,
+    rows: &mut Vec<MatrixRow>,
 ) {
     for chunk in places.chunks(LANES) {
         let mut eight = [chunk[chunk.len() - 1]; LANES];
@@ -171,7 +172,7 @@ fn project_eight<S: Simd>(
     numbers: &[Vec<f32>; NUMBERS],
     slots: &[u32],
     (places, count): ([u32; LANES], usize),
-    rows: &mut Vec<Row>,
+    rows: &mut Vec<MatrixRow>,
 ) {
     let triple = |from: usize| gathered_triple(simd, numbers, from, places);
     let (mean_m, diagonal, mixed) = (triple(0), triple(3), triple(6));
@@ -251,7 +252,7 @@ fn project_eight<S: Simd>(
         if bits >> lane & 1 == 0 || bins.is_empty() {
             continue;
         }
-        rows.push(Row {
+        rows.push(MatrixRow {
             slot: slots[places[lane] as usize],
             splat: Splat {
                 range_m: range[lane],
@@ -280,7 +281,7 @@ fn arrays<S: Simd, const N: usize>(vectors: [f32x8<S>; N]) -> [[f32; LANES]; N] 
     arrays
 }
 
-/// Strength seen from the sensor, `Σ u_k² s_k` over the three sides that face against `range_axis`.
+/// Strength seen from the sensor, `Σ u_k² s_k` over the three faces turned against `range_axis`.
 #[inline(always)]
 fn facing<S: Simd>(range_axis: Triple<S>, ahead: Triple<S>, behind: Triple<S>) -> f32x8<S> {
     let [x, y, z] = range_axis;
@@ -293,14 +294,14 @@ fn facing<S: Simd>(range_axis: Triple<S>, ahead: Triple<S>, behind: Triple<S>) -
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Beam, LookPose, SymmetricMat3};
+    use crate::{Beam, PingPose, SymmetricMat3};
     use fearless_simd::{Level, dispatch};
     use glam::{EulerRot, Mat3, Quat};
 
-    fn look() -> Look {
+    fn geometry() -> PingGeometry {
         let turn = Quat::from_euler(EulerRot::ZYX, 0.4, -0.2, 0.3);
-        Look {
-            pose: LookPose {
+        PingGeometry {
+            pose: PingPose {
                 position_m: Vec3::new(1.0, -2.0, 0.5),
                 axes: Mat3::from_quat(turn),
                 drift_per_m: Vec3::new(1e-4, 2e-4, -1e-4),
@@ -324,13 +325,13 @@ mod tests {
 
     impl Gaussian {
         fn strength_seen(&self, towards: Vec3) -> f32 {
-            let sides = Vec3::select(towards.cmpge(Vec3::ZERO), self.ahead, self.behind);
-            sides.dot(towards * towards)
+            let faces = Vec3::select(towards.cmpge(Vec3::ZERO), self.ahead, self.behind);
+            faces.dot(towards * towards)
         }
     }
 
     /// Gaussians of all shapes in and beside the fan, and behind the sensor.
-    fn gaussians(look: &Look) -> Vec<Gaussian> {
+    fn gaussians(geometry: &PingGeometry) -> Vec<Gaussian> {
         let gaussian = |i| {
             let t = i as f32;
             let in_beam = Vec3::new(
@@ -342,7 +343,7 @@ mod tests {
             let scale_m = Vec3::new(0.05, 0.03, 0.01);
             let axes = Mat3::from_quat(rotation) * Mat3::from_diagonal(scale_m);
             Gaussian {
-                mean_m: look.pose.position_m + look.pose.axes * in_beam,
+                mean_m: geometry.pose.position_m + geometry.pose.axes * in_beam,
                 covariance_m2: SymmetricMat3::of(axes * axes.transpose()),
                 ahead: Vec3::new(1.0, 2.0, 3.0) + t,
                 behind: Vec3::new(5.0, 7.0, 9.0) + t,
@@ -374,9 +375,9 @@ mod tests {
 
     #[test]
     fn eight_at_a_time_see_what_one_at_a_time_sees() {
-        let look = look();
-        let gaussians = gaussians(&look);
-        let (numbers, view) = (numbers_of(&gaussians), View::of(&look, true));
+        let geometry = geometry();
+        let gaussians = gaussians(&geometry);
+        let (numbers, view) = (numbers_of(&gaussians), View::of(&geometry, true));
         // Named otherwise than placed.
         let slots: Vec<u32> = (0..gaussians.len() as u32).map(|place| place + 7).collect();
         let (mut places, mut rows) = (Vec::new(), Vec::new());
@@ -387,8 +388,8 @@ mod tests {
         let mut rows = rows.into_iter().peekable();
         let mut count = 0;
         for (gaussian, &slot) in gaussians.iter().zip(&slots) {
-            let splat = look.project(gaussian.mean_m, &gaussian.covariance_m2);
-            let Some(splat) = splat.filter(|splat| !look.bins_of(splat).is_empty()) else {
+            let splat = geometry.project(gaussian.mean_m, &gaussian.covariance_m2);
+            let Some(splat) = splat.filter(|splat| !geometry.bins_of(splat).is_empty()) else {
                 continue;
             };
             // One at the very edge of a cut may fall to either side.
@@ -412,7 +413,7 @@ mod tests {
             assert!((other.azimuth_axis - splat.azimuth_axis).length() < 1e-5);
             let strength = gaussian.strength_seen(-splat.range_axis);
             assert!(near(found.strength, strength, strength), "{slot}");
-            let bins = look.bins_of(&splat);
+            let bins = geometry.bins_of(&splat);
             assert!(bins.start.abs_diff(found.bins.start as usize) <= 1);
             assert!(bins.end.abs_diff(found.bins.end as usize) <= 1);
         }
@@ -421,13 +422,13 @@ mod tests {
 
     #[test]
     fn few_whose_ends_lie_eight_apart_are_each_read() {
-        let look = look();
-        let mut gaussians: Vec<Gaussian> = gaussians(&look).into_iter().take(8).collect();
+        let geometry = geometry();
+        let mut gaussians: Vec<Gaussian> = gaussians(&geometry).into_iter().take(8).collect();
         for (i, g) in gaussians.iter_mut().enumerate() {
             let r = 3.0 + i as f32;
-            g.mean_m = look.pose.position_m + look.pose.axes * Vec3::new(r, 0.0, 0.0);
+            g.mean_m = geometry.pose.position_m + geometry.pose.axes * Vec3::new(r, 0.0, 0.0);
         }
-        let (numbers, view) = (numbers_of(&gaussians), View::of(&look, true));
+        let (numbers, view) = (numbers_of(&gaussians), View::of(&geometry, true));
         let slots: Vec<u32> = (0..8).collect();
         let mut rows = Vec::new();
         dispatch!(Level::new(), simd => project(simd, &view, &numbers, &slots, &[0, 7], &mut rows));

@@ -3,12 +3,12 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x8, mask32x8};
 
-use crate::Look;
+use crate::PingGeometry;
 use crate::lanes;
 use crate::online::constants::{NEAREST_M, SIDEWAYS};
 use crate::triple::{Triple, dot, weighted};
 
-/// A look in single numbers, worked out once per ping.
+/// A ping's geometry as single numbers, worked out once per ping.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct PingView {
     /// Axes of the beam's frame: along, left, up.
@@ -44,20 +44,20 @@ pub(crate) struct Place<S: Simd> {
 }
 
 impl PingView {
-    pub(crate) fn new(look: &Look) -> Self {
-        let sigma_b = look.beam.azimuth_sigma_rad();
+    pub(crate) fn new(geometry: &PingGeometry) -> Self {
+        let sigma_b = geometry.beam.azimuth_sigma_rad();
         Self {
-            axes: look.pose.axes.to_cols_array_2d(),
-            position_m: look.pose.position_m.to_array(),
-            drift_per_m: look.pose.drift_per_m.to_array(),
-            reference_range_m: look.pose.reference_range_m,
+            axes: geometry.pose.axes.to_cols_array_2d(),
+            position_m: geometry.pose.position_m.to_array(),
+            drift_per_m: geometry.pose.drift_per_m.to_array(),
+            reference_range_m: geometry.pose.reference_range_m,
             sigma_b,
-            beam_variance: sigma_b * sigma_b + look.azimuth_variance_rad2,
-            inverse_half_width: 1.0 / look.beam.elevation_half_width_rad(),
-            range_variance_m2: look.range_variance_m2,
-            range_start_m: look.range_start_m,
-            bin_length_m: look.bin_length_m,
-            bin_count: look.bin_count as f32,
+            beam_variance: sigma_b * sigma_b + geometry.azimuth_variance_rad2,
+            inverse_half_width: 1.0 / geometry.beam.elevation_half_width_rad(),
+            range_variance_m2: geometry.range_variance_m2,
+            range_start_m: geometry.range_start_m,
+            bin_length_m: geometry.bin_length_m,
+            bin_count: geometry.bin_count as f32,
         }
     }
 
@@ -79,7 +79,7 @@ impl PingView {
         [weighted(v, along), weighted(v, left), weighted(v, up)]
     }
 
-    /// [`Look::in_beam`] of means on the map's coordinates.
+    /// [`PingGeometry::in_beam`] of means on the map's coordinates.
     #[inline(always)]
     pub(crate) fn place<S: Simd>(&self, [mx, my, mz]: Triple<S>) -> Place<S> {
         let [px, py, pz] = self.position_m;

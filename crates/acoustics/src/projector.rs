@@ -74,7 +74,7 @@ fn small_atan(tangent: f32) -> f32 {
 /// Where a beam was and how it moved, on the map's local coordinates. Its frame is the sensor's,
 /// turned about z so that the beam's axis is x: azimuth is measured from the axis.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LookPose {
+pub struct PingPose {
     /// Origin of the sensor relative to the map's origin.
     pub position_m: Vec3,
     /// Axes of the beam's frame in world coordinates, as columns: along, left, up.
@@ -88,9 +88,9 @@ pub struct LookPose {
 
 /// What is known of a ping before anything of the map: pose, bins, and how sharp it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Look {
+pub struct PingGeometry {
     /// Pose of the beam.
-    pub pose: LookPose,
+    pub pose: PingPose,
     /// Near edge of bin 0.
     pub range_start_m: f32,
     /// Length of a bin.
@@ -128,7 +128,7 @@ pub struct Splat {
     pub lever_m: f32,
 }
 
-impl Look {
+impl PingGeometry {
     /// The mean of a Gaussian in the beam's frame, moved by what the sensor drifts until its echo.
     #[inline]
     #[must_use]
@@ -152,7 +152,7 @@ impl Look {
         if !(range_m > NEAREST_M && q.x > SIDEWAYS * range_m) {
             return None;
         }
-        // The beam is narrow: a first look with the Gaussian's widest sigma spares most the rest.
+        // The beam is narrow: a cheap test with the Gaussian's widest sigma rules most of them out.
         let sigma_b = self.beam.azimuth_sigma_rad();
         let pattern_variance = sigma_b * sigma_b + self.azimuth_variance_rad2;
         let widest_m2 = covariance_m2.diagonal.element_sum();
@@ -268,9 +268,9 @@ mod tests {
     use crate::reference;
     use echosplat_model::glam::Quat;
 
-    fn look() -> Look {
-        Look {
-            pose: LookPose {
+    fn geometry() -> PingGeometry {
+        PingGeometry {
+            pose: PingPose {
                 position_m: Vec3::ZERO,
                 axes: Mat3::IDENTITY,
                 drift_per_m: Vec3::ZERO,
@@ -285,10 +285,10 @@ mod tests {
         }
     }
 
-    fn total_energy(look: &Look, mean_m: Vec3, covariance: &SymmetricMat3) -> f32 {
-        let splat = look.project(mean_m, covariance).unwrap();
+    fn total_energy(geometry: &PingGeometry, mean_m: Vec3, covariance: &SymmetricMat3) -> f32 {
+        let splat = geometry.project(mean_m, covariance).unwrap();
         let mut energies = Vec::new();
-        look.spread(&splat, look.bins_of(&splat), &mut energies);
+        geometry.spread(&splat, geometry.bins_of(&splat), &mut energies);
         energies.iter().sum()
     }
 
@@ -296,8 +296,8 @@ mod tests {
     fn energy_of_a_sphere_goes_as_one_over_range_squared() {
         // Wider than the beam everywhere would not: keep it small against the beam's 2 cm at 2 m.
         let sphere = SymmetricMat3::isotropic(0.002);
-        let near = total_energy(&look(), Vec3::new(2.0, 0.0, 0.0), &sphere);
-        let far = total_energy(&look(), Vec3::new(10.0, 0.0, 0.0), &sphere);
+        let near = total_energy(&geometry(), Vec3::new(2.0, 0.0, 0.0), &sphere);
+        let far = total_energy(&geometry(), Vec3::new(10.0, 0.0, 0.0), &sphere);
         assert!(
             (near * 4.0 / (far * 100.0) - 1.0).abs() < 0.02,
             "{near} {far}"
@@ -305,12 +305,12 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_by_part_of_a_bin_keeps_the_energy() {
+    fn a_shift_by_a_fraction_of_a_bin_keeps_the_energy() {
         let sphere = SymmetricMat3::isotropic(0.02);
         let at = |shift_m| {
-            let mut look = look();
-            look.range_start_m = shift_m;
-            total_energy(&look, Vec3::new(5.0, 0.0, 0.0), &sphere)
+            let mut geometry = geometry();
+            geometry.range_start_m = shift_m;
+            total_energy(&geometry, Vec3::new(5.0, 0.0, 0.0), &sphere)
         };
         for i in 0..10 {
             let ratio = at(0.002 * i as f32) / at(0.0);
@@ -321,7 +321,7 @@ mod tests {
 
     #[test]
     fn it_agrees_with_the_f64_twin_on_tilted_discs() {
-        let look = look();
+        let geometry = geometry();
         for i in 0..200 {
             let t = i as f32;
             let mean = Vec3::new(
@@ -333,13 +333,15 @@ mod tests {
             let scale = Vec3::new(0.05, 0.03, 0.01);
             let axes = Mat3::from_quat(rotation) * Mat3::from_diagonal(scale);
             let covariance = axes * axes.transpose();
-            let fast = look.project(mean, &SymmetricMat3::of(covariance)).unwrap();
-            let bins = look.bins_of(&fast);
+            let fast = geometry
+                .project(mean, &SymmetricMat3::of(covariance))
+                .unwrap();
+            let bins = geometry.bins_of(&fast);
             let mut measured = vec![0.0f32; bins.start];
-            look.spread(&fast, bins.clone(), &mut measured);
+            geometry.spread(&fast, bins.clone(), &mut measured);
             measured.resize(600, 0.0);
             let beyond_reach = f64::from(-0.5 * RANGE_REACH_SIGMAS * RANGE_REACH_SIGMAS).exp();
-            let expected = reference::render(&look, mean.as_dvec3(), covariance.as_dmat3());
+            let expected = reference::render(&geometry, mean.as_dvec3(), covariance.as_dmat3());
             let peak = expected.iter().copied().fold(0.0, f64::max);
             for (bin, (&m, &e)) in measured.iter().zip(&expected).enumerate() {
                 let error = (f64::from(m) - e).abs() / peak;
@@ -354,16 +356,16 @@ mod tests {
 
     #[test]
     fn turning_while_listening_moves_far_echoes_across() {
-        let mut look = look();
+        let mut geometry = geometry();
         // 30°/s about up, sound at 1500 m/s: 0.1° over 5 m.
-        look.pose.drift_per_m = Vec3::new(0.0, 30f32.to_radians() / 1500.0, 0.0);
-        let q = look.in_beam(Vec3::new(10.0, 0.0, 0.0));
+        geometry.pose.drift_per_m = Vec3::new(0.0, 30f32.to_radians() / 1500.0, 0.0);
+        let q = geometry.in_beam(Vec3::new(10.0, 0.0, 0.0));
         assert!((q.y / q.x + 0.1f32.to_radians()).abs() < 1e-5);
     }
 
     #[test]
     fn what_cannot_be_seen_is_none() {
-        let look = look();
+        let geometry = geometry();
         let sphere = SymmetricMat3::isotropic(0.02);
         for mean in [
             Vec3::new(-5.0, 0.0, 0.0),
@@ -372,15 +374,15 @@ mod tests {
             Vec3::ZERO,
             Vec3::splat(f32::NAN),
         ] {
-            assert!(look.project(mean, &sphere).is_none(), "{mean}");
+            assert!(geometry.project(mean, &sphere).is_none(), "{mean}");
         }
     }
 
     #[test]
     fn length_along_the_beam_does_not_bring_a_gaussian_into_it() {
-        let look = look();
-        let sigma_b = look.beam.azimuth_sigma_rad();
-        let total = (sigma_b * sigma_b + look.azimuth_variance_rad2).sqrt();
+        let geometry = geometry();
+        let sigma_b = geometry.beam.azimuth_sigma_rad();
+        let total = (sigma_b * sigma_b + geometry.azimuth_variance_rad2).sqrt();
         let long = SymmetricMat3 {
             diagonal: Vec3::new(0.04, 1e-8, 1e-8),
             mixed: Vec3::ZERO,
@@ -388,7 +390,7 @@ mod tests {
         let seen = |sigmas: f32| {
             let azimuth = sigmas * total;
             let mean_m = Vec3::new(5.0 * azimuth.cos(), 5.0 * azimuth.sin(), 0.0);
-            look.project(mean_m, &long).is_some()
+            geometry.project(mean_m, &long).is_some()
         };
         assert!(seen(0.95 * BEAM_REACH_SIGMAS) && !seen(1.3 * BEAM_REACH_SIGMAS));
     }

@@ -4,7 +4,7 @@ use echosplat_model::glam::{Mat3, Quat, Vec3};
 use rand_xoshiro::SplitMix64;
 use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
-use crate::{Beam, GaussianArrays, Look, LookPose, Parameters};
+use crate::{Beam, GaussianArrays, Parameters, PingGeometry, PingPose};
 
 /// Gaussians in view in [`bench_scene`].
 pub const BENCH_GAUSSIANS: usize = 2_000;
@@ -44,12 +44,12 @@ impl Numbers {
     }
 }
 
-/// A look along x from the map's origin: 600 bins of 2 cm, the default beam, 1 cm and 0.2° of
-/// doubt about its pose, a vehicle that moves and turns while it listens.
+/// A ping's geometry: it looks along x from the map's origin: 600 bins of 2 cm, the default beam,
+/// with 1 cm and 0.2° of doubt about its pose, a vehicle that moves and turns while it listens.
 #[must_use]
-pub fn look() -> Look {
-    Look {
-        pose: LookPose {
+pub fn geometry() -> PingGeometry {
+    PingGeometry {
+        pose: PingPose {
             position_m: Vec3::ZERO,
             axes: Mat3::IDENTITY,
             drift_per_m: Vec3::new(1e-4, 2e-4, -1e-4),
@@ -67,17 +67,17 @@ pub fn look() -> Look {
 /// A ping that sees [`BENCH_GAUSSIANS`] Gaussians of 2 to 10 cm at 3 to 11 m, 12 to 40 bins each,
 /// all of them in view: what a crowded map asks of the kernels.
 #[must_use]
-pub fn bench_scene(seed: u64) -> (Look, GaussianArrays) {
-    let look = look();
+pub fn bench_scene(seed: u64) -> (PingGeometry, GaussianArrays) {
+    let geometry = geometry();
     let mut numbers = Numbers::new(seed);
     let mut arrays = GaussianArrays::with_capacity(BENCH_GAUSSIANS);
     for _ in 0..BENCH_GAUSSIANS {
         arrays.push(in_view(&mut numbers, 3.0, 11.0, [0.02, 0.1]));
     }
-    (look, arrays)
+    (geometry, arrays)
 }
 
-/// A Gaussian inside the beam of [`look`], its sigmas between those of `sigma_m`.
+/// A Gaussian inside the beam of [`geometry`], its sigmas between those of `sigma_m`.
 pub fn in_view(numbers: &mut Numbers, near_m: f32, far_m: f32, sigma_m: [f32; 2]) -> Parameters {
     let range_m = numbers.between(near_m, far_m);
     let elevation = numbers.between(-0.4, 0.4);
@@ -106,14 +106,14 @@ mod tests {
 
     #[test]
     fn a_seed_is_a_scene_and_all_of_it_is_in_view() {
-        let (look, arrays) = bench_scene(7);
+        let (geometry, arrays) = bench_scene(7);
         assert_eq!(bench_scene(7).1, arrays);
         assert_ne!(bench_scene(8).1, arrays);
         let mut pairs = 0;
         for i in 0..arrays.len() {
             let one = arrays.get(i);
-            let splat = look.project(one.mean_m, &one.covariance_m2()).unwrap();
-            pairs += look.bins_of(&splat).len();
+            let splat = geometry.project(one.mean_m, &one.covariance_m2()).unwrap();
+            pairs += geometry.bins_of(&splat).len();
         }
         let mean = pairs as f32 / arrays.len() as f32;
         assert!((12.0..45.0).contains(&mean), "{mean} bins each");

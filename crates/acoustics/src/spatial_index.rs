@@ -7,13 +7,13 @@
 use echosplat_model::glam::{DVec3, Vec3};
 
 use crate::online::constants::{BEAM_REACH_SIGMAS, RANGE_REACH_SIGMAS};
-use crate::{GaussianArrays, Look};
+use crate::{GaussianArrays, PingGeometry};
 
 /// Gaussians below a leaf.
 const LEAF_LEN: usize = 8;
 /// Each class holds sizes up to this many times the one below.
 const CLASS_LOG_STEP: f32 = 1.386_294_4;
-/// What `Look::project` lets through off the beam; a bit more for rounding.
+/// What `PingGeometry::project` lets through off the beam; a bit more for rounding.
 const ACROSS_SIGMAS: f32 = BEAM_REACH_SIGMAS + 0.01;
 /// The fan's weight falls to 10⁻³ at `9.966^(1/8)` = 1.333 half-widths.
 const FAN_HALF_WIDTHS: f32 = 1.335;
@@ -109,12 +109,12 @@ impl SpatialIndex {
         self.nodes[place].next = self.nodes.len() as u32;
     }
 
-    /// Replaces `visible` by every Gaussian that [`Look::project`] lets through and that reaches a
+    /// Replaces `visible` by every Gaussian that [`PingGeometry::project`] lets through and that reaches a
     /// bin, or hides what does, with more than 10⁻⁹ of its energy, and by few others; in ascending
     /// order. Returns how many nodes and Gaussians were tested.
-    pub fn visible(&self, look: &Look, visible: &mut Vec<u32>) -> u64 {
+    pub fn visible(&self, geometry: &PingGeometry, visible: &mut Vec<u32>) -> u64 {
         visible.clear();
-        let slice = Slice::of(look);
+        let slice = Slice::of(geometry);
         let (mut at, mut tested) = (0, 0);
         while let Some(node) = self.nodes.get(at) {
             tested += 1;
@@ -183,7 +183,7 @@ fn around(members: &[Member]) -> (Member, f32) {
 
 /// What one ping can see of space, as bounds. All tests err towards yes, on NaN too.
 struct Slice {
-    look: Look,
+    geometry: PingGeometry,
     pattern_sigma: f32,
     /// Farthest mean, but for the Gaussian's own extent.
     end_m: f32,
@@ -192,24 +192,24 @@ struct Slice {
 }
 
 impl Slice {
-    fn of(look: &Look) -> Self {
-        let sigma_b = look.beam.azimuth_sigma_rad();
-        let elevation = (FAN_HALF_WIDTHS * look.beam.elevation_half_width_rad()).min(1.57);
-        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+    fn of(geometry: &PingGeometry) -> Self {
+        let sigma_b = geometry.beam.azimuth_sigma_rad();
+        let elevation = (FAN_HALF_WIDTHS * geometry.beam.elevation_half_width_rad()).min(1.57);
+        let end_m = geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
         Self {
-            look: *look,
-            pattern_sigma: (sigma_b * sigma_b + look.azimuth_variance_rad2).sqrt(),
-            end_m: end_m + BLUR_SIGMAS * look.range_variance_m2.sqrt(),
+            geometry: *geometry,
+            pattern_sigma: (sigma_b * sigma_b + geometry.azimuth_variance_rad2).sqrt(),
+            end_m: end_m + BLUR_SIGMAS * geometry.range_variance_m2.sqrt(),
             elevation_cos: elevation.cos(),
             elevation_sin: elevation.sin(),
         }
     }
 
     /// Whether any Gaussian with its mean within `radius_m` of the member's, and no larger, may be
-    /// seen: the conditions of [`Look::project`] with every distance widened by what the mean may
+    /// seen: the conditions of [`PingGeometry::project`] with every distance widened by what the mean may
     /// be off, and by how far the sensor may drift until the echo.
     fn may_see(&self, member: &Member, radius_m: f32) -> bool {
-        let pose = &self.look.pose;
+        let pose = &self.geometry.pose;
         let q = pose.axes.transpose() * (member.mean_m - pose.position_m);
         let distance_m = q.length();
         let reach_m = distance_m + radius_m;
@@ -231,7 +231,7 @@ impl Slice {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Beam, LookPose, Parameters};
+    use crate::{Beam, Parameters, PingPose};
     use echosplat_model::glam::{EulerRot, Mat3, Quat};
 
     /// Reproducible numbers in 0 to 1.
@@ -270,9 +270,9 @@ mod tests {
             }
         }
 
-        fn look(&mut self, half_m: f32) -> Look {
-            Look {
-                pose: LookPose {
+        fn geometry(&mut self, half_m: f32) -> PingGeometry {
+            PingGeometry {
+                pose: PingPose {
                     position_m: self.vec(half_m),
                     axes: Mat3::from_quat(self.rotation()),
                     drift_per_m: self.vec(4e-4),
@@ -295,14 +295,14 @@ mod tests {
     }
 
     /// By asking every Gaussian.
-    fn heard(look: &Look, gaussians: &GaussianArrays) -> Vec<u32> {
+    fn heard(geometry: &PingGeometry, gaussians: &GaussianArrays) -> Vec<u32> {
         let is_heard = |i: &u32| {
             let one = gaussians.get(*i as usize);
-            let Some(splat) = look.project(one.mean_m, &one.covariance_m2()) else {
+            let Some(splat) = geometry.project(one.mean_m, &one.covariance_m2()) else {
                 return false;
             };
             let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
-            off < 41.0 && look.bins_of(&splat).start < look.bin_count as usize
+            off < 41.0 && geometry.bins_of(&splat).start < geometry.bin_count as usize
         };
         (0..gaussians.len() as u32).filter(is_heard).collect()
     }
@@ -318,10 +318,10 @@ mod tests {
             let index = SpatialIndex::new(&gaussians);
             let mut visible = Vec::new();
             for _ in 0..40 {
-                let look = numbers.look(half_m);
-                index.visible(&look, &mut visible);
+                let geometry = numbers.geometry(half_m);
+                index.visible(&geometry, &mut visible);
                 assert!(visible.is_sorted_by(|a, b| a < b));
-                for i in heard(&look, &gaussians) {
+                for i in heard(&geometry, &gaussians) {
                     heard_count += 1;
                     let found = visible.binary_search(&i).is_ok();
                     assert!(
@@ -339,7 +339,7 @@ mod tests {
     fn a_ping_tests_its_surroundings_and_not_the_map() {
         let mut numbers = Numbers(3);
         let mut tested_per_visible = |half_m: f32, count: usize| {
-            // Small ones as in a map, and a few giants far away from all looks.
+            // Small ones as in a map, and a few giants far away from all pings.
             let mut gaussians = arrays((0..count).map(|_| numbers.gaussian(half_m, (-4.0, -3.0))));
             let mut giant = numbers.gaussian(1.0, (4.6, 4.61));
             giant.mean_m = Vec3::splat(1e5);
@@ -347,10 +347,10 @@ mod tests {
             let index = SpatialIndex::new(&gaussians);
             let (mut tested, mut seen, mut visible) = (0, 0, Vec::new());
             for _ in 0..50 {
-                let mut look = numbers.look(0.2 * half_m);
-                look.bin_length_m = 0.02;
-                tested += index.visible(&look, &mut visible);
-                seen += heard(&look, &gaussians).len() as u64;
+                let mut geometry = numbers.geometry(0.2 * half_m);
+                geometry.bin_length_m = 0.02;
+                tested += index.visible(&geometry, &mut visible);
+                seen += heard(&geometry, &gaussians).len() as u64;
             }
             assert!(seen > 500, "{seen}");
             (tested / 50, tested / seen)
@@ -375,12 +375,12 @@ mod tests {
         let mut good = numbers.gaussian(1.0, (-3.0, -2.0));
         good.mean_m = Vec3::ZERO;
         let index = SpatialIndex::new(&arrays([bad, good, endless]));
-        let mut look = numbers.look(0.0);
-        look.pose.position_m = look.pose.axes * Vec3::new(-5.0, 0.0, 0.0);
+        let mut geometry = numbers.geometry(0.0);
+        geometry.pose.position_m = geometry.pose.axes * Vec3::new(-5.0, 0.0, 0.0);
         let mut visible = vec![9];
-        index.visible(&look, &mut visible);
+        index.visible(&geometry, &mut visible);
         assert_eq!(visible, [1]);
-        SpatialIndex::new(&GaussianArrays::new()).visible(&look, &mut visible);
+        SpatialIndex::new(&GaussianArrays::new()).visible(&geometry, &mut visible);
         assert!(visible.is_empty());
     }
 
@@ -389,11 +389,11 @@ mod tests {
         let mut numbers = Numbers(5);
         let one = numbers.gaussian(0.0, (-3.0, -2.0));
         let index = SpatialIndex::new(&arrays((0..10_000).map(|_| one)));
-        let mut look = numbers.look(0.0);
-        look.pose.position_m = look.pose.axes * Vec3::new(-5.0, 0.0, 0.0);
-        look.pose.drift_per_m = Vec3::ZERO;
+        let mut geometry = numbers.geometry(0.0);
+        geometry.pose.position_m = geometry.pose.axes * Vec3::new(-5.0, 0.0, 0.0);
+        geometry.pose.drift_per_m = Vec3::ZERO;
         let mut visible = Vec::new();
-        index.visible(&look, &mut visible);
+        index.visible(&geometry, &mut visible);
         assert_eq!(visible.len(), 10_000);
     }
 }

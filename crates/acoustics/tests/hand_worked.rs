@@ -2,7 +2,7 @@
 //! bin, azimuth and elevation out. Bins are 0.02 m long and begin at range 0. The simulator is held
 //! to cases of its own, so that a sign both got wrong would have to be wrong on paper too.
 
-use echosplat_acoustics::{Beam, Look, LookPose, SymmetricMat3};
+use echosplat_acoustics::{Beam, PingGeometry, PingPose, SymmetricMat3};
 use echosplat_model::Pose;
 use echosplat_model::glam::{DMat3, DVec3, Vec3};
 
@@ -106,11 +106,11 @@ const CASES: [Case; 12] = [
     ),
 ];
 
-fn look(position_m: [f64; 3], yaw_pitch_roll_deg: [f64; 3]) -> Look {
+fn geometry(position_m: [f64; 3], yaw_pitch_roll_deg: [f64; 3]) -> PingGeometry {
     let [yaw, pitch, roll] = yaw_pitch_roll_deg.map(f64::to_radians);
     let pose = Pose::from_yaw_pitch_roll(yaw, pitch, roll, DVec3::from(position_m));
-    Look {
-        pose: LookPose {
+    PingGeometry {
+        pose: PingPose {
             position_m: pose.translation_m.as_vec3(),
             axes: DMat3::from_quat(pose.rotation).as_mat3(),
             drift_per_m: Vec3::ZERO,
@@ -128,12 +128,12 @@ fn look(position_m: [f64; 3], yaw_pitch_roll_deg: [f64; 3]) -> Look {
 #[test]
 fn targets_fall_where_a_hand_calculation_puts_them() {
     for (why, target_m, position_m, attitude_deg, expected) in CASES {
-        let look = look(position_m, attitude_deg);
+        let geometry = geometry(position_m, attitude_deg);
         let point = SymmetricMat3::isotropic(1e-4);
-        let splat = look.project(DVec3::from(target_m).as_vec3(), &point);
+        let splat = geometry.project(DVec3::from(target_m).as_vec3(), &point);
         let found = splat.map(|s| {
             (
-                (s.range_m / look.bin_length_m) as usize,
+                (s.range_m / geometry.bin_length_m) as usize,
                 f64::from(s.azimuth_rad.to_degrees()),
                 f64::from(s.elevation_rad.to_degrees()),
             )

@@ -27,7 +27,7 @@ pub(crate) enum Bench {
     ErrorTime(ErrorTimeBenchArguments),
     /// Error against noise: one survey with its echoes 40 to 6 dB over the noise
     Noise(NoiseBenchArguments),
-    /// Each optional part of the mapper on, off and as it chooses by itself
+    /// Each optional feature of the mapper on, off and as it chooses by itself
     Ablation(AblationBenchArguments),
     /// Hours of diving past several structures: whether memory, work per ping and the first structure's
     /// map stay as they were
@@ -114,7 +114,7 @@ pub(crate) struct AblationBenchArguments {
     /// Only this scene; repeatable
     #[arg(long, value_name = "SCENE")]
     pub(crate) only: Vec<String>,
-    /// Other settings in place of the mapper's parts, as KEY=ON,OFF,AUTO; repeatable
+    /// Other settings in place of the mapper's features, as KEY=ON,OFF,AUTO; repeatable
     #[arg(long, hide = true, value_name = "KEY=ON,OFF,AUTO", value_parser = part)]
     pub(crate) part: Vec<(String, [String; 3])>,
 }

@@ -3,7 +3,7 @@
 use echosplat_acoustics::{Beam, BeamError};
 use serde::{Deserialize, Serialize};
 
-use crate::Parts;
+use crate::Features;
 
 /// Settings of the mapper.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -26,13 +26,14 @@ pub struct MapperConfig {
     /// A bin is an echo above this many times the mean noise power. 6 lets noise through once
     /// in 400 bins, at places that do not agree from ping to ping; echoes of rods are 5 to 15 dB.
     pub detection_factor: f32,
-    /// Echoes this far below the strongest of late at about their range are the beam's tails rather than surfaces, decibels.
+    /// Echoes this far below the strongest of late at about their range are the beam's side lobes rather than surfaces,
+    /// decibels.
     pub dynamic_range_db: f32,
     /// Pings whose evidence is taken in together; bounds the latency of the map.
     pub slice_pings: usize,
     /// Most pings that are remembered; beyond it the oldest go, and what they told stays with the Gaussians.
     pub history_pings: usize,
-    /// Evidence at which a place becomes a Gaussian, in units of one clear look.
+    /// Evidence at which a place becomes a Gaussian, in units of one clear observation.
     pub spawn_evidence: f32,
     /// Work that each ping allows, in Gaussian–bin pairs of a step or what takes as long; less makes the map lag, not
     /// worse.
@@ -48,13 +49,13 @@ pub struct MapperConfig {
     pub workout_pairs: u64,
     /// Least share of an echo that a confident Gaussian and its surroundings explain.
     pub confident_share: f32,
-    /// Most one-sigma uncertainty of a confident Gaussian by its own pings alone, metres; one that continues a surface
-    /// may have four times as much.
+    /// Most one-sigma uncertainty of a confident Gaussian by its own pings alone, metres; one that is linked to a surface may
+    /// have four times as much.
     pub confident_sigma_m: f32,
     /// Threads of the mapper's own pool; 0 takes one per core. Does not change the result.
     pub threads: usize,
     /// What a scene may not need.
-    pub parts: Parts,
+    pub parts: Features,
 }
 
 impl Default for MapperConfig {
@@ -78,7 +79,7 @@ impl Default for MapperConfig {
             confident_share: 0.7,
             confident_sigma_m: 0.25,
             threads: 0,
-            parts: Parts::default(),
+            parts: Features::default(),
         }
     }
 }

@@ -12,9 +12,9 @@ const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
 /// from.
 const AT_FAR_END: f64 = 0.35;
 const AT_WORKING_RANGE: f64 = 0.8;
-/// A unit that is set to hear much further than what is there has voxels at most this part of those of its far end: noise
+/// A unit that is set to hear much further than what is there has voxels at most this fraction of those of its far end: noise
 /// out there fills room as well.
-const FINEST_PART: f64 = 0.5;
+const FINEST_FRACTION: f64 = 0.5;
 /// Voxels that would be finer or coarser by less stay as they are.
 const LEAST_CHANGE: f32 = 1.3;
 
@@ -142,7 +142,7 @@ fn voxel_m(range_end_m: f64, working_range_m: Option<f64>, config: &MapperConfig
     let coarsest_m = AT_FAR_END * beam_width_rad(config) * range_end_m;
     let resolved_m = working_range_m.map_or(coarsest_m, |range_m| {
         let there_m = AT_WORKING_RANGE * beam_width_rad(config) * range_m;
-        there_m.min(coarsest_m).max(FINEST_PART * coarsest_m)
+        there_m.min(coarsest_m).max(FINEST_FRACTION * coarsest_m)
     });
     resolved_m.clamp(VOXEL_LIMITS_M.0, VOXEL_LIMITS_M.1) as f32
 }
@@ -162,7 +162,7 @@ impl MapperConfig {
 /// The furthest that a unit should be set to hear where the strongest echoes come from `working_range_m`, metres: up to there
 /// voxels are as fine as the beam resolves. `None` if they are as configured.
 pub(crate) fn useful_range_m(working_range_m: f32, config: &MapperConfig) -> Option<f32> {
-    let times = (AT_WORKING_RANGE / (FINEST_PART * AT_FAR_END)) as f32;
+    let times = (AT_WORKING_RANGE / (FINEST_FRACTION * AT_FAR_END)) as f32;
     (config.resolution_m <= 0.0).then_some(times * working_range_m)
 }
 

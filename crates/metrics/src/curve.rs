@@ -13,9 +13,9 @@ pub struct Sample {
     pub compute_s: f64,
     /// Work so far, counted: Gaussian–bin pairs, which no machine's noise touches.
     pub pair_count: u64,
-    /// Voxel looks so far; arc samples of methods that have no voxels.
-    #[serde(default)]
-    pub voxel_looks: u64,
+    /// Voxel observations so far; arc samples of methods that have no voxels.
+    #[serde(default, rename = "voxel_looks")]
+    pub voxel_observations: u64,
     /// Pings mapped so far.
     pub ping_count: u64,
     /// What the map was worth.
@@ -23,10 +23,10 @@ pub struct Sample {
 }
 
 impl Sample {
-    /// Counted work: pairs and voxel looks, each at its count.
+    /// Counted work: pairs and voxel observations, each at its count.
     #[must_use]
     pub fn work(&self) -> u64 {
-        self.pair_count + self.voxel_looks
+        self.pair_count + self.voxel_observations
     }
 }
 
@@ -109,7 +109,7 @@ pub struct BandPoint {
     pub dive_s: f64,
     /// CPU seconds, median.
     pub compute_s: f64,
-    /// Gaussian–bin pairs and voxel looks, median.
+    /// Gaussian–bin pairs and voxel observations, median.
     pub work: f64,
     /// Chamfer distance, metres.
     pub cd_m: Spread,

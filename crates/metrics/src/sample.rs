@@ -18,7 +18,7 @@ pub fn run(method: &str, seed: u64, scale: f64, count: usize) -> Curve {
             dive_s,
             compute_s: 0.01 * dive_s * scale,
             pair_count: 1000 * index as u64,
-            voxel_looks: 10_000 * index as u64,
+            voxel_observations: 10_000 * index as u64,
             ping_count: 580 * index as u64,
             metrics: evaluate_raw(&map, &truth),
         }

@@ -125,8 +125,8 @@ pub struct Ping {
 }
 
 impl Ping {
-    /// `intensity` is linear power per bin, shape `[bin_count]`, finite and not negative.
-    /// `view` groups the beams of one image; `None` lets the mapper decide what counts as one look.
+    /// `intensity` is linear power per bin, shape `[bin_count]`, finite and not negative. `view` groups the
+    /// beams of one image; `None` lets the mapper decide what counts as one view.
     ///
     /// # Errors
     /// If a setting is out of range, the number of bins differs, or an intensity is not a power.

@@ -1,11 +1,11 @@
-//! Whether an optional part is at work.
+//! Whether an optional feature is at work.
 
 use std::fmt;
 
 use serde::de::{Error, Unexpected, Visitor};
 use serde::{Deserialize, Deserializer, Serialize};
 
-/// Whether a part is at work.
+/// Whether a feature is at work.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Switch {

@@ -260,7 +260,7 @@ impl FanAxes {
 }
 
 /// The brightest pixel of a view, of the middle one when views are sorted by it: neither a single
-/// glint nor the dark views set it.
+/// specular return nor the dark views set it.
 fn median_of_peaks(images: &[Image]) -> f32 {
     let peak = |image: &Image| image.value.iter().copied().fold(0.0, f32::max);
     let mut peaks: Vec<f32> = images.iter().map(peak).collect();

@@ -12,7 +12,7 @@ pub(crate) fn l1(predicted: &[f32], measured: &[f32], d_image: &mut Vec<f32>) ->
     differences.sum()
 }
 
-/// 0 where they agree: dark pixels that nothing is predicted in pull at nothing.
+/// 0 where they agree: dark pixels that nothing is predicted in have no gradient.
 fn slope(difference: f32) -> f32 {
     if difference > 0.0 {
         1.0

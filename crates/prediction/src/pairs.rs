@@ -1,10 +1,10 @@
 //! Pings beside what a map says of them.
 
-use echosplat_mapper::{MapperConfig, look_of};
+use echosplat_mapper::{MapperConfig, geometry_of};
 use echosplat_model::{PingSettings, PosedPing};
 
 use crate::MapRenderer;
-use crate::held_back::Pair;
+use crate::held_out::Pair;
 
 /// Bins within the blanking.
 #[must_use]
@@ -16,10 +16,10 @@ pub fn blank_bins(settings: &PingSettings, config: &MapperConfig) -> usize {
 
 /// A ping beside what a map says of it, without its blanked bins.
 pub fn pair_of(renderer: &mut MapRenderer, posed: &PosedPing, config: &MapperConfig) -> Pair {
-    let look = look_of(posed, renderer.origin_m(), config);
+    let geometry = geometry_of(posed, renderer.origin_m(), config);
     let blank = blank_bins(posed.ping.settings(), config);
     Pair {
         measured: posed.ping.intensity()[blank..].to_vec(),
-        rendered: renderer.ping(&look)[blank..].to_vec(),
+        rendered: renderer.ping(&geometry)[blank..].to_vec(),
     }
 }

@@ -1,6 +1,8 @@
 //! What a map says that a ping measures, from anywhere.
 
-use echosplat_acoustics::{GaussianArrays, Look, OnlineOptions, OnlineRenderer, SpatialIndex};
+use echosplat_acoustics::{
+    GaussianArrays, OnlineOptions, OnlineRenderer, PingGeometry, SpatialIndex,
+};
 use echosplat_model::Gaussian;
 use glam::DVec3;
 
@@ -46,7 +48,7 @@ impl MapRenderer {
         }
     }
 
-    /// Looks are relative to this, world coordinates.
+    /// Ping geometries are relative to this, world coordinates.
     #[must_use]
     pub fn origin_m(&self) -> DVec3 {
         self.origin_m
@@ -54,9 +56,11 @@ impl MapRenderer {
 
     /// Intensity per bin without noise in the unit of the pings that the map was made of, shape
     /// `[bin_count]`.
-    pub fn ping(&mut self, look: &Look) -> &[f32] {
-        self.index.visible(look, &mut self.visible);
-        let rendered = self.renderer.forward(look, &self.gaussians, &self.visible);
+    pub fn ping(&mut self, geometry: &PingGeometry) -> &[f32] {
+        self.index.visible(geometry, &mut self.visible);
+        let rendered = self
+            .renderer
+            .forward(geometry, &self.gaussians, &self.visible);
         let unit = self.intensity_unit;
         self.intensity.clear();
         self.intensity

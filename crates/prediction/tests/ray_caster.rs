@@ -3,7 +3,7 @@
 
 use std::fmt::Write;
 
-use echosplat_mapper::{MapperConfig, look_of};
+use echosplat_mapper::{MapperConfig, geometry_of};
 use echosplat_model::{Gaussian, Ping, PingSettings, Pose, PosedPing, Standing, Timestamp, Twist};
 use echosplat_prediction::MapRenderer;
 use echosplat_simulator::{Scene, echoes_at_rest};
@@ -146,8 +146,12 @@ fn by_map(pieces: &[Piece], occlusion: bool) -> Vec<f64> {
         jitter: None,
     };
     let mut renderer = MapRenderer::new(DVec3::ZERO, 1.0, &gaussians, occlusion);
-    let look = look_of(&posed, renderer.origin_m(), &config);
-    renderer.ping(&look).iter().map(|&i| f64::from(i)).collect()
+    let geometry = geometry_of(&posed, renderer.origin_m(), &config);
+    renderer
+        .ping(&geometry)
+        .iter()
+        .map(|&i| f64::from(i))
+        .collect()
 }
 
 fn correlation(a: &[f64], b: &[f64]) -> f64 {

@@ -35,7 +35,7 @@ impl Axis {
         match self {
             Self::Compute => "compute time, CPU s",
             Self::Dive => "dive time, s",
-            Self::Work => "work, pairs + voxel looks (M: million, G: billion)",
+            Self::Work => "work, pairs + voxel observations (M: million, G: billion)",
             Self::Chamfer => "CD, m",
             Self::Hausdorff => "HD, m",
             Self::False => "confident but false, share",

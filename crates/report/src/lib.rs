@@ -160,7 +160,7 @@ pub const OF_MAPS: [&str; 4] = [
     "An empty map has infinite error, which no logarithmic axis can show: it is said below \
      the curve, not drawn.",
     "Compute time is CPU time of the mapper on the machine below and compares within this \
-     report only; counted work (Gaussian–bin pairs and voxel looks) compares across machines.",
+     report only; counted work (Gaussian–bin pairs and voxel observations) compares across machines.",
     "Confident but false is the share of what is asserted that is further than 0.25 m from \
      all truth; none at all is drawn at 0.01 %.",
 ];

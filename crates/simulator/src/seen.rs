@@ -31,8 +31,8 @@ const CUBE_M: f64 = 0.5;
 /// same dive.
 #[must_use]
 pub fn seen_surface(scene: &Scene, dive: &Dive) -> Vec<SurfacePoint> {
-    let pings: Vec<Look> = (0..dive.pings())
-        .map(|index| Look::of(dive, index))
+    let pings: Vec<PingGeometry> = (0..dive.pings())
+        .map(|index| PingGeometry::of(dive, index))
         .collect();
     let cubes = cubes(candidates(scene, dive));
     let seen: Vec<Vec<SurfacePoint>> = cubes
@@ -43,13 +43,13 @@ pub fn seen_surface(scene: &Scene, dive: &Dive) -> Vec<SurfacePoint> {
 }
 
 /// One ping: where the sensor was at the middle of its listening, and how far it heard.
-struct Look {
+struct PingGeometry {
     origin: DVec3,
     sensor_from_world: DMat3,
     end_m: f64,
 }
 
-impl Look {
+impl PingGeometry {
     fn of(dive: &Dive, index: usize) -> Self {
         let settings = dive.settings_at(index);
         let middle_s = 0.5 * settings.range_end_m() / settings.speed_of_sound_mps;
@@ -121,12 +121,16 @@ fn cubes(places: Vec<SurfacePoint>) -> Vec<Vec<SurfacePoint>> {
     cubes.into_values().collect()
 }
 
-fn seen_of_cube(scene: &Scene, pings: &[Look], places: &[SurfacePoint]) -> Vec<SurfacePoint> {
+fn seen_of_cube(
+    scene: &Scene,
+    pings: &[PingGeometry],
+    places: &[SurfacePoint],
+) -> Vec<SurfacePoint> {
     let sum: DVec3 = places.iter().map(|place| place.position).sum();
     let center = sum / places.len() as f64;
     let from_center = |place: &SurfacePoint| place.position.distance(center);
     let radius_m = places.iter().map(from_center).fold(0.0, f64::max);
-    let near: Vec<&Look> = pings
+    let near: Vec<&PingGeometry> = pings
         .iter()
         .filter(|ping| ping.may_see(center, radius_m))
         .collect();

@@ -4,11 +4,11 @@
 //! I_b = Σ_i T_i ρ_i α_i Ω_i g(φ̄_i) σ_b/√(σ_b²+Σθθ) exp(−ΔΘ²/2(σ_b²+Σθθ)) [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]
 //! ```
 //!
-//! Eight Gaussians are projected at a time, then each is spread over its bins eight at a time. With
-//! occlusion, T comes between: Gaussians pass from near to far over a raster of azimuth and
-//! elevation, on which each leaves `ln(1 − α f)` in the share f of every cell that it covers. Sums
-//! run in the order of the Gaussians' positions: the same Gaussians and look give the same bits, in
-//! whatever order they are named, at any thread count, on one processor feature level.
+//! Eight Gaussians are projected at a time, then each is spread over its bins eight at a time. With occlusion,
+//! T comes between: Gaussians pass from near to far over a raster of azimuth and elevation, on which each
+//! leaves `ln(1 − α f)` in the share f of every cell that it covers. Sums run in the order of the Gaussians'
+//! positions: the same Gaussians and ping geometry give the same bits, in whatever order they are named, at
+//! any thread count, on one processor feature level.
 //!
 //! The plain twin is [`crate::reference::online`].
 
@@ -22,11 +22,11 @@ pub(crate) mod spread;
 
 use fearless_simd::{Level, dispatch};
 
-use crate::Look;
+use crate::PingGeometry;
 use crate::parameters::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
 use occlusion::Occlusion;
 pub use rows::OnlineRow;
-use rows::Pull;
+use rows::RowGradient;
 use sight::View;
 use spread::{Loss, PADDING};
 
@@ -43,7 +43,7 @@ pub struct OnlineOptions {
 pub struct OnlineRenderer {
     options: OnlineOptions,
     level: Level,
-    look: Option<Look>,
+    geometry: Option<PingGeometry>,
     visible: Vec<u32>,
     rows: Vec<OnlineRow>,
     occlusion: Occlusion,
@@ -52,7 +52,7 @@ pub struct OnlineRenderer {
     /// Of that shape, for some rows at a time; else 0.
     partial: Vec<f32>,
     loss: Loss,
-    pulls: Vec<Pull>,
+    row_gradients: Vec<RowGradient>,
     pair_count: u64,
     not_finite: u64,
 }
@@ -70,14 +70,14 @@ impl OnlineRenderer {
         Self {
             options,
             level,
-            look: None,
+            geometry: None,
             visible: Vec::new(),
             rows: Vec::new(),
             occlusion: Occlusion::default(),
             intensity: Vec::new(),
             partial: Vec::new(),
             loss: Loss::default(),
-            pulls: Vec::new(),
+            row_gradients: Vec::new(),
             pair_count: 0,
             not_finite: 0,
         }
@@ -85,20 +85,25 @@ impl OnlineRenderer {
 
     /// Predicted intensity per bin without noise, shape `[bin_count]`. `visible` are positions in
     /// `gaussians`, in any order, each once; those that do not exist, have numbers that are not
-    /// finite or lie outside the cut-offs of [`Look::project`] are left out.
-    pub fn forward(&mut self, look: &Look, gaussians: &GaussianArrays, visible: &[u32]) -> &[f32] {
+    /// finite or lie outside the cut-offs of [`PingGeometry::project`] are left out.
+    pub fn forward(
+        &mut self,
+        geometry: &PingGeometry,
+        gaussians: &GaussianArrays,
+        visible: &[u32],
+    ) -> &[f32] {
         let fields = gaussians.fields();
         self.sort_visible(visible, shortest(&fields));
-        self.look = Some(*look);
+        self.geometry = Some(*geometry);
         self.rows.clear();
         self.intensity.clear();
         self.intensity
-            .resize(look.bin_count as usize + PADDING, 0.0);
+            .resize(geometry.bin_count as usize + PADDING, 0.0);
         self.partial.resize(self.intensity.len(), 0.0);
-        let view = View::new(look);
+        let view = View::new(geometry);
         let occlusion = self.options.occlusion;
         if occlusion {
-            self.occlusion.raster.fit(look);
+            self.occlusion.raster.fit(geometry);
         }
         let (rows, visible) = (&mut self.rows, &self.visible);
         self.pair_count = dispatch!(self.level, simd => {
@@ -106,7 +111,7 @@ impl OnlineRenderer {
             if occlusion {
                 self.occlusion.forward(simd, rows);
             }
-            spread::spread(simd, look, rows, &mut self.partial, &mut self.intensity)
+            spread::spread(simd, geometry, rows, &mut self.partial, &mut self.intensity)
         });
         self.intensity()
     }
@@ -120,7 +125,7 @@ impl OnlineRenderer {
         d_intensity: &[f32],
         gradients: &mut GradientArrays,
     ) {
-        let Some(look) = self.look else {
+        let Some(geometry) = self.geometry else {
             return;
         };
         let fields = gaussians.fields();
@@ -128,17 +133,17 @@ impl OnlineRenderer {
         if self.rows.iter().any(|row| row.index as usize >= count) {
             return;
         }
-        self.not_finite += self.loss.set(d_intensity, look.bin_count as usize);
-        self.pulls.clear();
-        let view = View::new(&look);
+        self.not_finite += self.loss.set(d_intensity, geometry.bin_count as usize);
+        self.row_gradients.clear();
+        let view = View::new(&geometry);
         let occlusion = self.options.occlusion;
-        let (rows, pulls) = (&self.rows, &mut self.pulls);
+        let (rows, row_gradients) = (&self.rows, &mut self.row_gradients);
         self.not_finite += dispatch!(self.level, simd => {
-            spread::spread_back(simd, &look, rows, &self.loss, pulls);
+            spread::spread_back(simd, &geometry, rows, &self.loss, row_gradients);
             if occlusion {
-                self.occlusion.backward(simd, rows, pulls);
+                self.occlusion.backward(simd, rows, row_gradients);
             }
-            sight_back::accumulate(simd, &view, &fields, rows, pulls, occlusion, gradients)
+            sight_back::accumulate(simd, &view, &fields, rows, row_gradients, occlusion, gradients)
         });
     }
 
@@ -170,10 +175,10 @@ impl OnlineRenderer {
     /// Appends one of [`Self::rows`]' energies per bin of [`OnlineRow::bins`] for αρ = 1,
     /// transmittance included: its row of the measurement's system matrix.
     pub fn row_energies(&self, row: &OnlineRow, energies: &mut Vec<f32>) {
-        let Some(look) = &self.look else {
+        let Some(geometry) = &self.geometry else {
             return;
         };
-        dispatch!(self.level, simd => spread::append_row(simd, look, row, energies));
+        dispatch!(self.level, simd => spread::append_row(simd, geometry, row, energies));
     }
 
     fn sort_visible(&mut self, visible: &[u32], count: usize) {

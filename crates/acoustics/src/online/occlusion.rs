@@ -9,7 +9,7 @@ use fearless_simd::{f32x8, mask32x8};
 
 use super::constants::{LEAST_OVERLAP, LEAST_TRANSMITTANCE, RASTER_REACH_SIGMAS};
 use super::raster::{COLUMNS, Raster};
-use super::rows::{OnlineRow, Pull, Shadow};
+use super::rows::{OnlineRow, RowGradient, Shadow};
 use crate::lanes;
 use crate::parameters::OPACITY_MAX;
 
@@ -111,19 +111,32 @@ impl Occlusion {
         }
     }
 
-    /// From far to near: adds what each row's hiding of others, and being hidden, pulls at.
+    /// From far to near: adds the gradients that come from each row's hiding of others and from its
+    /// being hidden.
     #[inline(always)]
-    pub(super) fn backward<S: Simd>(&mut self, simd: S, rows: &[OnlineRow], pulls: &mut [Pull]) {
+    pub(super) fn backward<S: Simd>(
+        &mut self,
+        simd: S,
+        rows: &[OnlineRow],
+        row_gradients: &mut [RowGradient],
+    ) {
         self.behind.clear();
         self.behind.resize(self.raster.row_count(), [0.0; COLUMNS]);
         let mut end = self.before.len();
         for &key in self.order.iter().rev() {
             let number = key as u32 as usize;
-            let (row, pull) = (&rows[number], &mut pulls[number]);
+            let (row, row_gradient) = (&rows[number], &mut row_gradients[number]);
             let cover = Cover::new(simd, &self.raster, &row.shadow);
             let start = end - cover.rows.len();
             let before = &self.before[start..end];
-            pass_back(&self.raster, &cover, row, before, &mut self.behind, pull);
+            pass_back(
+                &self.raster,
+                &cover,
+                row,
+                before,
+                &mut self.behind,
+                row_gradient,
+            );
             end = start;
         }
     }
@@ -177,14 +190,14 @@ fn pass_back<S: Simd>(
     row: &OnlineRow,
     before: &[[f32; COLUMNS]],
     behind: &mut [[f32; COLUMNS]],
-    pull: &mut Pull,
+    row_gradient: &mut RowGradient,
 ) {
     let simd = cover.y1.simd;
     let zero = f32x8::splat(simd, 0.0);
     // What lies beside the raster or in the dark has no cell to be lit through.
     let lit = row.shadow.overlap > LEAST_OVERLAP && row.transmittance > 0.0;
     let by_mean = if lit {
-        pull.log_energy / row.transmittance / row.shadow.overlap
+        row_gradient.log_energy / row.transmittance / row.shadow.overlap
     } else {
         0.0
     };
@@ -205,8 +218,8 @@ fn pass_back<S: Simd>(
         h2 += part_y2;
         h22 = part_y2.mul_add(y2, h22);
     }
-    pull.opacity = opacity.reduce_sum();
-    pull.moments = [
+    row_gradient.opacity = opacity.reduce_sum();
+    row_gradient.moments = [
         h.reduce_sum(),
         (h * cover.y1).reduce_sum(),
         h2.reduce_sum(),

@@ -1,7 +1,7 @@
 //! The raster of directions on which Gaussians hide one another.
 
 use super::constants::{RASTER_HALF_HEIGHT, RASTER_HALF_WIDTH_SIGMAS, RASTER_ROW_DEG};
-use crate::Look;
+use crate::PingGeometry;
 use crate::lanes::LANES;
 
 /// Rows all around.
@@ -26,33 +26,33 @@ pub(crate) struct Raster {
 }
 
 /// Sizes of a cell in azimuth and elevation.
-pub(crate) fn cell_rad(look: &Look) -> [f64; 2] {
-    let column_rad = 2.0 * RASTER_HALF_WIDTH_SIGMAS * sigma_rad(look) / COLUMNS as f64;
+pub(crate) fn cell_rad(geometry: &PingGeometry) -> [f64; 2] {
+    let column_rad = 2.0 * RASTER_HALF_WIDTH_SIGMAS * sigma_rad(geometry) / COLUMNS as f64;
     [column_rad, RASTER_ROW_DEG.to_radians()]
 }
 
 /// One sigma of beam and attitude in azimuth.
-fn sigma_rad(look: &Look) -> f64 {
-    let sigma = f64::from(look.beam.azimuth_sigma_rad());
-    (sigma * sigma + f64::from(look.azimuth_variance_rad2)).sqrt()
+fn sigma_rad(geometry: &PingGeometry) -> f64 {
+    let sigma = f64::from(geometry.beam.azimuth_sigma_rad());
+    (sigma * sigma + f64::from(geometry.azimuth_variance_rad2)).sqrt()
 }
 
 impl Raster {
-    /// The raster of one look.
+    /// The raster of one ping geometry.
     #[must_use]
-    pub(crate) fn new(look: &Look) -> Self {
+    pub(crate) fn new(geometry: &PingGeometry) -> Self {
         let mut raster = Self::default();
-        raster.fit(look);
+        raster.fit(geometry);
         raster
     }
 
-    /// Becomes the raster of `look`.
-    pub(crate) fn fit(&mut self, look: &Look) {
-        let sigma = sigma_rad(look);
-        let [column_rad, row_rad] = cell_rad(look);
-        let half_rad = f64::from(look.beam.elevation_half_width_rad());
-        // More than the whole circle is no fan, whatever the look says.
-        // A whole number of rows stays that number, whatever an f32 angle's last bit says.
+    /// Becomes the raster of `geometry`.
+    pub(crate) fn fit(&mut self, geometry: &PingGeometry) {
+        let sigma = sigma_rad(geometry);
+        let [column_rad, row_rad] = cell_rad(geometry);
+        let half_rad = f64::from(geometry.beam.elevation_half_width_rad());
+        // More than the whole circle is no fan, whatever the geometry says. A whole number of rows
+        // stays that number, whatever an f32 angle's last bit says.
         let rows = (2.0 * RASTER_HALF_HEIGHT * half_rad / row_rad - 1e-3)
             .ceil()
             .clamp(1.0, MOST_ROWS);
@@ -107,13 +107,13 @@ mod tests {
 
     #[test]
     fn it_is_symmetric_and_covers_beam_and_fan() {
-        let (look, _) = sample::bench_scene(0);
-        let raster = Raster::new(&look);
+        let (geometry, _) = sample::bench_scene(0);
+        let raster = Raster::new(&geometry);
         let last = raster.cell_count() - 1;
         let ([a, b], [c, d]) = (raster.centre_rad(0), raster.centre_rad(last));
         assert!((a + c).abs() < 1e-7 && (b + d).abs() < 1e-5);
-        assert!(d > 1.28 * look.beam.elevation_half_width_rad());
-        assert!(c > 2.4 * look.beam.azimuth_sigma_rad());
+        assert!(d > 1.28 * geometry.beam.elevation_half_width_rad());
+        assert!(c > 2.4 * geometry.beam.azimuth_sigma_rad());
         assert!(raster.weight(last) < 1e-3 && raster.weight(last / 2 / 8 * 8 + 4) > 0.9);
     }
 }

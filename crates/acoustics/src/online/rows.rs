@@ -1,8 +1,9 @@
-//! What is kept of each Gaussian in one ping, between projection, raster and bins.
+//! Rows of the system matrix: what is kept of each Gaussian in one ping, between projection, raster
+//! and bins.
 
 use std::ops::Range;
 
-/// One Gaussian in one ping.
+/// A row of the system matrix: one Gaussian in one ping.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct OnlineRow {
     /// Which Gaussian: its position in the arrays.
@@ -53,9 +54,9 @@ pub(super) struct Shadow {
     pub(super) overlap: f32,
 }
 
-/// Derivatives of the loss by a row's place in the ping; all 0 where nothing pulls.
+/// The gradient of the loss by the numbers of one row; all 0 where the loss does not depend on it.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(super) struct Pull {
+pub(super) struct RowGradient {
     /// By the logarithm of its energy.
     pub(super) log_energy: f32,
     /// By r′.

@@ -12,13 +12,13 @@ use super::constants::{
 };
 use super::raster;
 use super::rows::{OnlineRow, Shadow};
-use crate::Look;
+use crate::PingGeometry;
 use crate::lanes::{self, LANES};
 use crate::parameters::{OPACITY_MAX, PARAMETER_COUNT};
 use crate::ping_view::PingView;
 use crate::triple::{Triple, cross, dot, gathered, times};
 
-/// A look in single numbers, worked out once per ping.
+/// A ping's geometry as single numbers, worked out once per ping.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct View {
     pub(super) ping: PingView,
@@ -26,10 +26,10 @@ pub(super) struct View {
 }
 
 impl View {
-    pub(super) fn new(look: &Look) -> Self {
+    pub(super) fn new(geometry: &PingGeometry) -> Self {
         Self {
-            ping: PingView::new(look),
-            cell_variance_rad2: raster::cell_rad(look).map(|size| (0.25 * size * size) as f32),
+            ping: PingView::new(geometry),
+            cell_variance_rad2: raster::cell_rad(geometry).map(|size| (0.25 * size * size) as f32),
         }
     }
 }
@@ -374,7 +374,7 @@ fn push_rows<S: Simd>(
     }
 }
 
-/// Bins and parts of one from the ping's start, inside the ping.
+/// Bins and fractions of one from the ping's start, inside the ping.
 #[inline(always)]
 fn bin_edge<S: Simd>(view: &View, range_m: f32x8<S>) -> f32x8<S> {
     let ping = &view.ping;

@@ -1,17 +1,18 @@
-//! From what the loss pulls at in a ping back to the parameters, eight Gaussians at a time.
+//! From the gradients of the loss by the rows of a ping back to the parameters, eight Gaussians at
+//! a time.
 
 use fearless_simd::f32x8;
 use fearless_simd::prelude::*;
 
-use super::rows::{OnlineRow, Pull};
+use super::rows::{OnlineRow, RowGradient};
 use super::sight::{Eight, Sight, View};
 use crate::lanes::{self, LANES};
 use crate::parameters::{GradientArrays, PARAMETER_COUNT};
 use crate::triple::{Triple, cross, dot};
 
-/// [`Pull`] of eight rows.
+/// [`RowGradient`] of eight rows.
 #[derive(Clone, Copy)]
-struct Pulls<S: Simd> {
+struct RowGradients<S: Simd> {
     log_energy: f32x8<S>,
     range: f32x8<S>,
     variance: f32x8<S>,
@@ -19,20 +20,24 @@ struct Pulls<S: Simd> {
     moments: [f32x8<S>; 6],
 }
 
-impl<S: Simd> Pulls<S> {
+impl<S: Simd> RowGradients<S> {
     #[inline(always)]
-    fn gather(simd: S, pulls: &[Pull]) -> Self {
-        let mut eight = [Pull::default(); LANES];
-        eight[..pulls.len()].copy_from_slice(pulls);
+    fn gather(simd: S, row_gradients: &[RowGradient]) -> Self {
+        let mut eight = [RowGradient::default(); LANES];
+        eight[..row_gradients.len()].copy_from_slice(row_gradients);
         let mut turned = [[0.0; LANES]; 10];
-        for (lane, pull) in eight.iter().enumerate() {
-            let [h, h1, h2, h11, h12, h22] = pull.moments;
-            let (energy, range, variance) = (pull.log_energy, pull.range, pull.variance);
+        for (lane, row_gradient) in eight.iter().enumerate() {
+            let [h, h1, h2, h11, h12, h22] = row_gradient.moments;
+            let (energy, range, variance) = (
+                row_gradient.log_energy,
+                row_gradient.range,
+                row_gradient.variance,
+            );
             let numbers = [
                 energy,
                 range,
                 variance,
-                pull.opacity,
+                row_gradient.opacity,
                 h,
                 h1,
                 h2,
@@ -63,7 +68,7 @@ impl<S: Simd> Pulls<S> {
 }
 
 /// Derivatives by the quantities of a [`Sight`].
-struct SightPull<S: Simd> {
+struct SightGradient<S: Simd> {
     range_m: f32x8<S>,
     lever_m: f32x8<S>,
     azimuth: f32x8<S>,
@@ -84,20 +89,26 @@ pub(super) fn accumulate<S: Simd>(
     view: &View,
     fields: &[&[f32]; PARAMETER_COUNT],
     rows: &[OnlineRow],
-    pulls: &[Pull],
+    row_gradients: &[RowGradient],
     occlusion: bool,
     gradients: &mut GradientArrays,
 ) -> u64 {
     let mut not_finite = 0;
     let mut fields_back = gradients.fields_mut();
-    for (rows, pulls) in rows.chunks(LANES).zip(pulls.chunks(LANES)) {
+    for (rows, row_gradients) in rows.chunks(LANES).zip(row_gradients.chunks(LANES)) {
         let mut indices = [rows[rows.len() - 1].index; LANES];
         for (index, row) in indices.iter_mut().zip(rows) {
             *index = row.index;
         }
         let eight = Eight::gather(simd, fields, indices);
         let sight = Sight::new(view, &eight);
-        let gradient = gradient(view, &eight, &sight, &Pulls::gather(simd, pulls), occlusion);
+        let gradient = gradient(
+            view,
+            &eight,
+            &sight,
+            &RowGradients::gather(simd, row_gradients),
+            occlusion,
+        );
         let mut nothing = lanes::nothing(gradient[0]);
         for part in &gradient[1..] {
             nothing += lanes::nothing(*part);
@@ -134,18 +145,18 @@ fn gradient<S: Simd>(
     view: &View,
     eight: &Eight<S>,
     sight: &Sight<S>,
-    pulls: &Pulls<S>,
+    row_gradients: &RowGradients<S>,
     occlusion: bool,
 ) -> [f32x8<S>; PARAMETER_COUNT] {
-    let mut by = measurement_back(view, sight, pulls);
+    let mut by = measurement_back(view, sight, row_gradients);
     if occlusion {
-        shadow_back(view, sight, pulls, &mut by);
+        shadow_back(view, sight, row_gradients, &mut by);
     }
     let [gu, gv, gw] = axes_back(sight, &by);
     let [mx, my, mz] = mean_back(view, sight, &by, gu, gv, gw);
     let [qx, qy, qz, qw] = rotation_back(sight, gu, gv, gw);
     let [sx, sy, sz] = scale_back(sight, &by);
-    let by_opacity = pulls.log_energy / eight.opacity() + pulls.opacity;
+    let by_opacity = row_gradients.log_energy / eight.opacity() + row_gradients.opacity;
     let logit = by_opacity * eight.opacity_slope();
     [
         mx,
@@ -159,36 +170,40 @@ fn gradient<S: Simd>(
         sy,
         sz,
         logit,
-        pulls.log_energy,
+        row_gradients.log_energy,
     ]
 }
 
 /// Through energy, r′ and s².
 #[inline(always)]
-fn measurement_back<S: Simd>(view: &View, sight: &Sight<S>, pulls: &Pulls<S>) -> SightPull<S> {
+fn measurement_back<S: Simd>(
+    view: &View,
+    sight: &Sight<S>,
+    row_gradients: &RowGradients<S>,
+) -> SightGradient<S> {
     let simd = sight.rr.simd;
     let one = f32x8::splat(simd, 1.0);
     let zero = f32x8::splat(simd, 0.0);
-    let (e, lever) = (pulls.log_energy, sight.lever_m);
+    let (e, lever) = (row_gradients.log_energy, sight.lever_m);
     let by_total = one / sight.total2;
     let above_floor = sight.range_variance(view).1;
-    let variance = lanes::only(above_floor, pulls.variance);
+    let variance = lanes::only(above_floor, row_gradients.variance);
     let arc = sight.azimuth * lever;
     let by_total2 = (e * (arc * arc * by_total - one) * 0.5
-        + pulls.range * arc * sight.rt * by_total
+        + row_gradients.range * arc * sight.rt * by_total
         - variance * sight.own_variance())
         * by_total;
     let by_beam2 = by_total2 + variance * sight.rr * by_total;
-    let by_arc = -(e * arc + pulls.range * sight.rt) * by_total;
-    SightPull {
-        range_m: pulls.range - e * 2.0 / sight.range_m,
+    let by_arc = -(e * arc + row_gradients.range * sight.rt) * by_total;
+    SightGradient {
+        range_m: row_gradients.range - e * 2.0 / sight.range_m,
         lever_m: e / lever
             + by_arc * sight.azimuth
             + lever * by_beam2 * (2.0 * view.ping.beam_variance),
         azimuth: by_arc * lever,
         elevation: e * fan_slope(view, sight.elevation),
         rr: variance * sight.beam2 * by_total,
-        rt: -pulls.range * arc * by_total,
+        rt: -row_gradients.range * arc * by_total,
         tt: by_total2,
         tp: zero,
         pp: zero,
@@ -208,10 +223,15 @@ fn fan_slope<S: Simd>(view: &View, elevation: f32x8<S>) -> f32x8<S> {
 
 /// Through what is covered on the raster.
 #[inline(always)]
-fn shadow_back<S: Simd>(view: &View, sight: &Sight<S>, pulls: &Pulls<S>, by: &mut SightPull<S>) {
+fn shadow_back<S: Simd>(
+    view: &View,
+    sight: &Sight<S>,
+    row_gradients: &RowGradients<S>,
+    by: &mut SightGradient<S>,
+) {
     let shadow = sight.shadow(view);
     let (a, b, slope) = (shadow.inverse_width, shadow.inverse_height, shadow.slope);
-    let [h, h1, h2, h11, h12, h22] = pulls.moments;
+    let [h, h1, h2, h11, h12, h22] = row_gradients.moments;
     let by_elevation = h2 * b;
     by.elevation += by_elevation;
     by.azimuth += h1 * a - slope * by_elevation;
@@ -232,7 +252,7 @@ fn shadow_back<S: Simd>(view: &View, sight: &Sight<S>, pulls: &Pulls<S>, by: &mu
 
 /// By the directions of range, azimuth and elevation along the Gaussian's own axes.
 #[inline(always)]
-fn axes_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> [Triple<S>; 3] {
+fn axes_back<S: Simd>(sight: &Sight<S>, by: &SightGradient<S>) -> [Triple<S>; 3] {
     let (u, v, w) = (sight.along, sight.across, sight.up);
     let (rr, tt, pp) = (by.rr * 2.0, by.tt * 2.0, by.pp * 2.0);
     let (section2, side2) = (by.section2 * 2.0, by.side2 * 2.0);
@@ -247,7 +267,7 @@ fn axes_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> [Triple<S>; 3] {
 }
 
 #[inline(always)]
-fn scale_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> Triple<S> {
+fn scale_back<S: Simd>(sight: &Sight<S>, by: &SightGradient<S>) -> Triple<S> {
     let (u, v, w) = (sight.along, sight.across, sight.up);
     let (mut scales, mut areas) = (u, u);
     for k in 0..3 {
@@ -270,7 +290,7 @@ fn scale_back<S: Simd>(sight: &Sight<S>, by: &SightPull<S>) -> Triple<S> {
 fn mean_back<S: Simd>(
     view: &View,
     sight: &Sight<S>,
-    by: &SightPull<S>,
+    by: &SightGradient<S>,
     gu: Triple<S>,
     gv: Triple<S>,
     gw: Triple<S>,

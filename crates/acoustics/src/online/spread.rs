@@ -5,9 +5,9 @@ use std::ops::Range;
 use fearless_simd::f32x8;
 use fearless_simd::prelude::*;
 
-use super::rows::{OnlineRow, Pull};
+use super::rows::{OnlineRow, RowGradient};
 use crate::lanes::{self, LANES};
-use crate::{Look, Splat};
+use crate::{PingGeometry, Splat};
 
 /// Numbers beyond the last bin that eight at a time may touch.
 pub(super) const PADDING: usize = LANES + 1;
@@ -31,25 +31,25 @@ impl<S: Simd> Edges<S> {
     #[inline(always)]
     fn new(
         simd: S,
-        look: &Look,
+        geometry: &PingGeometry,
         bins: Range<usize>,
         [range_m, offset_m]: [f32; 2],
         inverse_sigma: f32,
     ) -> Self {
-        let from_m = look.range_start_m - range_m;
-        let edge_m = look.bin_length_m.mul_add(bins.start as f32, from_m) - offset_m;
+        let from_m = geometry.range_start_m - range_m;
+        let edge_m = geometry.bin_length_m.mul_add(bins.start as f32, from_m) - offset_m;
         Self {
             first: f32x8::splat(simd, edge_m * inverse_sigma),
             // Finite, so that the first edge, 0 times it, is a number.
-            step: (look.bin_length_m * inverse_sigma).min(f32::MAX),
+            step: (geometry.bin_length_m * inverse_sigma).min(f32::MAX),
             last: bins.len() as f32,
         }
     }
 
     #[inline(always)]
-    fn of_row(simd: S, look: &Look, row: &OnlineRow) -> Self {
+    fn of_row(simd: S, geometry: &PingGeometry, row: &OnlineRow) -> Self {
         let mean_m = [row.range_m, row.offset_m];
-        Self::new(simd, look, row.bins(), mean_m, row.inverse_sigma)
+        Self::new(simd, geometry, row.bins(), mean_m, row.inverse_sigma)
     }
 
     /// Whether Φ differs so little from edge to edge that its rounding shows.
@@ -90,7 +90,7 @@ const ROWS_AT_A_TIME: usize = 128;
 #[inline(always)]
 pub(super) fn spread<S: Simd>(
     simd: S,
-    look: &Look,
+    geometry: &PingGeometry,
     rows: &[OnlineRow],
     partial: &mut [f32],
     intensity: &mut [f32],
@@ -101,7 +101,7 @@ pub(super) fn spread<S: Simd>(
             pair_count += u64::from(row.bin_count);
             let strength = row.transmittance * row.energy * row.opacity * row.reflectivity;
             if let Some(bins) = partial.get_mut(row.first_bin as usize..) {
-                add_shares(&Edges::of_row(simd, look, row), strength, bins);
+                add_shares(&Edges::of_row(simd, geometry, row), strength, bins);
             }
         }
         for (sum, part) in intensity.iter_mut().zip(partial.iter_mut()) {
@@ -112,11 +112,11 @@ pub(super) fn spread<S: Simd>(
     pair_count
 }
 
-/// Appends the energy of a splat in each of `bins`: [`Look::spread`].
+/// Appends the energy of a splat in each of `bins`: [`PingGeometry::spread`].
 #[inline(always)]
 pub(crate) fn append<S: Simd>(
     simd: S,
-    look: &Look,
+    geometry: &PingGeometry,
     splat: &Splat,
     bins: Range<usize>,
     energies: &mut Vec<f32>,
@@ -124,7 +124,7 @@ pub(crate) fn append<S: Simd>(
     let (from, count) = (energies.len(), bins.len());
     energies.resize(from + count + PADDING, 0.0);
     let mean_m = [splat.range_m, 0.0];
-    let edges = Edges::new(simd, look, bins, mean_m, 1.0 / splat.range_sigma_m);
+    let edges = Edges::new(simd, geometry, bins, mean_m, 1.0 / splat.range_sigma_m);
     add_shares(&edges, splat.energy, &mut energies[from..]);
     energies.truncate(from + count);
 }
@@ -134,14 +134,14 @@ pub(crate) fn append<S: Simd>(
 #[inline(always)]
 pub(crate) fn store<S: Simd>(
     simd: S,
-    look: &Look,
+    geometry: &PingGeometry,
     splat: &Splat,
     bins: Range<usize>,
     strength: f32,
     (energies, sums): (&mut [f32], &mut [f32]),
 ) {
     let mean_m = [splat.range_m, 0.0];
-    let edges = Edges::new(simd, look, bins, mean_m, 1.0 / splat.range_sigma_m);
+    let edges = Edges::new(simd, geometry, bins, mean_m, 1.0 / splat.range_sigma_m);
     let numbers = lanes::lane_numbers(simd);
     let eights = energies
         .chunks_exact_mut(LANES)
@@ -183,12 +183,17 @@ fn put<S: Simd>(energy: f32x8<S>, strength: f32, energies: &mut [f32], sums: &mu
 
 /// Appends the energies of a row's bins for αρ = 1.
 #[inline(always)]
-pub(super) fn append_row<S: Simd>(simd: S, look: &Look, row: &OnlineRow, energies: &mut Vec<f32>) {
+pub(super) fn append_row<S: Simd>(
+    simd: S,
+    geometry: &PingGeometry,
+    row: &OnlineRow,
+    energies: &mut Vec<f32>,
+) {
     let (from, count) = (energies.len(), row.bins().len());
     energies.resize(from + count + PADDING, 0.0);
     let strength = row.transmittance * row.energy;
     add_shares(
-        &Edges::of_row(simd, look, row),
+        &Edges::of_row(simd, geometry, row),
         strength,
         &mut energies[from..],
     );
@@ -271,31 +276,31 @@ impl Loss {
     }
 }
 
-/// What the loss pulls at in every row, by the moments `Σ h Φ`, `Σ h ϕ`, `Σ h z ϕ` over its edges.
+/// The gradient of the loss by every row, from the moments `Σ h Φ`, `Σ h ϕ`, `Σ h z ϕ` over its edges.
 #[inline(always)]
 pub(super) fn spread_back<S: Simd>(
     simd: S,
-    look: &Look,
+    geometry: &PingGeometry,
     rows: &[OnlineRow],
     loss: &Loss,
-    pulls: &mut Vec<Pull>,
+    row_gradients: &mut Vec<RowGradient>,
 ) {
     for row in rows {
-        let [share, shift, width] = moments(simd, look, row, loss);
+        let [share, shift, width] = moments(simd, geometry, row, loss);
         let strength = row.transmittance * row.energy * row.opacity * row.reflectivity;
-        pulls.push(Pull {
+        row_gradients.push(RowGradient {
             log_energy: strength * share,
             range: -strength * row.inverse_sigma * shift,
             variance: -0.5 * strength * row.inverse_sigma * row.inverse_sigma * width,
-            ..Pull::default()
+            ..RowGradient::default()
         });
     }
 }
 
 #[inline(always)]
-fn moments<S: Simd>(simd: S, look: &Look, row: &OnlineRow, loss: &Loss) -> [f32; 3] {
+fn moments<S: Simd>(simd: S, geometry: &PingGeometry, row: &OnlineRow, loss: &Loss) -> [f32; 3] {
     let numbers = lanes::lane_numbers(simd);
-    let edges = Edges::of_row(simd, look, row);
+    let edges = Edges::of_row(simd, geometry, row);
     if edges.are_close() {
         return close_moments(&edges, numbers, &loss.before[row.first_bin as usize + 1..]);
     }

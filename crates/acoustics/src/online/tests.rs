@@ -27,12 +27,14 @@ fn weights(dice: &mut Dice, count: u32) -> Vec<f32> {
 /// Everything at once, for short tests.
 fn render(
     options: OnlineOptions,
-    look: &Look,
+    geometry: &PingGeometry,
     gaussians: &GaussianArrays,
     d_intensity: &[f32],
 ) -> (Vec<f32>, GradientArrays) {
     let mut renderer = OnlineRenderer::new(options);
-    let intensity = renderer.forward(look, gaussians, &all(gaussians)).to_vec();
+    let intensity = renderer
+        .forward(geometry, gaussians, &all(gaussians))
+        .to_vec();
     let mut gradients = GradientArrays::zeros(gaussians.len());
     renderer.backward(gaussians, d_intensity, &mut gradients);
     (intensity, gradients)
@@ -43,22 +45,22 @@ fn render(
 fn errors(
     level: Level,
     options: OnlineOptions,
-    look: &Look,
+    geometry: &PingGeometry,
     gaussians: &GaussianArrays,
     d_intensity: &[f32],
 ) -> (f64, f64) {
     let visible = all(gaussians);
     let mut renderer = OnlineRenderer::with_level(options, level);
-    let found = renderer.forward(look, gaussians, &visible).to_vec();
+    let found = renderer.forward(geometry, gaussians, &visible).to_vec();
     let mut gradients = GradientArrays::zeros(gaussians.len());
     renderer.backward(gaussians, d_intensity, &mut gradients);
     assert_eq!(renderer.not_finite_count(), 0);
 
     let numbers = twin::numbers_of::<f64>(gaussians);
     let cutoffs = twin::Cutoffs::default();
-    let expected = twin::forward(look, &numbers, &visible, options.occlusion, &cutoffs);
+    let expected = twin::forward(geometry, &numbers, &visible, options.occlusion, &cutoffs);
     let d_intensity: Vec<f64> = d_intensity.iter().map(|&g| f64::from(g)).collect();
-    let expected_gradients = twin::backward(look, &numbers, &expected, &d_intensity);
+    let expected_gradients = twin::backward(geometry, &numbers, &expected, &d_intensity);
 
     let most = |values: &[f64]| values.iter().fold(0f64, |most, x| most.max(x.abs()));
     let peak = most(&expected.intensity);
@@ -84,10 +86,10 @@ fn errors(
 #[test]
 fn they_agree_with_the_twin_at_every_level() {
     for (seed, options) in [(1, BARE), (2, SHADOWING)] {
-        let (look, gaussians) = sample::bench_scene(seed);
-        let d_intensity = weights(&mut Dice::new(seed), look.bin_count);
+        let (geometry, gaussians) = sample::bench_scene(seed);
+        let d_intensity = weights(&mut Dice::new(seed), geometry.bin_count);
         for level in levels() {
-            let (forward, backward) = errors(level, options, &look, &gaussians, &d_intensity);
+            let (forward, backward) = errors(level, options, &geometry, &gaussians, &d_intensity);
             println!("{options:?} {level:?}: forward {forward:e}, backward {backward:e}");
             assert!(forward < 1e-4, "{options:?} {level:?}: {forward:e}");
             assert!(backward < 1e-3, "{options:?} {level:?}: {backward:e}");
@@ -97,23 +99,23 @@ fn they_agree_with_the_twin_at_every_level() {
 
 #[test]
 fn the_order_of_names_does_not_matter_and_strangers_are_left_out() {
-    let (look, gaussians) = sample::bench_scene(3);
+    let (geometry, gaussians) = sample::bench_scene(3);
     let mut renderer = OnlineRenderer::new(SHADOWING);
     let sorted: Vec<u32> = (0..2_000).step_by(3).collect();
-    let expected = renderer.forward(&look, &gaussians, &sorted).to_vec();
+    let expected = renderer.forward(&geometry, &gaussians, &sorted).to_vec();
     let mut mixed: Vec<u32> = sorted.iter().rev().copied().collect();
     mixed.extend([2_000, u32::MAX, 0, 0, 3]);
-    let found = renderer.forward(&look, &gaussians, &mixed);
+    let found = renderer.forward(&geometry, &gaussians, &mixed);
     let bits = |values: &[f32]| values.iter().map(|x| x.to_bits()).collect::<Vec<_>>();
     assert_eq!(bits(found), bits(&expected));
 }
 
 #[test]
 fn a_used_renderer_gives_the_bits_of_a_new_one() {
-    let (look, gaussians) = sample::bench_scene(4);
-    let loss = weights(&mut Dice::new(4), look.bin_count);
+    let (geometry, gaussians) = sample::bench_scene(4);
+    let loss = weights(&mut Dice::new(4), geometry.bin_count);
     let mut used = OnlineRenderer::new(SHADOWING);
-    let mut short = look;
+    let mut short = geometry;
     short.bin_count = 100;
     used.forward(&short, &gaussians, &all(&gaussians));
     used.backward(
@@ -121,21 +123,23 @@ fn a_used_renderer_gives_the_bits_of_a_new_one() {
         &loss,
         &mut GradientArrays::zeros(gaussians.len()),
     );
-    let intensity = used.forward(&look, &gaussians, &all(&gaussians)).to_vec();
+    let intensity = used
+        .forward(&geometry, &gaussians, &all(&gaussians))
+        .to_vec();
     let mut gradients = GradientArrays::zeros(gaussians.len());
     used.backward(&gaussians, &loss, &mut gradients);
     assert_eq!(
         (intensity, gradients),
-        render(SHADOWING, &look, &gaussians, &loss)
+        render(SHADOWING, &geometry, &gaussians, &loss)
     );
 }
 
 #[test]
 fn rows_hold_what_intensity_is_made_of() {
-    let (look, gaussians) = sample::bench_scene(5);
+    let (geometry, gaussians) = sample::bench_scene(5);
     let mut renderer = OnlineRenderer::new(SHADOWING);
     let expected = renderer
-        .forward(&look, &gaussians, &all(&gaussians))
+        .forward(&geometry, &gaussians, &all(&gaussians))
         .to_vec();
     let (mut sum, mut energies, mut pairs) = (vec![0f32; 600], Vec::new(), 0);
     for row in renderer.rows() {
@@ -156,13 +160,13 @@ fn rows_hold_what_intensity_is_made_of() {
 
 #[test]
 fn they_see_what_the_projector_sees() {
-    let (look, gaussians) = sample::bench_scene(6);
+    let (geometry, gaussians) = sample::bench_scene(6);
     let mut renderer = OnlineRenderer::new(BARE);
-    renderer.forward(&look, &gaussians, &all(&gaussians));
+    renderer.forward(&geometry, &gaussians, &all(&gaussians));
     assert_eq!(renderer.rows().len(), gaussians.len());
     for row in renderer.rows() {
         let one = gaussians.get(row.index as usize);
-        let splat = look.project(one.mean_m, &one.covariance_m2()).unwrap();
+        let splat = geometry.project(one.mean_m, &one.covariance_m2()).unwrap();
         assert!((splat.range_m - row.range_m - row.offset_m).abs() < 2e-5);
         assert!((splat.range_sigma_m * row.inverse_sigma - 1.0).abs() < 1e-3);
         assert!((splat.energy / row.energy - 1.0).abs() < 1e-3);
@@ -171,16 +175,16 @@ fn they_see_what_the_projector_sees() {
 
 #[test]
 fn nothing_is_made_of_nothing() {
-    let (look, gaussians) = sample::bench_scene(0);
+    let (geometry, gaussians) = sample::bench_scene(0);
     let mut renderer = OnlineRenderer::new(SHADOWING);
     assert!(renderer.intensity().is_empty());
     let mut gradients = GradientArrays::zeros(gaussians.len());
     renderer.backward(&gaussians, &[1.0; 600], &mut gradients);
-    let dark = renderer.forward(&look, &gaussians, &[]);
+    let dark = renderer.forward(&geometry, &gaussians, &[]);
     assert_eq!(dark, [0.0; 600]);
     renderer.backward(&gaussians, &[1.0; 600], &mut gradients);
     assert_eq!(gradients, GradientArrays::zeros(gaussians.len()));
-    let mut no_bins = look;
+    let mut no_bins = geometry;
     no_bins.bin_count = 0;
     assert!(renderer.forward(&no_bins, &gaussians, &[0, 1]).is_empty());
     renderer.backward(&gaussians, &[], &mut gradients);
@@ -194,19 +198,19 @@ fn nothing_is_made_of_nothing() {
 
 #[test]
 fn a_second_call_grows_no_buffer() {
-    let (look, gaussians) = sample::bench_scene(8);
+    let (geometry, gaussians) = sample::bench_scene(8);
     let mut renderer = OnlineRenderer::new(SHADOWING);
     let mut gradients = GradientArrays::zeros(gaussians.len());
     let mut capacities = [[0; 6]; 2];
     for capacities in &mut capacities {
-        renderer.forward(&look, &gaussians, &all(&gaussians));
+        renderer.forward(&geometry, &gaussians, &all(&gaussians));
         renderer.backward(&gaussians, &[1.0; 600], &mut gradients);
         *capacities = [
             renderer.visible.capacity(),
             renderer.rows.capacity(),
             renderer.intensity.capacity(),
             renderer.partial.capacity(),
-            renderer.pulls.capacity(),
+            renderer.row_gradients.capacity(),
             renderer.occlusion.capacity(),
         ];
     }

@@ -5,7 +5,7 @@ mod vector;
 
 use echosplat_model::glam::{DMat3, DVec3};
 
-use crate::Look;
+use crate::PingGeometry;
 
 /// Φ(x) from the series of erf near zero and its continued fraction in the tails.
 #[must_use]
@@ -36,9 +36,9 @@ fn erfc(z: f64) -> f64 {
 /// Intensity per bin of one Gaussian with αρT = 1, shape `[bin_count]`: (16) to (19) in full,
 /// the beam folded in, the bins integrated. Motion during the ping is left out.
 #[must_use]
-pub fn render(look: &Look, mean_m: DVec3, covariance_m2: DMat3) -> Vec<f64> {
-    let axes = look.pose.axes.as_dmat3();
-    let q = axes.transpose() * (mean_m - look.pose.position_m.as_dvec3());
+pub fn render(geometry: &PingGeometry, mean_m: DVec3, covariance_m2: DMat3) -> Vec<f64> {
+    let axes = geometry.pose.axes.as_dmat3();
+    let q = axes.transpose() * (mean_m - geometry.pose.position_m.as_dvec3());
     let sensor = axes.transpose() * covariance_m2 * axes;
     let rho2 = q.x * q.x + q.y * q.y;
     let (rho, range) = (rho2.sqrt(), q.length());
@@ -53,19 +53,20 @@ pub fn render(look: &Look, mean_m: DVec3, covariance_m2: DMat3) -> Vec<f64> {
     let (rr, rt) = (s.x_axis.x, s.y_axis.x);
     let (tt, tp, pp) = (s.y_axis.y, s.z_axis.y, s.z_axis.z);
 
-    let sigma_b = f64::from(look.beam.azimuth_sigma_rad());
-    let total = sigma_b * sigma_b + tt + f64::from(look.azimuth_variance_rad2);
+    let sigma_b = f64::from(geometry.beam.azimuth_sigma_rad());
+    let total = sigma_b * sigma_b + tt + f64::from(geometry.azimuth_variance_rad2);
     let solid_angle = std::f64::consts::TAU * elevation.cos() * (tt * pp - tp * tp).max(0.0).sqrt();
-    let half = f64::from(look.beam.elevation_half_width_rad());
+    let half = f64::from(geometry.beam.elevation_half_width_rad());
     let fan = (-(elevation / half).powi(8)).exp2();
     let pattern = sigma_b / total.sqrt() * (-0.5 * azimuth * azimuth / total).exp();
     let on_axis = range - azimuth * rt / total;
-    let deviation = (rr + f64::from(look.range_variance_m2) - rt * rt / total).sqrt();
+    let deviation = (rr + f64::from(geometry.range_variance_m2) - rt * rt / total).sqrt();
     let edge = |bin: u32| {
-        let range = f64::from(look.range_start_m) + f64::from(look.bin_length_m) * f64::from(bin);
+        let range =
+            f64::from(geometry.range_start_m) + f64::from(geometry.bin_length_m) * f64::from(bin);
         normal_cdf((range - on_axis) / deviation)
     };
-    (0..look.bin_count)
+    (0..geometry.bin_count)
         .map(|bin| solid_angle * fan * pattern * (edge(bin + 1) - edge(bin)))
         .collect()
 }

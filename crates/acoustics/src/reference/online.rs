@@ -13,7 +13,7 @@ use crate::online::constants::{
 };
 use crate::online::raster::{self, Raster};
 use crate::parameters::{GaussianArrays, OPACITY_MAX, PARAMETER_COUNT, opacity_of, opacity_slope};
-use crate::{Look, Real};
+use crate::{PingGeometry, Real};
 
 /// Gradient or value of one Gaussian's parameters.
 pub type Numbers<R> = [R; PARAMETER_COUNT];
@@ -54,7 +54,7 @@ pub struct Rendering<R> {
     /// Intensity per bin without noise, shape `[bin_count]`.
     pub intensity: Vec<R>,
     /// Gaussians that the ping sees, in ascending order of index.
-    pub rows: Vec<Row<R>>,
+    pub rows: Vec<MatrixRow<R>>,
     /// Rows from near to far; empty without occlusion.
     order: Vec<usize>,
     cutoffs: Cutoffs,
@@ -70,7 +70,7 @@ impl<R> Rendering<R> {
 
 /// One Gaussian in one ping.
 #[derive(Debug, Clone)]
-pub struct Row<R> {
+pub struct MatrixRow<R> {
     /// Which Gaussian.
     pub index: u32,
     /// Bins it reaches.
@@ -134,10 +134,10 @@ struct Sight<R> {
     total2: R,
 }
 
-/// A look in the twin's numbers. Its axes are made orthogonal to the twin's precision: that is the
-/// rotation which the look's f32 axes mean.
+/// A ping's geometry in the twin's numbers. Its axes are made orthogonal to the twin's precision:
+/// that is the rotation which the geometry's f32 axes mean.
 struct View<'a, R> {
-    look: &'a Look,
+    geometry: &'a PingGeometry,
     axes: [[R; 3]; 3],
     position_m: [R; 3],
     drift_per_m: [R; 3],
@@ -152,28 +152,28 @@ struct View<'a, R> {
 }
 
 impl<'a, R: Real> View<'a, R> {
-    fn new(look: &'a Look) -> Self {
-        let column = |k| look.pose.axes.col(k).to_array().map(R::of_f32);
+    fn new(geometry: &'a PingGeometry) -> Self {
+        let column = |k| geometry.pose.axes.col(k).to_array().map(R::of_f32);
         let along = vector::unit(column(0));
         let up = vector::unit(cross(along, column(1)));
-        let sigma_b = R::of_f32(look.beam.azimuth_sigma_rad());
+        let sigma_b = R::of_f32(geometry.beam.azimuth_sigma_rad());
         Self {
-            look,
+            geometry,
             axes: [along, cross(up, along), up],
-            position_m: look.pose.position_m.to_array().map(R::of_f32),
-            drift_per_m: look.pose.drift_per_m.to_array().map(R::of_f32),
-            reference_range_m: R::of_f32(look.pose.reference_range_m),
+            position_m: geometry.pose.position_m.to_array().map(R::of_f32),
+            drift_per_m: geometry.pose.drift_per_m.to_array().map(R::of_f32),
+            reference_range_m: R::of_f32(geometry.pose.reference_range_m),
             sigma_b,
-            beam_variance: sigma_b * sigma_b + R::of_f32(look.azimuth_variance_rad2),
-            range_start_m: R::of_f32(look.range_start_m),
-            bin_length_m: R::of_f32(look.bin_length_m),
-            cell_variance_rad2: raster::cell_rad(look).map(|size| R::of(0.25 * size * size)),
+            beam_variance: sigma_b * sigma_b + R::of_f32(geometry.azimuth_variance_rad2),
+            range_start_m: R::of_f32(geometry.range_start_m),
+            bin_length_m: R::of_f32(geometry.bin_length_m),
+            cell_variance_rad2: raster::cell_rad(geometry).map(|size| R::of(0.25 * size * size)),
         }
     }
 
     /// `ln g(φ)` of the fan and its slope.
     fn fan(&self, elevation: R) -> (R, R) {
-        let half = R::of_f32(self.look.beam.elevation_half_width_rad());
+        let half = R::of_f32(self.geometry.beam.elevation_half_width_rad());
         let x = elevation / half;
         let x2 = x * x;
         let x7 = x2 * x2 * x2 * x;
@@ -193,7 +193,7 @@ impl<'a, R: Real> View<'a, R> {
         [0, 1, 2].map(|k| x[k] * v[0] + y[k] * v[1] + z[k] * v[2])
     }
 
-    /// Moved by what the sensor drifts until the echo: as [`Look::in_beam`].
+    /// Moved by what the sensor drifts until the echo: as [`PingGeometry::in_beam`].
     fn drifted(&self, still: [R; 3]) -> [R; 3] {
         let late = vector::length(still) - self.reference_range_m;
         let [left, up, along] = self.drift_per_m;
@@ -294,7 +294,7 @@ impl<R: Real> Sight<R> {
     /// difference.
     fn range_variance(&self, view: &View<R>) -> (R, bool) {
         let own = (self.rr * self.beam2 + self.side2) / self.total2;
-        let variance = own + R::of_f32(view.look.range_variance_m2);
+        let variance = own + R::of_f32(view.geometry.range_variance_m2);
         let least = R::of_f32(LEAST_VARIANCE_M2);
         (variance.max(least), variance > least)
     }
@@ -338,18 +338,18 @@ struct Shadow<R> {
 /// Renders `visible` Gaussians into one ping.
 #[must_use]
 pub fn forward<R: Real>(
-    look: &Look,
+    geometry: &PingGeometry,
     gaussians: &[Numbers<R>],
     visible: &[u32],
     occlusion: bool,
     cutoffs: &Cutoffs,
 ) -> Rendering<R> {
-    let view = View::new(look);
+    let view = View::new(geometry);
     let mut indices = visible.to_vec();
     indices.sort_unstable();
-    let row = |index: u32| Row::new(&view, gaussians.get(index as usize)?, index, cutoffs);
+    let row = |index: u32| MatrixRow::new(&view, gaussians.get(index as usize)?, index, cutoffs);
     let mut rendering = Rendering {
-        intensity: vec![R::ZERO; look.bin_count as usize],
+        intensity: vec![R::ZERO; geometry.bin_count as usize],
         rows: indices.into_iter().filter_map(row).collect(),
         order: Vec::new(),
         cutoffs: *cutoffs,
@@ -369,7 +369,7 @@ pub fn forward<R: Real>(
     rendering
 }
 
-impl<R: Real> Row<R> {
+impl<R: Real> MatrixRow<R> {
     fn new(view: &View<R>, gaussian: &Numbers<R>, index: u32, cutoffs: &Cutoffs) -> Option<Self> {
         if !gaussian.iter().all(|number| number.is_finite()) {
             return None;
@@ -380,7 +380,9 @@ impl<R: Real> Row<R> {
         let reach = R::of(cutoffs.range_sigmas) * range_variance_m2.sqrt();
         let bin = |range_m: R| {
             let position = (range_m - view.range_start_m) / view.bin_length_m;
-            position.to_f64().clamp(0.0, f64::from(view.look.bin_count))
+            position
+                .to_f64()
+                .clamp(0.0, f64::from(view.geometry.bin_count))
         };
         let first = bin(range_on_axis_m - reach).floor() as usize;
         let last = bin(range_on_axis_m + reach).ceil() as usize;
@@ -433,7 +435,7 @@ impl<R: Real> Row<R> {
 impl<R: Real> Rendering<R> {
     /// Transmittance by what of each raster cell the Gaussians before cover.
     fn occlude(&mut self, view: &View<R>, gaussians: &[Numbers<R>]) {
-        let raster = Raster::new(view.look);
+        let raster = Raster::new(view.geometry);
         self.order = (0..self.rows.len()).collect();
         let rows = &self.rows;
         self.order.sort_by(|&a, &b| {
@@ -466,7 +468,7 @@ impl<R: Real> Rendering<R> {
 
 /// What the loss's derivatives by a Gaussian's place in the ping are.
 #[derive(Debug, Clone, Copy, Default)]
-struct Pull<R> {
+struct RowGradient<R> {
     /// By the logarithm of its energy; by r′; by s².
     log_energy: R,
     range: R,
@@ -486,27 +488,32 @@ struct Pull<R> {
 /// dL/d(parameters) of every Gaussian given dL/dI, shape `[bin_count]`, of a rendering of them.
 #[must_use]
 pub fn backward<R: Real>(
-    look: &Look,
+    geometry: &PingGeometry,
     gaussians: &[Numbers<R>],
     rendering: &Rendering<R>,
     d_intensity: &[R],
 ) -> Vec<Numbers<R>> {
-    let view = View::new(look);
+    let view = View::new(geometry);
     let mut gradients = vec![[R::ZERO; PARAMETER_COUNT]; gaussians.len()];
-    let mut pulls: Vec<Pull<R>> = (rendering.rows.iter())
+    let mut row_gradients: Vec<RowGradient<R>> = (rendering.rows.iter())
         .map(|row| row.spread_back(&view, &gaussians[row.index as usize], d_intensity))
         .collect();
-    rendering.occlude_back(&view, gaussians, &mut pulls);
-    for (row, pull) in rendering.rows.iter().zip(&pulls) {
+    rendering.occlude_back(&view, gaussians, &mut row_gradients);
+    for (row, row_gradient) in rendering.rows.iter().zip(&row_gradients) {
         let gaussian = &gaussians[row.index as usize];
-        gradients[row.index as usize] = row.sight.back(&view, gaussian, pull);
+        gradients[row.index as usize] = row.sight.back(&view, gaussian, row_gradient);
     }
     gradients
 }
 
-impl<R: Real> Row<R> {
-    /// `Σ g ΔΦ`, `Σ g Δϕ`, `Σ g Δ(zϕ)` over the row, and what they pull at.
-    fn spread_back(&self, view: &View<R>, gaussian: &Numbers<R>, d_intensity: &[R]) -> Pull<R> {
+impl<R: Real> MatrixRow<R> {
+    /// `Σ g ΔΦ`, `Σ g Δϕ`, `Σ g Δ(zϕ)` over the row, and the gradient that they make.
+    fn spread_back(
+        &self,
+        view: &View<R>,
+        gaussian: &Numbers<R>,
+        d_intensity: &[R],
+    ) -> RowGradient<R> {
         let (mut energy, mut shift, mut width) = (R::ZERO, R::ZERO, R::ZERO);
         for bin in self.bins.clone() {
             let g = d_intensity.get(bin).copied().unwrap_or_default();
@@ -519,28 +526,33 @@ impl<R: Real> Row<R> {
             self.transmittance * self.energy * opacity_of(gaussian[10]) * gaussian[11].exp();
         let above_floor = self.sight.range_variance(view).1;
         let half = if above_floor { R::of(0.5) } else { R::ZERO };
-        Pull {
+        RowGradient {
             log_energy: strength * energy,
             range: -strength * shift / self.range_variance_m2.sqrt(),
             variance: -half * strength * width / self.range_variance_m2,
-            ..Pull::default()
+            ..RowGradient::default()
         }
     }
 }
 
 impl<R: Real> Rendering<R> {
     /// From far to near: what each hides from those behind it.
-    fn occlude_back(&self, view: &View<R>, gaussians: &[Numbers<R>], pulls: &mut [Pull<R>]) {
-        let raster = Raster::new(view.look);
+    fn occlude_back(
+        &self,
+        view: &View<R>,
+        gaussians: &[Numbers<R>],
+        row_gradients: &mut [RowGradient<R>],
+    ) {
+        let raster = Raster::new(view.geometry);
         // Σ over Gaussians behind of dL/d ln T, per cell.
         let mut behind = vec![R::ZERO; raster.cell_count()];
         for &row_number in self.order.iter().rev() {
-            let (row, pull) = (&self.rows[row_number], &mut pulls[row_number]);
-            pull.occluding = true;
+            let (row, row_gradient) = (&self.rows[row_number], &mut row_gradients[row_number]);
+            row_gradient.occluding = true;
             let opacity = opacity_of(gaussians[row.index as usize][10]);
             let seen = row.overlap > R::of_f32(LEAST_OVERLAP) && row.transmittance > R::ZERO;
             let by_mean = if seen {
-                pull.log_energy / (row.transmittance * row.overlap)
+                row_gradient.log_energy / (row.transmittance * row.overlap)
             } else {
                 R::ZERO
             };
@@ -550,15 +562,15 @@ impl<R: Real> Rendering<R> {
                 let by_stopped = -behind[cell.number] / (R::ONE - stopped);
                 let by_covered = by_mean * weight * (cell.transmittance - row.transmittance)
                     + by_stopped * opacity;
-                pull.opacity += by_stopped * cell.covered;
+                row_gradient.opacity += by_stopped * cell.covered;
                 behind[cell.number] += by_mean * weight * cell.covered * cell.transmittance;
                 let (h, [y1, y2]) = (by_covered * cell.covered, cell.y);
-                pull.h += h;
-                pull.h1 += h * y1;
-                pull.h2 += h * y2;
-                pull.h11 += h * y1 * y1;
-                pull.h12 += h * y1 * y2;
-                pull.h22 += h * y2 * y2;
+                row_gradient.h += h;
+                row_gradient.h1 += h * y1;
+                row_gradient.h2 += h * y2;
+                row_gradient.h11 += h * y1 * y1;
+                row_gradient.h12 += h * y1 * y2;
+                row_gradient.h22 += h * y2 * y2;
             }
         }
     }
@@ -566,7 +578,7 @@ impl<R: Real> Rendering<R> {
 
 /// Derivatives by the quantities of a [`Sight`].
 #[derive(Debug, Clone, Copy, Default)]
-struct SightPull<R> {
+struct SightGradient<R> {
     range_m: R,
     lever_m: R,
     azimuth: R,
@@ -581,17 +593,22 @@ struct SightPull<R> {
 }
 
 impl<R: Real> Sight<R> {
-    fn back(&self, view: &View<R>, gaussian: &Numbers<R>, pull: &Pull<R>) -> Numbers<R> {
-        let mut by = self.measurement_back(view, pull);
-        if pull.occluding {
-            self.shadow_back(view, pull, &mut by);
+    fn back(
+        &self,
+        view: &View<R>,
+        gaussian: &Numbers<R>,
+        row_gradient: &RowGradient<R>,
+    ) -> Numbers<R> {
+        let mut by = self.measurement_back(view, row_gradient);
+        if row_gradient.occluding {
+            self.shadow_back(view, row_gradient, &mut by);
         }
         let [by_along, by_across, by_up] = self.axes_back(&by);
         let [sx, sy, sz] = self.scale_back(&by);
         let [mx, my, mz] = self.mean_back(view, &by, by_along, by_across, by_up);
         let [qx, qy, qz, qw] = self.rotation_back(by_along, by_across, by_up);
         let slope = opacity_slope(gaussian[10]);
-        let by_opacity = pull.log_energy / opacity_of(gaussian[10]) + pull.opacity;
+        let by_opacity = row_gradient.log_energy / opacity_of(gaussian[10]) + row_gradient.opacity;
         let logit = by_opacity * slope;
         [
             mx,
@@ -605,49 +622,58 @@ impl<R: Real> Sight<R> {
             sy,
             sz,
             logit,
-            pull.log_energy,
+            row_gradient.log_energy,
         ]
     }
 
     /// Through energy, r′ and s².
-    fn measurement_back(&self, view: &View<R>, pull: &Pull<R>) -> SightPull<R> {
+    fn measurement_back(&self, view: &View<R>, row_gradient: &RowGradient<R>) -> SightGradient<R> {
         let two = R::of(2.0);
-        let (e, lever, total2) = (pull.log_energy, self.lever_m, self.total2);
+        let (e, lever, total2) = (row_gradient.log_energy, self.lever_m, self.total2);
         let arc = self.azimuth * lever;
         let own = (self.rr * self.beam2 + self.side2) / total2;
         let by_total2 = (e * (arc * arc / total2 - R::ONE) / two
-            + pull.range * arc * self.rt / total2
-            - pull.variance * own)
+            + row_gradient.range * arc * self.rt / total2
+            - row_gradient.variance * own)
             / total2;
-        let by_beam2 = by_total2 + pull.variance * self.rr / total2;
-        let by_arc = -(e * arc + pull.range * self.rt) / total2;
-        SightPull {
-            range_m: pull.range - two * e / self.range_m,
+        let by_beam2 = by_total2 + row_gradient.variance * self.rr / total2;
+        let by_arc = -(e * arc + row_gradient.range * self.rt) / total2;
+        SightGradient {
+            range_m: row_gradient.range - two * e / self.range_m,
             lever_m: e / lever
                 + by_arc * self.azimuth
                 + two * lever * view.beam_variance * by_beam2,
             azimuth: by_arc * lever,
             elevation: e * view.fan(self.elevation).1,
-            rr: pull.variance * self.beam2 / total2,
-            rt: -pull.range * arc / total2,
+            rr: row_gradient.variance * self.beam2 / total2,
+            rt: -row_gradient.range * arc / total2,
             tt: by_total2,
             section2: e / (two * self.section2),
-            side2: pull.variance / total2,
-            ..SightPull::default()
+            side2: row_gradient.variance / total2,
+            ..SightGradient::default()
         }
     }
 
     /// Through what is covered on the raster.
-    fn shadow_back(&self, view: &View<R>, pull: &Pull<R>, by: &mut SightPull<R>) {
+    fn shadow_back(
+        &self,
+        view: &View<R>,
+        row_gradient: &RowGradient<R>,
+        by: &mut SightGradient<R>,
+    ) {
         let two = R::of(2.0);
         let half = R::of(0.5);
         let shadow = self.shadow(view);
         let (a, b, slope) = (shadow.inverse_width, shadow.inverse_height, shadow.slope);
-        let by_elevation = pull.h2 * b;
+        let by_elevation = row_gradient.h2 * b;
         by.elevation += by_elevation;
-        by.azimuth += pull.h1 * a - slope * by_elevation;
+        by.azimuth += row_gradient.h1 * a - slope * by_elevation;
         // ½ S⁻¹(d dᵀ − S)S⁻¹ in the whitened frame.
-        let (k11, k12, k22) = (pull.h11 - pull.h, pull.h12, pull.h22 - pull.h);
+        let (k11, k12, k22) = (
+            row_gradient.h11 - row_gradient.h,
+            row_gradient.h12,
+            row_gradient.h22 - row_gradient.h,
+        );
         let pp = half * b * b * k22;
         let tp = b * (a * k12 - slope * b * k22);
         let tt = half * (a * a * k11 - two * a * slope * b * k12 + slope * slope * b * b * k22);
@@ -655,13 +681,13 @@ impl<R: Real> Sight<R> {
         by.tt += tt / (lever * lever);
         by.tp += tp / (lever * range);
         by.pp += pp / (range * range);
-        by.section2 += half * pull.h / self.section2;
-        by.lever_m -= (pull.h + two * tt * shadow.tt + tp * shadow.tp) / lever;
-        by.range_m -= (pull.h + two * pp * shadow.pp + tp * shadow.tp) / range;
+        by.section2 += half * row_gradient.h / self.section2;
+        by.lever_m -= (row_gradient.h + two * tt * shadow.tt + tp * shadow.tp) / lever;
+        by.range_m -= (row_gradient.h + two * pp * shadow.pp + tp * shadow.tp) / range;
     }
 
     /// By the directions of range, azimuth and elevation along the Gaussian's own axes.
-    fn axes_back(&self, by: &SightPull<R>) -> [[R; 3]; 3] {
+    fn axes_back(&self, by: &SightGradient<R>) -> [[R; 3]; 3] {
         let two = R::of(2.0);
         let (u, v, w) = (self.along, self.across, self.up);
         let part = |k: usize| {
@@ -676,7 +702,7 @@ impl<R: Real> Sight<R> {
         [0, 1, 2].map(|axis| [0, 1, 2].map(|k| parts[k][axis]))
     }
 
-    fn scale_back(&self, by: &SightPull<R>) -> [R; 3] {
+    fn scale_back(&self, by: &SightGradient<R>) -> [R; 3] {
         let two = R::of(2.0);
         let (u, v, w) = (self.along, self.across, self.up);
         let area =
@@ -696,7 +722,7 @@ impl<R: Real> Sight<R> {
     fn mean_back(
         &self,
         view: &View<R>,
-        by: &SightPull<R>,
+        by: &SightGradient<R>,
         gu: [R; 3],
         gv: [R; 3],
         gw: [R; 3],

@@ -1,4 +1,4 @@
-//! Which parts, which of their states together, and on which dives.
+//! Which features, which of their states together, and on which dives.
 
 use echosplat_simulator::{DiveKind, NoiseLevel};
 use serde::Serialize;
@@ -8,8 +8,9 @@ use crate::runs::{Spec, dive_name};
 
 /// Poses are freed from jitter before the mapper has them.
 const POSES: &str = "poses";
-/// Names of the optional parts: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or "auto".
-pub(crate) const PARTS: [&str; 11] = [
+/// Names of the optional features: keys of `mapper.parts`, but for [`POSES`], each "on", "off" or
+/// "auto".
+pub(crate) const FEATURES: [&str; 11] = [
     "occlusion",
     "elevation",
     "anisotropy",
@@ -25,7 +26,7 @@ pub(crate) const PARTS: [&str; 11] = [
 
 const QUICK_DIVE_S: f64 = 30.0;
 
-/// Whether a part takes part.
+/// Whether a feature takes part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum State {
@@ -52,9 +53,9 @@ impl State {
     }
 }
 
-/// An optional part and how the configuration says what becomes of it.
+/// An optional feature and how the configuration says what becomes of it.
 #[derive(Debug, Clone, PartialEq, Eq)]
-pub(crate) struct Part {
+pub(crate) struct Feature {
     /// As in reports.
     pub(crate) name: String,
     /// Key of the configuration.
@@ -63,7 +64,7 @@ pub(crate) struct Part {
     pub(crate) values: [String; 3],
 }
 
-impl Part {
+impl Feature {
     /// One of the mapper's own, or the poses'.
     #[must_use]
     pub(crate) fn named(name: &str) -> Self {
@@ -89,12 +90,12 @@ impl Part {
     }
 }
 
-/// A state for every part.
+/// A state for every feature.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Variant {
     /// As in reports.
     pub(crate) name: String,
-    /// One for each part, in their order.
+    /// One for each feature, in their order.
     pub(crate) states: Vec<State>,
 }
 
@@ -105,7 +106,7 @@ impl Variant {
         self.states.iter().all(|state| *state == State::Auto)
     }
 
-    /// Whether every part is in the same state.
+    /// Whether every feature is in the same state.
     #[must_use]
     pub(crate) fn is_whole(&self) -> bool {
         self.states.windows(2).all(|pair| pair[0] == pair[1])
@@ -119,25 +120,25 @@ impl Variant {
     }
 }
 
-/// Everything in each state, and each part alone fixed on and off with the others left to the mapper.
-/// Without parts, what the mapper does by itself.
+/// Everything in each state, and each feature alone fixed on and off with the others left to the
+/// mapper. Without features, what the mapper does by itself.
 #[must_use]
-pub(crate) fn variants(parts: &[Part], quick: bool) -> Vec<Variant> {
-    let auto = Variant::all(State::Auto, parts.len());
-    if parts.is_empty() {
+pub(crate) fn variants(features: &[Feature], quick: bool) -> Vec<Variant> {
+    let auto = Variant::all(State::Auto, features.len());
+    if features.is_empty() {
         return vec![auto];
     }
-    let fixed = [State::On, State::Off].map(|state| Variant::all(state, parts.len()));
+    let fixed = [State::On, State::Off].map(|state| Variant::all(state, features.len()));
     let mut variants = vec![auto];
     variants.extend(fixed);
     if quick {
         return variants;
     }
-    for (index, part) in parts.iter().enumerate() {
+    for (index, feature) in features.iter().enumerate() {
         for state in [State::On, State::Off] {
-            let mut states = vec![State::Auto; parts.len()];
+            let mut states = vec![State::Auto; features.len()];
             states[index] = state;
-            let name = format!("{} {}", part.name, state.as_str());
+            let name = format!("{} {}", feature.name, state.as_str());
             variants.push(Variant { name, states });
         }
     }
@@ -158,7 +159,7 @@ pub(crate) struct Case {
     first_seed_only: bool,
 }
 
-/// When each part is fixed by itself on a dive: that is 22 runs, with the first seed.
+/// When each feature is fixed by itself on a dive: that is 22 runs, with the first seed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Alone {
     /// Before other seeds.
@@ -175,27 +176,27 @@ impl Case {
         dive_name(self.scene, self.dive, self.noise, self.duration_s)
     }
 
-    /// The run of one variant: every part is set, also to what is its default.
+    /// The run of one variant: every feature is set, also to what is its default.
     #[must_use]
-    pub(crate) fn spec(&self, parts: &[Part], variant: &Variant, seed: u64) -> Spec {
+    pub(crate) fn spec(&self, features: &[Feature], variant: &Variant, seed: u64) -> Spec {
         let spec = Spec {
             duration_s: self.duration_s,
-            held_back: true,
+            held_out: true,
             ..Spec::new(self.scene, self.dive, self.noise, seed)
         };
-        let set = parts.iter().zip(&variant.states);
-        set.fold(spec, |spec, (part, state)| {
-            spec.with(&part.key, part.value(*state))
+        let set = features.iter().zip(&variant.states);
+        set.fold(spec, |spec, (feature, state)| {
+            spec.with(&feature.key, feature.value(*state))
         })
     }
 }
 
 /// Runs in the order in which they are worth their time: everything in each state with the first seed,
-/// each part alone where a run is short, the other seeds, each part alone elsewhere.
+/// each feature alone where a run is short, the other seeds, each feature alone elsewhere.
 #[must_use]
 pub(crate) fn specs(
     cases: &[Case],
-    parts: &[Part],
+    features: &[Feature],
     variants: &[Variant],
     seeds: &[u64],
 ) -> Vec<Spec> {
@@ -207,7 +208,7 @@ pub(crate) fn specs(
     let mut add = |seed: u64, variants: &[&Variant], takes: &dyn Fn(&Case) -> bool| {
         for variant in variants {
             let own = cases.iter().filter(|case| takes(case));
-            specs.extend(own.map(|case| case.spec(parts, variant, seed)));
+            specs.extend(own.map(|case| case.spec(features, variant, seed)));
         }
     };
     add(first, &whole, &|_| true);
@@ -229,7 +230,7 @@ pub(crate) fn omissions(cases: &[Case]) -> Vec<Omission> {
     };
     let omitted = [
         (
-            "each part alone on",
+            "each feature alone on",
             named(|case| case.alone == Alone::Never),
         ),
         (
@@ -237,7 +238,7 @@ pub(crate) fn omissions(cases: &[Case]) -> Vec<Omission> {
             named(|case| case.first_seed_only),
         ),
         (
-            "each part alone with other seeds on",
+            "each feature alone with other seeds on",
             named(|case| case.alone != Alone::Never),
         ),
     ];
@@ -276,27 +277,29 @@ pub(crate) fn cases(quick: bool) -> Vec<Case> {
 mod tests {
     use super::*;
 
-    /// Parts that the configuration has had all along.
-    pub(crate) fn stand_ins() -> Vec<Part> {
-        let part = |name: &str, values: [&str; 3]| Part {
+    /// Features that the configuration has had all along.
+    pub(crate) fn stand_ins() -> Vec<Feature> {
+        let feature = |name: &str, values: [&str; 3]| Feature {
             name: name.to_owned(),
             key: format!("mapper.{name}"),
             values: values.map(str::to_owned),
         };
         vec![
-            part("workout_passes", ["32", "4", "16"]),
-            part("slice_pings", ["4", "16", "8"]),
+            feature("workout_passes", ["32", "4", "16"]),
+            feature("slice_pings", ["4", "16", "8"]),
         ]
     }
 
     #[test]
-    fn every_variant_is_a_run_of_its_own_and_sets_every_part() {
-        let parts = stand_ins();
-        let variants = variants(&parts, false);
-        assert_eq!(variants.len(), 3 + 2 * parts.len());
+    fn every_variant_is_a_run_of_its_own_and_sets_every_feature() {
+        let features = stand_ins();
+        let variants = variants(&features, false);
+        assert_eq!(variants.len(), 3 + 2 * features.len());
         assert_eq!(variants.iter().filter(|v| v.is_auto()).count(), 1);
         let case = &cases(false)[0];
-        let specs = variants.iter().map(|variant| case.spec(&parts, variant, 1));
+        let specs = variants
+            .iter()
+            .map(|variant| case.spec(&features, variant, 1));
         let mut names: Vec<String> = specs.map(|spec| spec.name()).collect();
         assert!(names.iter().all(|name| name.contains("slice_pings = ")));
         names.sort();
@@ -305,10 +308,10 @@ mod tests {
     }
 
     #[test]
-    fn parts_of_the_mapper_are_words_in_its_configuration() {
-        let part = Part::named(PARTS[0]);
-        assert_eq!(part.key, "mapper.parts.occlusion");
-        assert_eq!(part.value(State::Auto), "\"auto\"");
+    fn features_of_the_mapper_are_words_in_its_configuration() {
+        let feature = Feature::named(FEATURES[0]);
+        assert_eq!(feature.key, "mapper.parts.occlusion");
+        assert_eq!(feature.value(State::Auto), "\"auto\"");
         assert_eq!(variants(&[], false).len(), 1);
     }
 }

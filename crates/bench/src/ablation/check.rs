@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::cases::{Case, Part, Variant};
+use super::cases::{Case, Feature, Variant};
 use crate::runs::{Outcome, Outcomes};
 use echosplat_metrics::curve::Spread;
 use echosplat_metrics::nullable;
@@ -21,7 +21,7 @@ pub(crate) struct Standard {
     /// Chamfer distance, metres; where no truth was seen, the number of asserted Gaussians.
     #[serde(with = "nullable")]
     pub(crate) error: f64,
-    /// Gaussian–bin pairs and voxel looks.
+    /// Gaussian–bin pairs and voxel observations.
     pub(crate) work: f64,
 }
 
@@ -39,13 +39,13 @@ impl Standard {
     #[must_use]
     pub(crate) fn of_both(
         case: &Case,
-        parts: &[Part],
+        features: &[Feature],
         [variant, auto]: [&Variant; 2],
         seeds: &[u64],
         results: &Outcomes,
     ) -> Option<[Self; 2]> {
         let outcome = |variant: &Variant, seed: u64| {
-            let result = results.of(&case.spec(parts, variant, seed))?;
+            let result = results.of(&case.spec(features, variant, seed))?;
             result.as_ref().ok()
         };
         let both = |seed: &u64| Some((outcome(variant, *seed)?, outcome(auto, *seed)?));
@@ -82,10 +82,11 @@ pub(crate) struct Check {
     /// at an error no more than 2 % higher.
     pub(crate) saves_on: Vec<String>,
     /// Cases where everything on or off has no figures beside the mapper's choice, so that no savings are
-    /// claimed or missed. Parts alone do not matter to it.
+    /// claimed or missed. Features alone do not matter to it.
     pub(crate) incomplete: Vec<String>,
     /// Whether there is anything to choose.
-    pub(crate) has_parts: bool,
+    #[serde(rename = "has_parts")]
+    pub(crate) has_features: bool,
 }
 
 impl Check {
@@ -100,7 +101,7 @@ impl Check {
             })
             .collect();
         let could_save = self.saves_on.len() + self.incomplete.len();
-        if self.has_parts && could_save < LEAST_SCENES {
+        if self.has_features && could_save < LEAST_SCENES {
             failures.push(format!(
                 "everything auto does at most two thirds of the work of everything on, as well, \
                  on {} scenes; it must on {LEAST_SCENES}",
@@ -115,13 +116,13 @@ impl Check {
 #[must_use]
 pub(crate) fn check(
     cases: &[Case],
-    parts: &[Part],
+    features: &[Feature],
     variants: &[Variant],
     seeds: &[u64],
     results: &Outcomes,
 ) -> Check {
     let mut check = Check {
-        has_parts: !parts.is_empty(),
+        has_features: !features.is_empty(),
         ..Check::default()
     };
     let Some(auto) = variants.iter().find(|variant| variant.is_auto()) else {
@@ -131,7 +132,7 @@ pub(crate) fn check(
         let fixed = || variants.iter().filter(|variant| !variant.is_auto());
         let mut compared_whole = 0;
         for variant in fixed() {
-            let both = Standard::of_both(case, parts, [variant, auto], seeds, results);
+            let both = Standard::of_both(case, features, [variant, auto], seeds, results);
             let Some([standard, auto]) = both else {
                 continue;
             };
@@ -158,20 +159,20 @@ mod tests {
 
     /// Everything on, everything off and what the mapper chooses, on the first cases.
     fn checked(figures: &[[(f64, u64); 3]]) -> Check {
-        let parts = [Part::named("occlusion")];
-        let variants = variants(&parts, true);
+        let features = [Feature::named("occlusion")];
+        let variants = variants(&features, true);
         let cases = &cases(false)[..figures.len()];
         let mut results = Outcomes::default();
         for (case, figures) in cases.iter().zip(figures) {
             // In the order of the variants: auto, on, off.
             for (variant, (cd_m, work)) in variants.iter().zip(figures) {
-                let spec = case.spec(&parts, variant, 1);
+                let spec = case.spec(&features, variant, 1);
                 results
                     .0
                     .insert(spec.name(), Ok(sample_outcome(*cd_m, *work)));
             }
         }
-        check(cases, &parts, &variants, &[1], &results)
+        check(cases, &features, &variants, &[1], &results)
     }
 
     #[test]
@@ -195,28 +196,34 @@ mod tests {
     }
 
     #[test]
-    fn parts_alone_that_were_not_run_hide_no_missed_savings() {
-        let parts = [Part::named("occlusion"), Part::named("specular")];
-        let variants = variants(&parts, false);
+    fn features_alone_that_were_not_run_hide_no_missed_savings() {
+        let features = [Feature::named("occlusion"), Feature::named("specular")];
+        let variants = variants(&features, false);
         let cases = cases(false);
         let mut results = Outcomes::default();
         for case in &cases {
             for (variant, work) in variants.iter().take(3).zip([900, 1000, 300]) {
-                let spec = case.spec(&parts, variant, 1);
+                let spec = case.spec(&features, variant, 1);
                 let outcome = sample_outcome(0.03, work);
                 results.0.insert(spec.name(), Ok(outcome));
             }
         }
-        let check = check(&cases, &parts, &variants, &[1], &results);
+        let check = check(&cases, &features, &variants, &[1], &results);
         assert!(check.incomplete.is_empty() && check.saves_on.is_empty());
         assert_eq!(check.failures().len(), 1);
     }
 
     #[test]
     fn what_was_not_run_claims_nothing() {
-        let parts = [Part::named("occlusion")];
-        let variants = variants(&parts, true);
-        let check = check(&cases(false), &parts, &variants, &[1], &Outcomes::default());
+        let features = [Feature::named("occlusion")];
+        let variants = variants(&features, true);
+        let check = check(
+            &cases(false),
+            &features,
+            &variants,
+            &[1],
+            &Outcomes::default(),
+        );
         assert_eq!(check.incomplete.len(), 6);
         assert!(check.failures().is_empty());
     }

@@ -1,8 +1,8 @@
-//! The table of parts as sections of a report, and as text.
+//! The table of features as sections of a report, and as text.
 
 use serde::Serialize;
 
-use super::cases::{Case, Part, Variant};
+use super::cases::{Case, Feature, Variant};
 use super::check::Check;
 use crate::runs::{LeftOut, Outcome, Outcomes};
 use echosplat_metrics::curve::Spread;
@@ -14,9 +14,9 @@ const COLUMNS: [&str; 10] = [
     "runs",
     "CD m",
     "false",
-    "held-back gain",
+    "held-out gain",
     "pairs",
-    "voxel looks",
+    "voxel observations",
     "compute s",
     "finish s",
     "left out by itself",
@@ -38,11 +38,13 @@ pub(crate) struct Row {
     /// Share of what is asserted that is false, 0 to 1.
     pub(crate) confident_false_share: Spread,
     /// Log likelihood per bin of pings that the map has not seen, over that of a constant.
-    pub(crate) held_back_gain: Option<Spread>,
+    #[serde(rename = "held_back_gain")]
+    pub(crate) held_out_gain: Option<Spread>,
     /// Gaussian–bin pairs.
     pub(crate) pairs: Spread,
-    /// Voxel looks.
-    pub(crate) voxel_looks: Spread,
+    /// Voxel observations.
+    #[serde(rename = "voxel_looks")]
+    pub(crate) voxel_observations: Spread,
     /// Processor seconds.
     pub(crate) compute_s: Spread,
     /// Processor seconds of the finish.
@@ -55,17 +57,17 @@ pub(crate) struct Row {
 #[must_use]
 pub(crate) fn rows(
     case: &Case,
-    parts: &[Part],
+    features: &[Feature],
     variants: &[Variant],
     seeds: &[u64],
     results: &Outcomes,
 ) -> Vec<Row> {
     let row = |variant: &Variant| {
-        let result = |seed: &u64| results.of(&case.spec(parts, variant, *seed));
+        let result = |seed: &u64| results.of(&case.spec(features, variant, *seed));
         let found: Vec<_> = seeds.iter().filter_map(result).collect();
         let good: Vec<&Outcome> = found.iter().filter_map(|run| run.as_ref().ok()).collect();
         let spread = |of: fn(&Outcome) -> f64| Spread::of(good.iter().map(|o| of(o)));
-        let gains = good.iter().filter_map(|o| Some(o.held_back?.gain_per_bin));
+        let gains = good.iter().filter_map(|o| Some(o.held_out?.gain_per_bin));
         let gains: Vec<f64> = gains.collect();
         Row {
             case: case.name(),
@@ -74,9 +76,9 @@ pub(crate) fn rows(
             failed_count: found.len() - good.len(),
             cd_m: spread(|o| o.metrics.cd_m),
             confident_false_share: spread(|o| o.metrics.confident_false_share),
-            held_back_gain: (!gains.is_empty()).then(|| Spread::of(gains)),
+            held_out_gain: (!gains.is_empty()).then(|| Spread::of(gains)),
             pairs: spread(|o| o.total.pairs as f64),
-            voxel_looks: spread(|o| o.total.voxel_looks as f64),
+            voxel_observations: spread(|o| o.total.voxel_observations as f64),
             compute_s: spread(|o| o.total.compute_s),
             finish_s: spread(|o| o.total.compute_s - o.streamed.compute_s),
             left_out: good.first().map_or(Vec::new(), |o| o.left_out.clone()),
@@ -89,7 +91,7 @@ fn cells(row: &Row) -> [String; 10] {
     let left_out: Vec<String> = row
         .left_out
         .iter()
-        .map(|left| format!("{}: {}", left.part, left.why))
+        .map(|left| format!("{}: {}", left.feature, left.why))
         .collect();
     let runs = match row.failed_count {
         0 => row.run_count.to_string(),
@@ -107,10 +109,10 @@ fn cells(row: &Row) -> [String; 10] {
         runs,
         shown(metres(row.cd_m.median)),
         shown(percent(row.confident_false_share.median)),
-        row.held_back_gain
+        row.held_out_gain
             .map_or("–".to_owned(), |gain| format!("{:+.3}", gain.median)),
         shown(quantity(row.pairs.median)),
-        shown(quantity(row.voxel_looks.median)),
+        shown(quantity(row.voxel_observations.median)),
         shown(format!("{:.2}", row.compute_s.median)),
         shown(format!("{:.2}", row.finish_s.median)),
         match left_out.is_empty() {
@@ -124,14 +126,14 @@ fn cells(row: &Row) -> [String; 10] {
 #[must_use]
 pub(crate) fn case_section(rows: &[Row]) -> Section {
     let place = |row: &Row| {
-        let work = row.pairs.median + row.voxel_looks.median;
+        let work = row.pairs.median + row.voxel_observations.median;
         (row.variant.clone(), vec![(work, row.cd_m.median)])
     };
     let title = rows.first().map_or(String::new(), |row| row.case.clone());
     Section {
         title: title.clone(),
         plots: vec![Plot {
-            x_label: "work, pairs + voxel looks".to_owned(),
+            x_label: "work, pairs + voxel observations".to_owned(),
             y_label: "CD, m".to_owned(),
             lines: rows.iter().map(place).collect(),
             ..Plot::default()
@@ -141,7 +143,7 @@ pub(crate) fn case_section(rows: &[Row]) -> Section {
             columns: COLUMNS.map(str::to_owned).into(),
             rows: rows.iter().map(|row| cells(row).into()).collect(),
             note:
-                "Medians over the seeds. A part alone on or off leaves the others to the mapper; \
+                "Medians over the seeds. A feature alone on or off leaves the others to the mapper; \
                    its auto is everything auto. Held-back gain is the log likelihood per bin of \
                    pings that the map has not seen, over that of a constant."
                     .to_owned(),

@@ -1,4 +1,4 @@
-//! Carving by hit ratio: of all places on the arcs of echoes, those that most looks find lit.
+//! Carving by hit ratio: of all places on the arcs of echoes, those that most observations find lit.
 //!
 //! Two passes over all pings: the first marks the voxels on the arcs, the second counts for each of
 //! them the pings whose fan passes it and whether their bin at that range was lit or dark. Echoes are
@@ -27,10 +27,10 @@ pub(crate) struct Carving {
     pub(crate) tolerance_m: f64,
     /// Dark bins this far behind an echo say nothing: they may be in its shadow. Metres.
     pub(crate) shadow_m: f64,
-    /// Least share of looks that find a kept voxel lit, 0 to 1.
+    /// Least share of observations that find a kept voxel lit, 0 to 1.
     pub(crate) least_share: f64,
-    /// Least number of pings that look at a kept voxel.
-    pub(crate) least_looks: u32,
+    /// Least number of pings that observe a kept voxel.
+    pub(crate) least_observations: u32,
 }
 
 impl Default for Carving {
@@ -44,7 +44,7 @@ impl Default for Carving {
             tolerance_m: 0.06,
             shadow_m: 0.6,
             least_share: 0.9,
-            least_looks: 16,
+            least_observations: 16,
         }
     }
 }
@@ -54,8 +54,8 @@ impl Default for Carving {
 pub(crate) struct Carved {
     /// Centres of the kept voxels, world coordinates, metres.
     pub(crate) positions_m: Vec<DVec3>,
-    /// Places looked at, both passes together.
-    pub(crate) voxel_looks: u64,
+    /// Places observed, both passes together.
+    pub(crate) voxel_observations: u64,
     /// Places on arcs that found no room.
     pub(crate) dropped: u64,
 }
@@ -77,10 +77,10 @@ impl Carving {
         let edge_m = self.edge_m(first);
         let profiles = self.profiles(pings);
         let mut voxels = Voxels::new(edge_m);
-        let mut looks = 0;
+        let mut observations = 0;
         for (posed, states) in pings.iter().zip(&profiles) {
             let fan = Fan::new(posed, origin_m, edge_m, self.elevation_half_width_rad);
-            looks += fan.visit(
+            observations += fan.visit(
                 |bin| states[bin] == State::Echo,
                 |place_m, _| {
                     voxels.put_on_arc(place_m);
@@ -89,17 +89,17 @@ impl Carving {
         }
         for (ping, (posed, states)) in (1..).zip(pings.iter().zip(&profiles)) {
             let fan = Fan::new(posed, origin_m, edge_m, self.elevation_half_width_rad);
-            looks += fan.visit(
+            observations += fan.visit(
                 |bin| states[bin] != State::Mute,
                 |place_m, bin| {
-                    voxels.look(place_m, ping, states[bin] != State::Dark);
+                    voxels.observe(place_m, ping, states[bin] != State::Dark);
                 },
             );
         }
         let kept = voxels.centers(|voxel| self.keeps(voxel));
         Carved {
             positions_m: kept.into_iter().map(|place_m| origin_m + place_m).collect(),
-            voxel_looks: looks,
+            voxel_observations: observations,
             dropped: voxels.dropped(),
         }
     }
@@ -114,13 +114,13 @@ impl Carving {
     }
 
     fn keeps(&self, voxel: &Voxel) -> bool {
-        let looks = u32::from(voxel.hits) + u32::from(voxel.misses);
-        let least_hits = self.least_share * f64::from(looks);
-        looks >= self.least_looks && f64::from(voxel.hits) >= least_hits
+        let observations = u32::from(voxel.hits) + u32::from(voxel.misses);
+        let least_hits = self.least_share * f64::from(observations);
+        observations >= self.least_observations && f64::from(voxel.hits) >= least_hits
     }
 
-    /// What every bin of every ping says; the strongest echo so far falls slowly, so that one glint
-    /// does not hide what follows.
+    /// What every bin of every ping says; the strongest echo so far falls slowly, so that one
+    /// specular return does not hide what follows.
     fn profiles(&self, pings: &[PosedPing]) -> Vec<Vec<State>> {
         let mut strongest = 0.0_f32;
         let profile = |posed: &PosedPing| {
@@ -278,7 +278,7 @@ mod tests {
         let near = carved.positions_m.iter().filter(is_near).count();
         let count = carved.positions_m.len();
         assert!(count > 50 && 2 * near > count, "{near} of {count} are near");
-        assert!(carved.voxel_looks > 100_000 && carved.dropped == 0);
+        assert!(carved.voxel_observations > 100_000 && carved.dropped == 0);
         assert_eq!(Carving::default().carve(&[]), Carved::default());
     }
 }

@@ -19,7 +19,7 @@ pub(super) struct Voxel {
     pub(super) hits: u16,
     /// Pings that found it dark.
     pub(super) misses: u16,
-    /// Counts pings from 1; each looks at a voxel once.
+    /// Counts pings from 1; each observes a voxel once.
     last_ping: u32,
 }
 
@@ -54,8 +54,8 @@ impl Voxels {
         }
     }
 
-    /// Counts a look of ping `ping`, from 1, at a place on some arc; others are not kept.
-    pub(super) fn look(&mut self, place_m: DVec3, ping: u32, is_lit: bool) {
+    /// Counts an observation by ping `ping`, from 1, of a place on some arc; others are not kept.
+    pub(super) fn observe(&mut self, place_m: DVec3, ping: u32, is_lit: bool) {
         let (block, voxel) = self.cell_of(place_m);
         let Some(index) = self.block_at(block) else {
             return;
@@ -131,15 +131,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ping_looks_at_a_voxel_once_and_only_on_arcs() {
+    fn a_ping_observes_a_voxel_once_and_only_on_arcs() {
         let mut voxels = Voxels::new(0.1);
         let place_m = DVec3::new(-0.05, 1.23, -7.91);
-        voxels.look(place_m, 1, true);
+        voxels.observe(place_m, 1, true);
         voxels.put_on_arc(place_m);
         for (ping, is_lit) in [(1, true), (1, true), (2, false), (3, true)] {
-            voxels.look(place_m, ping, is_lit);
+            voxels.observe(place_m, ping, is_lit);
         }
-        voxels.look(place_m + 0.1, 4, true);
+        voxels.observe(place_m + 0.1, 4, true);
         let centers = voxels.centers(|voxel| (voxel.hits, voxel.misses) == (2, 1));
         assert_eq!(centers.len(), 1);
         assert!((centers[0] - place_m).abs().max_element() <= 0.05 + 1e-9);

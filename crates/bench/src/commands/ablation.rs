@@ -1,9 +1,11 @@
-//! `echosplat bench ablation`: each optional part of the mapper on, off and as it chooses by itself.
+//! `echosplat bench ablation`: each optional feature of the mapper on, off and as it chooses by
+//! itself.
 
 use std::collections::BTreeMap;
 
 use crate::ablation::{
-    self, Case, PARTS, Part, Row, State, Variant, case_section, check, check_section, variants,
+    self, Case, FEATURES, Feature, Row, State, Variant, case_section, check, check_section,
+    variants,
 };
 use crate::error_time::{Omission, omissions_section};
 use crate::runs::{Outcomes, Spec};
@@ -19,7 +21,7 @@ use echosplat_service::exit::Usage;
 /// What is run.
 struct Plan {
     cases: Vec<Case>,
-    parts: Vec<Part>,
+    features: Vec<Feature>,
     variants: Vec<Variant>,
     seeds: Vec<u64>,
     omissions: Vec<Omission>,
@@ -50,10 +52,13 @@ impl Plan {
         }
         let only = &arguments.only;
         let is_chosen = |case: &Case| only.is_empty() || only.iter().any(|n| n == case.scene);
-        let (parts, mut omissions) = parts(arguments);
+        let (features, mut omissions) = features(arguments);
         if quick {
             let why = "--quick: short dives of three scenes, one seed";
-            omissions.push(Omission::new("each part by itself; the other scenes", why));
+            omissions.push(Omission::new(
+                "each feature by itself; the other scenes",
+                why,
+            ));
         }
         let cases: Vec<Case> = all.into_iter().filter(is_chosen).collect();
         if !quick {
@@ -61,39 +66,41 @@ impl Plan {
         }
         Ok(Self {
             cases,
-            variants: variants(&parts, quick),
-            parts,
+            variants: variants(&features, quick),
+            features,
             seeds: arguments.queue.seeds_of(&arguments.options),
             omissions,
         })
     }
 
     fn specs(&self) -> Vec<Spec> {
-        let specs = ablation::specs(&self.cases, &self.parts, &self.variants, &self.seeds);
+        let specs = ablation::specs(&self.cases, &self.features, &self.variants, &self.seeds);
         runs::once(specs)
     }
 }
 
-/// The parts that the configuration knows; the others are listed.
-fn parts(arguments: &AblationBenchArguments) -> (Vec<Part>, Vec<Omission>) {
-    let others = arguments.part.iter().map(|(key, values)| Part {
+/// The features that the configuration knows; the others are listed.
+fn features(arguments: &AblationBenchArguments) -> (Vec<Feature>, Vec<Omission>) {
+    let others = arguments.part.iter().map(|(key, values)| Feature {
         name: key.rsplit('.').next().unwrap_or(key).to_owned(),
         key: key.clone(),
         values: values.clone(),
     });
-    let all: Vec<Part> = match arguments.part.is_empty() {
-        true => PARTS.into_iter().map(Part::named).collect(),
+    let all: Vec<Feature> = match arguments.part.is_empty() {
+        true => FEATURES.into_iter().map(Feature::named).collect(),
         false => others.collect(),
     };
-    let (known, unknown): (Vec<Part>, Vec<Part>) = all.into_iter().partition(is_known);
+    let (known, unknown): (Vec<Feature>, Vec<Feature>) = all.into_iter().partition(is_known);
     let why = "the configuration has no such setting";
-    let omissions = unknown.into_iter().map(|part| Omission::new(part.key, why));
+    let omissions = unknown
+        .into_iter()
+        .map(|feature| Omission::new(feature.key, why));
     (known, omissions.collect())
 }
 
-fn is_known(part: &Part) -> bool {
+fn is_known(feature: &Feature) -> bool {
     State::ALL.into_iter().all(|state| {
-        let setting = (part.key.clone(), part.value(state).to_owned());
+        let setting = (feature.key.clone(), feature.value(state).to_owned());
         Config::of_settings(&BTreeMap::from([setting])).is_ok()
     })
 }
@@ -101,15 +108,15 @@ fn is_known(part: &Part) -> bool {
 fn results(plan: &Plan, outcomes: &Outcomes) -> anyhow::Result<Findings> {
     let Plan {
         cases,
-        parts,
+        features,
         variants,
         seeds,
         omissions,
     } = plan;
-    let rows_of = |case: &Case| ablation::rows(case, parts, variants, seeds, outcomes);
+    let rows_of = |case: &Case| ablation::rows(case, features, variants, seeds, outcomes);
     let by_case: Vec<Vec<Row>> = cases.iter().map(rows_of).collect();
     let rows: Vec<Row> = by_case.concat();
-    let check = check(cases, parts, variants, seeds, outcomes);
+    let check = check(cases, features, variants, seeds, outcomes);
     let mut sections = vec![check_section(&check)];
     sections.extend(by_case.iter().map(|rows| case_section(rows)));
     sections.push(omissions_section(omissions));
@@ -126,9 +133,9 @@ fn results(plan: &Plan, outcomes: &Outcomes) -> anyhow::Result<Findings> {
         name: "ablation",
         fields,
         report: Report {
-            title: "What each part is worth".to_owned(),
+            title: "What each feature is worth".to_owned(),
             highlights: vec![
-                highlight("parts", parts.len()),
+                highlight("features", features.len()),
                 highlight("fixed settings better than auto", check.beaten_by.len()),
                 highlight("scenes where auto saves", check.saves_on.len()),
             ],
@@ -137,9 +144,9 @@ fn results(plan: &Plan, outcomes: &Outcomes) -> anyhow::Result<Findings> {
             ..Report::default()
         },
         text: format!(
-            "{}{} parts, {} variants, {} kinds of runs omitted",
+            "{}{} features, {} variants, {} kinds of runs omitted",
             ablation::text(&rows),
-            parts.len(),
+            features.len(),
             variants.len(),
             omissions.len()
         ),
@@ -164,7 +171,7 @@ mod tests {
     }
 
     #[test]
-    fn parts_that_the_configuration_does_not_know_are_listed() {
+    fn features_that_the_configuration_does_not_know_are_listed() {
         let words = [
             "--part",
             "mapper.workout_passes=32,4,16",
@@ -174,10 +181,10 @@ mod tests {
             "2",
         ];
         let plan = plan(&words).unwrap();
-        assert_eq!(plan.parts.len(), 1);
+        assert_eq!(plan.features.len(), 1);
         assert_eq!(plan.omissions[0].what, "mapper.finish_pases");
-        // A single part on is everything on, so that each part alone adds nothing; of the slowest
-        // dive there is one seed.
+        // A single feature on is everything on, so that each feature alone adds nothing; of the
+        // slowest dive there is one seed.
         assert_eq!(plan.variants.len(), 5);
         assert_eq!(plan.specs().len(), 3 * (2 * plan.cases.len() - 1));
     }

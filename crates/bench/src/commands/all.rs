@@ -38,7 +38,7 @@ struct Kept {
 /// What a run came to, without anything of the machine it ran on.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Figures {
-    /// Gaussian–bin pairs and voxel looks.
+    /// Gaussian–bin pairs and voxel observations.
     work: u64,
     /// Chamfer distance, metres; none for an empty map.
     cd_m: Option<f64>,
@@ -179,7 +179,7 @@ impl Kept {
         let runs = results.fields.get("runs").and_then(|runs| runs.as_array());
         for run in runs.into_iter().flatten() {
             let (name, total) = (&run["run"], &run["outcome"]["total"]);
-            let (Some(name), Some(pairs), Some(looks)) = (
+            let (Some(name), Some(pairs), Some(voxel_observations)) = (
                 name.as_str(),
                 total["pairs"].as_u64(),
                 total["voxel_looks"].as_u64(),
@@ -187,7 +187,7 @@ impl Kept {
                 continue;
             };
             let figures = Figures {
-                work: pairs + looks,
+                work: pairs + voxel_observations,
                 cd_m: run["outcome"]["metrics"]["cd_m"].as_f64(),
             };
             table.runs.insert(name.to_owned(), figures);

@@ -8,7 +8,7 @@ use anyhow::Context;
 use echosplat_acoustics::lanes::{Level, avx2};
 use echosplat_acoustics::online::{OnlineOptions, OnlineRenderer};
 use echosplat_acoustics::reference::online as online_twin;
-use echosplat_acoustics::{GaussianArrays, GradientArrays, Look, sample};
+use echosplat_acoustics::{GaussianArrays, GradientArrays, PingGeometry, sample};
 use echosplat_paper::rendering::{PaperRenderer, Transmittance};
 use echosplat_paper::scenes::{PaperScene, paper_scene};
 use echosplat_paper::twin as paper_twin;
@@ -87,21 +87,21 @@ pub(super) fn run(options: &BenchOptions) -> anyhow::Result<Findings> {
 }
 
 fn online(seed: u64, name: &'static str, occlusion: bool, level: Level) -> Kernel {
-    let (look, gaussians) = sample::bench_scene(seed);
+    let (geometry, gaussians) = sample::bench_scene(seed);
     let visible: Vec<u32> = (0..gaussians.len() as u32).collect();
     let options = OnlineOptions { occlusion };
-    let slope = vec![1e-3; look.bin_count as usize];
+    let slope = vec![1e-3; geometry.bin_count as usize];
     let mut count = OnlineRenderer::with_level(options, level);
-    let _ = count.forward(&look, &gaussians, &visible);
+    let _ = count.forward(&geometry, &gaussians, &visible);
     let twin = OnlineTwin {
-        look,
+        geometry,
         gaussians: online_twin::numbers_of(&gaussians),
         visible: visible.clone(),
         occlusion,
         slope: slope.clone(),
     };
     let renderers = [(); 2].map(|()| OnlineRenderer::with_level(options, level));
-    let (forward, backward) = online_calls(renderers, look, gaussians, visible, slope);
+    let (forward, backward) = online_calls(renderers, geometry, gaussians, visible, slope);
     let both = twin.clone();
     Kernel {
         name,
@@ -118,16 +118,16 @@ type Call = Box<dyn FnMut()>;
 /// Forward and backward on renderers of their own; backward's has been forward once.
 fn online_calls(
     [mut renderer, mut back]: [OnlineRenderer; 2],
-    look: Look,
+    geometry: PingGeometry,
     gaussians: GaussianArrays,
     visible: Vec<u32>,
     slope: Vec<f32>,
 ) -> (Call, Call) {
-    let _ = back.forward(&look, &gaussians, &visible);
+    let _ = back.forward(&geometry, &gaussians, &visible);
     let mut gradients = GradientArrays::zeros(gaussians.len());
     let same = gaussians.clone();
     let forward = move || {
-        black_box(renderer.forward(&look, &gaussians, &visible));
+        black_box(renderer.forward(&geometry, &gaussians, &visible));
     };
     let backward = move || {
         back.backward(&same, &slope, &mut gradients);
@@ -138,7 +138,7 @@ fn online_calls(
 
 #[derive(Clone)]
 struct OnlineTwin {
-    look: Look,
+    geometry: PingGeometry,
     gaussians: Vec<online_twin::Numbers<f32>>,
     visible: Vec<u32>,
     occlusion: bool,
@@ -148,15 +148,15 @@ struct OnlineTwin {
 impl OnlineTwin {
     fn forward(&self) -> online_twin::Rendering<f32> {
         let cutoffs = online_twin::Cutoffs::default();
-        let (look, visible) = (&self.look, &self.visible);
-        online_twin::forward(look, &self.gaussians, visible, self.occlusion, &cutoffs)
+        let (geometry, visible) = (&self.geometry, &self.visible);
+        online_twin::forward(geometry, &self.gaussians, visible, self.occlusion, &cutoffs)
     }
 
     fn both(&self) {
         let rendering = self.forward();
-        let (look, gaussians) = (&self.look, &self.gaussians);
+        let (geometry, gaussians) = (&self.geometry, &self.gaussians);
         black_box(online_twin::backward(
-            look,
+            geometry,
             gaussians,
             &rendering,
             &self.slope,

@@ -89,7 +89,7 @@ fn finished(outcome: &Outcome) -> Sample {
         dive_s: outcome.dive_s,
         compute_s: outcome.total.compute_s,
         pair_count: outcome.total.pairs,
-        voxel_looks: outcome.total.voxel_looks,
+        voxel_observations: outcome.total.voxel_observations,
         ping_count: outcome.pings,
         metrics: outcome.metrics,
     }

@@ -22,14 +22,14 @@ const COLUMNS: [&str; 12] = [
     "HD m",
     "false",
     "compute s",
-    "pairs + looks",
+    "pairs + observations",
 ];
 
 const SWEEP_COLUMNS: [&str; 7] = [
     "setting",
     "value",
     "compute s",
-    "pairs + looks",
+    "pairs + observations",
     "CD m",
     "false",
     "front",
@@ -54,7 +54,7 @@ pub(crate) struct Endings {
     pub(crate) confident_false_share: Spread,
     /// Processor seconds.
     pub(crate) compute_s: Spread,
-    /// Pairs and voxel looks.
+    /// Pairs and voxel observations.
     pub(crate) work: Spread,
 }
 
@@ -100,12 +100,13 @@ fn endings_of(case: &Case, line: Line, seeds: &[u64], results: &Outcomes) -> End
 pub(crate) fn case_section(case: &Case, seeds: &[u64], results: &Outcomes) -> Section {
     Section {
         title: case.name(),
-        text: "Work is counted: Gaussian–bin pairs and voxel looks, arc samples for support. \
+        text:
+            "Work is counted: Gaussian–bin pairs and voxel observations, arc samples for support. \
                Methods that take all pings at once are run anew on the first part of the dive \
                for each moment, and each point is what that run took by itself; so is a dive cut \
                there and ended, whose map is finished. What judging \
                takes is not counted."
-            .to_owned(),
+                .to_owned(),
         curves: case.curves(seeds, results),
         tables: vec![endings_table(&endings(case, seeds, results))],
         ..Section::default()
@@ -178,7 +179,9 @@ pub(crate) fn sweep_section(sweep: &Sweep, results: &Outcomes) -> Section {
             .to_owned(),
         plots: vec![
             plot("compute time, CPU s", |point| point.compute_s),
-            plot("work, pairs + voxel looks", |point| point.work as f64),
+            plot("work, pairs + voxel observations", |point| {
+                point.work as f64
+            }),
         ],
         tables: vec![sweep_table(&points)],
         ..Section::default()

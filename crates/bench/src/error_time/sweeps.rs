@@ -67,7 +67,7 @@ pub(crate) struct Point {
     pub(crate) value: String,
     /// Processor seconds of the mapper.
     pub(crate) compute_s: f64,
-    /// Gaussian–bin pairs and voxel looks.
+    /// Gaussian–bin pairs and voxel observations.
     pub(crate) work: u64,
     /// Chamfer distance of the finished map, metres.
     #[serde(with = "nullable")]

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use super::Spec;
 use echosplat_metrics::curve::Sample;
 use echosplat_metrics::{Certainty, Metrics, nullable};
-use echosplat_prediction::held_back::HeldBack;
+use echosplat_prediction::held_out::HeldOut;
 use echosplat_report::table::{metres, percent};
 
 /// What a mapper had done at some moment.
@@ -17,23 +17,25 @@ pub(crate) struct Work {
     pub(crate) compute_s: f64,
     /// Gaussian–bin pairs.
     pub(crate) pairs: u64,
-    /// Voxel looks; arc samples of methods that have no voxels.
-    pub(crate) voxel_looks: u64,
+    /// Voxel observations; arc samples of methods that have no voxels.
+    #[serde(rename = "voxel_looks")]
+    pub(crate) voxel_observations: u64,
 }
 
 impl Work {
-    /// Pairs and voxel looks, each at its count.
+    /// Pairs and voxel observations, each at its count.
     #[must_use]
     pub(crate) fn counted(&self) -> u64 {
-        self.pairs + self.voxel_looks
+        self.pairs + self.voxel_observations
     }
 }
 
-/// An optional part of the mapper that a map was made without.
+/// An optional feature of the mapper that a map was made without.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 pub(crate) struct LeftOut {
     /// Its name, as in the configuration's `mapper.parts`.
-    pub(crate) part: String,
+    #[serde(rename = "part")]
+    pub(crate) feature: String,
     /// In words.
     pub(crate) why: String,
 }
@@ -111,7 +113,8 @@ pub(crate) struct Outcome {
     pub(crate) total: Work,
     /// Pings of the same dive that the map has not seen; `None` where it was not asked for, or
     /// nothing was heard.
-    pub(crate) held_back: Option<HeldBack>,
+    #[serde(rename = "held_back")]
+    pub(crate) held_out: Option<HeldOut>,
     /// Of the whole process until the map was there, the simulator included.
     pub(crate) peak_memory_bytes: u64,
     /// By the clock, simulation and judging included.
@@ -124,7 +127,7 @@ pub(crate) struct Outcome {
     /// Whether a limit on its work ended it rather than its own end.
     #[serde(default)]
     pub(crate) met_budget: bool,
-    /// Optional parts that the mapper left out by itself.
+    /// Optional features that the mapper left out by itself.
     #[serde(default)]
     pub(crate) left_out: Vec<LeftOut>,
     /// From the same dive where it really was, for a dive that took place elsewhere: the mean of
@@ -174,7 +177,7 @@ pub(crate) mod tests {
         let total = Work {
             compute_s: 1e-6 * pairs as f64,
             pairs,
-            voxel_looks: 0,
+            voxel_observations: 0,
         };
         Outcome {
             metrics: evaluate_raw(&map, &truth),
@@ -184,7 +187,7 @@ pub(crate) mod tests {
             dive_s: 30.0,
             streamed: Work::default(),
             total,
-            held_back: None,
+            held_out: None,
             peak_memory_bytes: 0,
             wall_s: 0.0,
             fingerprint: String::new(),

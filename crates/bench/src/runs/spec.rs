@@ -16,7 +16,7 @@ pub(crate) enum Method {
     Online,
     /// Places on the arcs that enough views agree on: the paper's first Gaussians.
     Support,
-    /// Voxels on the arcs that most looks at them find lit.
+    /// Voxels on the arcs that most observations of them find lit.
     Carving,
     /// The paper's method whole; needs a dive that comes in images.
     Paper,
@@ -68,7 +68,7 @@ pub(crate) struct Spec {
     pub(crate) seed: u64,
     /// Length of the dive; the default's without.
     pub(crate) duration_s: Option<f64>,
-    /// The first part of its pings that is mapped, above 0 to 1.
+    /// The first fraction of its pings that is mapped, above 0 to 1.
     pub(crate) share: f64,
     /// Added to the pings' times before poses are looked up.
     pub(crate) time_offset_s: f64,
@@ -90,8 +90,8 @@ pub(crate) struct Spec {
     #[serde(default)]
     pub(crate) spacing: Spacing,
     /// Whether the map is scored on pings that it has not seen; plain dives always are.
-    #[serde(default)]
-    pub(crate) held_back: bool,
+    #[serde(default, rename = "held_back")]
+    pub(crate) held_out: bool,
 }
 
 /// Moments of a dive are this far apart: two double its length.
@@ -145,7 +145,7 @@ impl Spec {
             settings: BTreeMap::new(),
             moments: 0,
             spacing: Spacing::default(),
-            held_back: false,
+            held_out: false,
         }
     }
 
@@ -212,8 +212,8 @@ impl Spec {
             };
             add(format!("{} {even}moments", self.moments));
         }
-        if self.held_back {
-            add("held-back pings scored".to_owned());
+        if self.held_out {
+            add("held-out pings scored".to_owned());
         }
         add(format!("seed {}", self.seed));
         name
@@ -228,8 +228,8 @@ impl Spec {
 
     /// Whether the map is scored on pings that it has not seen.
     #[must_use]
-    pub(crate) fn scores_held_back(&self) -> bool {
-        self.held_back || self.is_plain()
+    pub(crate) fn scores_held_out(&self) -> bool {
+        self.held_out || self.is_plain()
     }
 }
 
@@ -339,7 +339,7 @@ mod tests {
                 ..plain.clone()
             },
             Spec {
-                held_back: true,
+                held_out: true,
                 ..plain.clone()
             },
             Spec {

@@ -31,7 +31,7 @@ pub(super) fn rows(seed: u64, quick: bool) -> Vec<Row> {
 
 fn nothing() -> Row {
     let scene = Scene::new(true);
-    let truth = vec![0.0; scene.look.bin_count as usize];
+    let truth = vec![0.0; scene.geometry.bin_count as usize];
     Comparison::of_many(&truth, &scene.program()).row(LABEL, "no Gaussian", 0.0)
 }
 
@@ -81,9 +81,9 @@ fn compare(scene: &Scene) -> Comparison {
 }
 
 fn sum(scene: &Scene) -> Vec<f32> {
-    let mut sum = vec![0.0; scene.look.bin_count as usize];
+    let mut sum = vec![0.0; scene.geometry.bin_count as usize];
     for index in 0..scene.gaussians.len() {
-        let profile = naive::profile(&scene.look, &scene.gaussians.get(index));
+        let profile = naive::profile(&scene.geometry, &scene.gaussians.get(index));
         sum.iter_mut()
             .zip(profile)
             .for_each(|(total, part)| *total += part);

@@ -91,8 +91,8 @@ fn far_row(seed: u64, distance_m: f64) -> Row {
             mean_m: (in_world - first).as_vec3(),
             ..near
         });
-        scene.look.pose.position_m = (now - first).as_vec3();
-        let mut absolute = scene.look;
+        scene.geometry.pose.position_m = (now - first).as_vec3();
+        let mut absolute = scene.geometry;
         absolute.pose.position_m = now.as_vec3();
         let gaussian = Parameters {
             mean_m: in_world.as_vec3(),
@@ -118,12 +118,12 @@ pub(super) fn wrap(_seed: u64, _quick: bool) -> Vec<Row> {
         let each = [-0.3, 0.3].map(|off_deg: f64| {
             let off = off_deg.to_radians();
             let mut scene = Scene::new(false);
-            scene.look.pose.axes = turned(yaw_deg.to_radians());
+            scene.geometry.pose.axes = turned(yaw_deg.to_radians());
             let ahead = Vec3::new(5.0 * off.cos() as f32, 5.0 * off.sin() as f32, 0.2);
-            let gaussian = plain(scene.look.pose.axes * ahead);
+            let gaussian = plain(scene.geometry.pose.axes * ahead);
             let scene = scene.with(gaussian);
             let truth = scene.twin::<f64>();
-            let naive = naive::profile_by_bearings(&scene.look, &gaussian);
+            let naive = naive::profile_by_bearings(&scene.geometry, &gaussian);
             Comparison::of_many(&truth, &scene.program()).with_naive_many(&truth, &naive)
         });
         let worst = each[0].worse(each[1]);
@@ -133,7 +133,7 @@ pub(super) fn wrap(_seed: u64, _quick: bool) -> Vec<Row> {
         let differing = [0.3, 2.0, 3.1].map(|yaw: f64| {
             let profile = |turns: f64| {
                 let mut scene = Scene::new(false);
-                scene.look.pose.axes = turned(yaw + std::f64::consts::TAU * turns);
+                scene.geometry.pose.axes = turned(yaw + std::f64::consts::TAU * turns);
                 scene
                     .with(plain(turned(yaw) * Vec3::new(5.0, 0.02, 0.2)))
                     .program()

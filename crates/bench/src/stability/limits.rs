@@ -143,7 +143,7 @@ fn rotation(tiny: f32) -> Row {
     let (_, losses) = descend(begin, 3..7);
     let program = losses.1 / losses.0;
     let naive = f64::from(
-        naive::profile(&super::scene::look(), &begin)
+        naive::profile(&super::scene::geometry(), &begin)
             .iter()
             .sum::<f32>(),
     );

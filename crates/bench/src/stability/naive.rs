@@ -1,47 +1,47 @@
 //! Single precision as one would write it down first: (10), (18), (19) term by term, determinants
 //! by their formula, opacities as a running product. Correct on paper, and in f32 on easy input.
 
-use echosplat_acoustics::{GaussianArrays, Look, Parameters};
+use echosplat_acoustics::{GaussianArrays, Parameters, PingGeometry};
 use echosplat_paper::rendering::PaperView;
 use glam::{Mat3, Vec3};
 
 use super::normal::normal_cdf;
 
 /// Intensity per bin of one Gaussian, shape `[bin_count]`. Azimuth is taken as it comes.
-pub(super) fn profile(look: &Look, gaussian: &Parameters) -> Vec<f32> {
-    let to_mean = gaussian.mean_m - look.pose.position_m;
-    let q = look.pose.axes.transpose() * to_mean;
-    profile_at(look, gaussian, q, q.y.atan2(q.x))
+pub(super) fn profile(geometry: &PingGeometry, gaussian: &Parameters) -> Vec<f32> {
+    let to_mean = gaussian.mean_m - geometry.pose.position_m;
+    let q = geometry.pose.axes.transpose() * to_mean;
+    profile_at(geometry, gaussian, q, q.y.atan2(q.x))
 }
 
 /// The same with azimuth as the difference of two bearings in the world.
-pub(super) fn profile_by_bearings(look: &Look, gaussian: &Parameters) -> Vec<f32> {
-    let to_mean = gaussian.mean_m - look.pose.position_m;
-    let q = look.pose.axes.transpose() * to_mean;
-    let ahead = look.pose.axes.x_axis;
+pub(super) fn profile_by_bearings(geometry: &PingGeometry, gaussian: &Parameters) -> Vec<f32> {
+    let to_mean = gaussian.mean_m - geometry.pose.position_m;
+    let q = geometry.pose.axes.transpose() * to_mean;
+    let ahead = geometry.pose.axes.x_axis;
     let azimuth = to_mean.y.atan2(to_mean.x) - ahead.y.atan2(ahead.x);
-    profile_at(look, gaussian, q, azimuth)
+    profile_at(geometry, gaussian, q, azimuth)
 }
 
-fn profile_at(look: &Look, gaussian: &Parameters, q: Vec3, azimuth: f32) -> Vec<f32> {
-    let s = polar_covariance(look.pose.axes, gaussian, q);
+fn profile_at(geometry: &PingGeometry, gaussian: &Parameters, q: Vec3, azimuth: f32) -> Vec<f32> {
+    let s = polar_covariance(geometry.pose.axes, gaussian, q);
     let (rr, rt, tt) = (s.x_axis.x, s.x_axis.y, s.y_axis.y);
     let (tp, pp) = (s.y_axis.z, s.z_axis.z);
     let (range_m, elevation) = (q.length(), q.z.atan2((q.x * q.x + q.y * q.y).sqrt()));
     let solid_angle = std::f32::consts::TAU * elevation.cos() * (tt * pp - tp * tp).sqrt();
-    let sigma_b = look.beam.azimuth_sigma_rad();
-    let total = sigma_b * sigma_b + tt + look.azimuth_variance_rad2;
+    let sigma_b = geometry.beam.azimuth_sigma_rad();
+    let total = sigma_b * sigma_b + tt + geometry.azimuth_variance_rad2;
     let pattern = sigma_b / total.sqrt() * (-0.5 * azimuth * azimuth / total).exp();
-    let determinant = (rr + look.range_variance_m2) * total - rt * rt;
+    let determinant = (rr + geometry.range_variance_m2) * total - rt * rt;
     let deviation = (determinant / total).sqrt();
     let on_axis = range_m - azimuth * rt / total;
     let strength = gaussian.reflectivity() / (1.0 + (-gaussian.opacity_logit).exp());
-    let energy = strength * solid_angle * pattern * look.beam.elevation_weight(elevation);
+    let energy = strength * solid_angle * pattern * geometry.beam.elevation_weight(elevation);
     let edge = |bin: u32| {
-        let range_m = look.range_start_m + look.bin_length_m * bin as f32;
+        let range_m = geometry.range_start_m + geometry.bin_length_m * bin as f32;
         normal_cdf((range_m - on_axis) / deviation)
     };
-    (0..look.bin_count)
+    (0..geometry.bin_count)
         .map(|bin| energy * (edge(bin + 1) - edge(bin)))
         .collect()
 }

@@ -36,7 +36,7 @@ pub(super) fn rows(_seed: u64, _quick: bool) -> Vec<Row> {
 
 fn row(input: String, spoilt: usize, poison: f32) -> Row {
     let naive = (0..PARAMETER_COUNT).filter(|&field| {
-        let profile = super::naive::profile(&super::scene::look(), &poisoned(field, poison));
+        let profile = super::naive::profile(&super::scene::geometry(), &poisoned(field, poison));
         profile.iter().any(|value| !value.is_finite())
     });
     let comparison = Comparison::of(0.0, spoilt as f64, 1.0);

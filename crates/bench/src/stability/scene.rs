@@ -4,7 +4,7 @@
 use echosplat_acoustics::online::{OnlineOptions, OnlineRenderer};
 use echosplat_acoustics::reference::online::{Cutoffs, backward, forward, numbers_of};
 use echosplat_acoustics::{
-    Beam, GaussianArrays, GradientArrays, Look, LookPose, PARAMETER_COUNT, Parameters, Real,
+    Beam, GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters, PingGeometry, PingPose, Real,
 };
 use glam::{Mat3, Quat, Vec3};
 
@@ -16,15 +16,15 @@ pub(super) type Numbers<R> = [R; PARAMETER_COUNT];
 /// A ping without its measurement.
 #[derive(Debug, Clone)]
 pub(super) struct Scene {
-    pub(super) look: Look,
+    pub(super) geometry: PingGeometry,
     pub(super) gaussians: GaussianArrays,
     pub(super) occlusion: bool,
 }
 
 /// At the origin, looking along x: 600 bins of 2 cm.
-pub(super) fn look() -> Look {
-    Look {
-        pose: LookPose {
+pub(super) fn geometry() -> PingGeometry {
+    PingGeometry {
+        pose: PingPose {
             position_m: Vec3::ZERO,
             axes: Mat3::IDENTITY,
             drift_per_m: Vec3::ZERO,
@@ -69,7 +69,7 @@ pub(super) fn usual(draw: &mut Draw) -> Parameters {
 impl Scene {
     pub(super) fn new(occlusion: bool) -> Self {
         Self {
-            look: look(),
+            geometry: geometry(),
             gaussians: GaussianArrays::new(),
             occlusion,
         }
@@ -78,7 +78,7 @@ impl Scene {
     /// Of [`usual`] Gaussians.
     pub(super) fn random(draw: &mut Draw, count: usize, occlusion: bool) -> Self {
         let mut scene = Self::new(occlusion);
-        scene.look.pose.drift_per_m = 1e-4 * draw.cube();
+        scene.geometry.pose.drift_per_m = 1e-4 * draw.cube();
         for _ in 0..count {
             scene.gaussians.push(usual(draw));
         }
@@ -104,7 +104,7 @@ impl Scene {
     pub(super) fn program(&self) -> Vec<f32> {
         let mut renderer = self.renderer();
         renderer
-            .forward(&self.look, &self.gaussians, &self.visible())
+            .forward(&self.geometry, &self.gaussians, &self.visible())
             .to_vec()
     }
 
@@ -116,13 +116,13 @@ impl Scene {
     /// By the twin, of these numbers in place of the scene's.
     pub(super) fn twin_of<R: Real>(&self, numbers: &[Numbers<R>], cutoffs: &Cutoffs) -> Vec<R> {
         let visible = self.visible();
-        forward(&self.look, numbers, &visible, self.occlusion, cutoffs).intensity
+        forward(&self.geometry, numbers, &visible, self.occlusion, cutoffs).intensity
     }
 
     /// dL/d(parameters) of every Gaussian by the program, given dL/d(intensity).
     pub(super) fn program_gradient(&self, d_intensity: &[f32]) -> Vec<Numbers<f32>> {
         let mut renderer = self.renderer();
-        let _ = renderer.forward(&self.look, &self.gaussians, &self.visible());
+        let _ = renderer.forward(&self.geometry, &self.gaussians, &self.visible());
         let mut gradients = GradientArrays::zeros(self.gaussians.len());
         renderer.backward(&self.gaussians, d_intensity, &mut gradients);
         (0..gradients.len()).map(|i| gradients.get(i)).collect()
@@ -136,14 +136,14 @@ impl Scene {
     ) -> Vec<Numbers<R>> {
         let numbers = numbers_of(&self.gaussians);
         let visible = self.visible();
-        let rendering = forward(&self.look, &numbers, &visible, self.occlusion, cutoffs);
+        let rendering = forward(&self.geometry, &numbers, &visible, self.occlusion, cutoffs);
         let d: Vec<R> = d_intensity.iter().map(|&d| R::of_f32(d)).collect();
-        backward(&self.look, &numbers, &rendering, &d)
+        backward(&self.geometry, &numbers, &rendering, &d)
     }
 
     /// A loss's slope by intensity: of both signs, the same for the same draw.
     pub(super) fn slope(&self, draw: &mut Draw) -> Vec<f32> {
-        (0..self.look.bin_count)
+        (0..self.geometry.bin_count)
             .map(|_| draw.between(-1.0, 1.0))
             .collect()
     }

@@ -61,12 +61,12 @@ fn crowd(seed: u64, count: usize, opacity: f64) -> Comparison {
 /// Each sheet covers the beam nearly whole: one product for all of it.
 fn naive_crowd(scene: &Scene, opacity: f32) -> Vec<f32> {
     let through = naive::running_product(&vec![opacity; scene.gaussians.len()]);
-    let mut sum = vec![0.0; scene.look.bin_count as usize];
+    let mut sum = vec![0.0; scene.geometry.bin_count as usize];
     for (index, through) in through.into_iter().enumerate() {
         if through <= 0.0 {
             break;
         }
-        let profile = naive::profile(&scene.look, &scene.gaussians.get(index));
+        let profile = naive::profile(&scene.geometry, &scene.gaussians.get(index));
         for (total, part) in sum.iter_mut().zip(profile) {
             *total += through * part;
         }

@@ -45,7 +45,7 @@ fn condition_row(seed: u64, decade: u32, count: usize) -> Row {
     let compare = |gaussian: Parameters| {
         let scene = Scene::new(false).with(gaussian);
         let truth = scene.twin::<f64>();
-        let naive = naive::profile(&scene.look, &gaussian);
+        let naive = naive::profile(&scene.geometry, &gaussian);
         Comparison::of_many(&truth, &scene.program()).with_naive_many(&truth, &naive)
     };
     let first = compare(stretched(&mut draw, ratio));
@@ -73,7 +73,7 @@ fn clamped_row(seed: u64, decade: u32) -> Row {
     let mut draw = Draw::new(seed, 100 + u64::from(decade));
     let mut gaussian = stretched(&mut draw, 1e6);
     gaussian.log_scale.z = gaussian.log_scale.x - 0.5 * decade as f32 * std::f32::consts::LN_10;
-    let naive = naive::profile(&super::scene::look(), &gaussian);
+    let naive = naive::profile(&super::scene::geometry(), &gaussian);
     let mut scene = Scene::new(false).with(gaussian);
     let counted = scene.gaussians.clamp().conditions;
     let truth = scene.twin::<f64>();
@@ -90,7 +90,7 @@ pub(super) fn polar(_seed: u64, _quick: bool) -> Vec<Row> {
         let each = [-3.0, 3.0].map(|height_m| {
             let gaussian = plain(Vec3::new(off_axis_m, 0.1 * off_axis_m, height_m));
             let scene = Scene::new(false).with(gaussian);
-            let naive = naive::profile(&scene.look, &gaussian);
+            let naive = naive::profile(&scene.geometry, &gaussian);
             let loudest = |profile: &[f32]| loudest(profile.iter().copied());
             let gradient = scene.program_gradient(&vec![1.0; 600]);
             let slope = loudest(&gradient.concat());
@@ -127,7 +127,7 @@ pub(super) fn near(_seed: u64, _quick: bool) -> Vec<Row> {
             true => scene.twin::<f64>(),
             false => vec![0.0; 600],
         };
-        let naive = naive::profile(&scene.look, &gaussian);
+        let naive = naive::profile(&scene.geometry, &gaussian);
         let comparison = Comparison::of_many(&truth, &scene.program());
         let comparison = comparison.with_naive_many(&truth, &naive);
         comparison.row(NEAR, format!("{} m", Figure(range_m.into())), 2e-5)

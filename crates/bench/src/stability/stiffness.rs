@@ -1,13 +1,13 @@
 //! How many steps a stiff problem takes, and how large a step may be.
 
 use echosplat_acoustics::reference::online::{Cutoffs, backward, forward};
-use echosplat_acoustics::{Look, Parameters, SymmetricMat3};
+use echosplat_acoustics::{Parameters, PingGeometry, SymmetricMat3};
 use echosplat_mapper::damped_step;
 use glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 
 use super::Row;
 use super::row::{Comparison, Figure, Label};
-use super::scene::{look, plain};
+use super::scene::{geometry, plain};
 use crate::draw::Draw;
 use echosplat_report::Plot;
 
@@ -49,9 +49,9 @@ const SOFTEST: f64 = 1e5;
 /// Noise over the strongest bin.
 const FLOOR: f64 = 1e-3;
 
-/// Looks at one Gaussian from three sides, one of them counting far more.
+/// Observations of one Gaussian from three directions, one of them counting far more.
 struct Problem {
-    looks: Vec<(Look, f64)>,
+    observations: Vec<(PingGeometry, f64)>,
     measured: Vec<Vec<f64>>,
     floor: f64,
     gaussian: Parameters,
@@ -73,14 +73,14 @@ enum Method {
     Inverse,
 }
 
-fn looking(from_m: DVec3, rotation: Quat) -> Look {
-    let mut look = look();
+fn looking_from(from_m: DVec3, rotation: Quat) -> PingGeometry {
+    let mut geometry = geometry();
     // Only where the Gaussians are.
-    look.range_start_m = 4.0;
-    look.bin_count = 100;
-    look.pose.position_m = from_m.as_vec3();
-    look.pose.axes = Mat3::from_quat(rotation);
-    look
+    geometry.range_start_m = 4.0;
+    geometry.bin_count = 100;
+    geometry.pose.position_m = from_m.as_vec3();
+    geometry.pose.axes = Mat3::from_quat(rotation);
+    geometry
 }
 
 impl Problem {
@@ -95,11 +95,11 @@ impl Problem {
         let of_turn = |turn: Quat| {
             let rotation = askew * turn;
             let ahead = rotation * Vec3::new(5.0, 0.01, 0.1);
-            looking((gaussian.mean_m - ahead).as_dvec3(), rotation)
+            looking_from((gaussian.mean_m - ahead).as_dvec3(), rotation)
         };
-        let looks = turns.map(|turn| (of_turn(turn), 1.0));
+        let observations = turns.map(|turn| (of_turn(turn), 1.0));
         let mut problem = Self {
-            looks: looks.into(),
+            observations: observations.into(),
             measured: Vec::new(),
             floor: 0.0,
             gaussian,
@@ -110,7 +110,7 @@ impl Problem {
         problem.floor = FLOOR * loudest.fold(0.0, f64::max);
         let unweighted = problem.slopes(truth).information;
         let unit = SOFTEST / softest(&unweighted);
-        for (index, (_, weight)) in problem.looks.iter_mut().enumerate() {
+        for (index, (_, weight)) in problem.observations.iter_mut().enumerate() {
             *weight = unit * if index == 0 { 10_f64.powi(decade) } else { 1.0 };
         }
         problem
@@ -128,8 +128,13 @@ impl Problem {
 
     fn rendered(&self, place: DVec3) -> Vec<Vec<f64>> {
         let numbers = self.numbers(place);
-        let of = |look: &Look| forward(look, &numbers, &[0], false, &Cutoffs::default()).intensity;
-        self.looks.iter().map(|(look, _)| of(look)).collect()
+        let of = |geometry: &PingGeometry| {
+            forward(geometry, &numbers, &[0], false, &Cutoffs::default()).intensity
+        };
+        self.observations
+            .iter()
+            .map(|(geometry, _)| of(geometry))
+            .collect()
     }
 
     /// Of the likelihood of gamma speckle: `∂ = (I − Î)/Î² · ∂Î`, information `(∂Î/Î)²`.
@@ -139,15 +144,15 @@ impl Problem {
             gradient: DVec3::ZERO,
             information: DMat3::ZERO,
         };
-        for ((look, weight), measured) in self.looks.iter().zip(&self.measured) {
-            let rendering = forward(look, &numbers, &[0], false, &Cutoffs::default());
+        for ((geometry, weight), measured) in self.observations.iter().zip(&self.measured) {
+            let rendering = forward(geometry, &numbers, &[0], false, &Cutoffs::default());
             let Some(row) = rendering.rows.first() else {
                 continue;
             };
             for bin in row.bins.clone() {
                 let mut d_intensity = vec![0.0; rendering.intensity.len()];
                 d_intensity[bin] = 1.0;
-                let d = backward(look, &numbers, &rendering, &d_intensity)[0];
+                let d = backward(geometry, &numbers, &rendering, &d_intensity)[0];
                 let d = DVec3::new(d[0], d[1], d[2]);
                 let predicted = rendering.intensity[bin] + self.floor;
                 let off = measured[bin] - rendering.intensity[bin];
@@ -167,14 +172,14 @@ impl Problem {
     fn gradient(&self, place: DVec3) -> DVec3 {
         let numbers = self.numbers(place);
         let mut gradient = DVec3::ZERO;
-        for ((look, weight), measured) in self.looks.iter().zip(&self.measured) {
-            let rendering = forward(look, &numbers, &[0], false, &Cutoffs::default());
+        for ((geometry, weight), measured) in self.observations.iter().zip(&self.measured) {
+            let rendering = forward(geometry, &numbers, &[0], false, &Cutoffs::default());
             let pairs = rendering.intensity.iter().zip(measured);
-            let pull = |(now, measured): (&f64, &f64)| {
+            let score = |(now, measured): (&f64, &f64)| {
                 weight * (measured - now) / (now + self.floor).powi(2)
             };
-            let pulls: Vec<f64> = pairs.map(pull).collect();
-            let d = backward(look, &numbers, &rendering, &pulls)[0];
+            let scores: Vec<f64> = pairs.map(score).collect();
+            let d = backward(geometry, &numbers, &rendering, &scores)[0];
             gradient += DVec3::new(d[0], d[1], d[2]);
         }
         gradient
@@ -255,7 +260,7 @@ fn grown(times: impl Fn(DVec3) -> DVec3) -> f64 {
 
 /// Of strengths, from the right ones off by up to a factor of ten.
 struct Strengths {
-    /// Energy of each Gaussian per look and bin, shape `[look·bin][gaussian]`.
+    /// Energy of each Gaussian per ping and bin, shape `[ping·bin][gaussian]`.
     energies: Vec<Vec<f64>>,
     measured: Vec<f64>,
     truth: Vec<f64>,
@@ -276,12 +281,12 @@ impl Strengths {
         for _ in 0..24 {
             let rotation = draw.rotation();
             let ahead = rotation * Vec3::new(5.0, 0.0, 0.0);
-            let look = looking((-ahead).as_dvec3(), rotation);
+            let geometry = looking_from((-ahead).as_dvec3(), rotation);
             let each: Vec<Vec<f64>> = numbers
                 .iter()
-                .map(|one| forward(&look, &[*one], &[0], false, &Cutoffs::default()).intensity)
+                .map(|one| forward(&geometry, &[*one], &[0], false, &Cutoffs::default()).intensity)
                 .collect();
-            for bin in 0..look.bin_count as usize {
+            for bin in 0..geometry.bin_count as usize {
                 let row: Vec<f64> = each.iter().map(|profile| profile[bin]).collect();
                 if row.iter().any(|energy| *energy > 0.0) {
                     energies.push(row);
@@ -321,13 +326,13 @@ impl Strengths {
             let mut sums = vec![(0.0, 0.0); CROWD];
             for ((p, m), row) in pairs().zip(&self.energies) {
                 let (p, m) = (p + self.floor, m + self.floor);
-                for ((pull, weight), energy) in sums.iter_mut().zip(row) {
-                    *pull += energy * m / (p * p);
+                for ((numerator, weight), energy) in sums.iter_mut().zip(row) {
+                    *numerator += energy * m / (p * p);
                     *weight += energy / p;
                 }
             }
-            for (strength, (pull, weight)) in strengths.iter_mut().zip(sums) {
-                *strength *= (pull / weight).powf(exponent).clamp(0.05, 20.0);
+            for (strength, (numerator, weight)) in strengths.iter_mut().zip(sums) {
+                *strength *= (numerator / weight).powf(exponent).clamp(0.05, 20.0);
             }
         }
         None

@@ -9,7 +9,7 @@ use super::limit::{Limit, Row, Target, Unit};
 use super::sections::Section;
 use crate::runs::{Method, Outcome, Outcomes, Placement, Spacing, Spec};
 use echosplat_metrics::{Certainty, Metrics};
-use echosplat_prediction::held_back::HeldBack;
+use echosplat_prediction::held_out::HeldOut;
 
 /// Runs of one seed that are judged together.
 #[derive(Debug, Clone)]
@@ -460,12 +460,12 @@ fn length() -> Case {
 /// Counted work per ping without the finish.
 fn streamed(outcome: &Outcome) -> f64 {
     let work = outcome.streamed;
-    (work.voxel_looks + work.pairs) as f64 / outcome.pings as f64
+    (work.voxel_observations + work.pairs) as f64 / outcome.pings as f64
 }
 
 fn finish(outcome: &Outcome) -> f64 {
     let (all, before) = (outcome.total, outcome.streamed);
-    let work = all.voxel_looks + all.pairs - before.voxel_looks - before.pairs;
+    let work = all.voxel_observations + all.pairs - before.voxel_observations - before.pairs;
     work as f64 / outcome.pings as f64
 }
 
@@ -537,7 +537,7 @@ fn papers() -> Vec<Case> {
     let both = |scene, noise, more: &[Target]| {
         let ours = Spec {
             moments: PAPER_MOMENTS,
-            held_back: true,
+            held_out: true,
             ..Spec::new(scene, DiveKind::Viewpoints, noise, 0)
         };
         let papers = Spec {
@@ -600,8 +600,8 @@ fn foretold() -> [Target; 2] {
 }
 
 /// Not a number where nothing was scored.
-fn likelihood(outcome: &Outcome, of: fn(&HeldBack) -> f64) -> f64 {
-    outcome.held_back.as_ref().map_or(f64::NAN, of)
+fn likelihood(outcome: &Outcome, of: fn(&HeldOut) -> f64) -> f64 {
+    outcome.held_out.as_ref().map_or(f64::NAN, of)
 }
 
 #[cfg(test)]
@@ -668,7 +668,7 @@ mod tests {
             dive_s: 0.0,
             compute_s: 0.0,
             pair_count: 0,
-            voxel_looks: 0,
+            voxel_observations: 0,
             ping_count: 0,
             metrics: crate::runs::sample_outcome(cd_m, 1).metrics,
         };

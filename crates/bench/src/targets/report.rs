@@ -27,10 +27,10 @@ const RUN_COLUMNS: [&str; 13] = [
     "compute s",
     "finish s",
     "pairs",
-    "voxel looks",
+    "voxel observations",
     "Gaussians",
     "normals 20°",
-    "held-back gain",
+    "held-out gain",
     "MB",
 ];
 
@@ -113,8 +113,7 @@ fn run_cells(name: &str, outcome: &Outcome) -> [String; 13] {
     let work = outcome.total;
     let none = || "–".to_owned();
     let normals = |normals: echosplat_metrics::Normals| percent(normals.within_20deg_share);
-    let gain =
-        |held: echosplat_prediction::held_back::HeldBack| format!("{:+.3}", held.gain_per_bin);
+    let gain = |held: echosplat_prediction::held_out::HeldOut| format!("{:+.3}", held.gain_per_bin);
     [
         name.to_owned(),
         metres(metrics.cd_m),
@@ -124,10 +123,10 @@ fn run_cells(name: &str, outcome: &Outcome) -> [String; 13] {
         format!("{:.1}", work.compute_s),
         format!("{:.1}", work.compute_s - outcome.streamed.compute_s),
         quantity(work.pairs as f64),
-        quantity(work.voxel_looks as f64),
+        quantity(work.voxel_observations as f64),
         format!("{} + {}", metrics.confident_count, metrics.ambiguous_count),
         metrics.normals.map_or_else(none, normals),
-        outcome.held_back.map_or_else(none, gain),
+        outcome.held_out.map_or_else(none, gain),
         format!("{:.0}", outcome.peak_memory_bytes as f64 * 1e-6),
     ]
 }

@@ -122,7 +122,7 @@ impl Section {
                  third of them, which is what a computer with a third of the speed could do."
             }
             Self::Length => {
-                "One motion, cut after 60, 120, 240 and 480 s: counted work per ping (voxel looks \
+                "One motion, cut after 60, 120, 240 and 480 s: counted work per ping (voxel observations \
                  and Gaussian–bin pairs, both at their count), without the finish and of the \
                  finish. Flat is the most over the least, minus 1. And a dive longer than memory: \
                  only 1,024 of its pings remembered."
@@ -140,8 +140,8 @@ impl Section {
             Self::Paper => {
                 "Both methods on one dive in images. The paper's processor seconds over those after \
                  which a map of the mapper, live or finished, has the paper's final CD or less; and \
-                 how much likelier the finished map makes pings that neither method has seen, \
-                 natural logarithm per bin, gain, floor and looks fitted to each."
+                 the likelihood gain of the finished map on pings that neither method has seen, \
+                 nats per bin, with gain, floor and number of looks fitted to each."
             }
         }
     }

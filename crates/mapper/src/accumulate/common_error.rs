@@ -1,32 +1,33 @@
-//! What the poses of some looks make of a place together: they are off alike, the less the further apart in time.
+//! The error that the poses of some observations give a place: they are off alike, the less so the further apart in
+//! time.
 //!
-//! Errors of poses are a first-order Gauss–Markov process: of two looks Δt apart, e^(−Δt/τ) of the error is the same.
+//! Errors of poses are a first-order Gauss–Markov process: two observations Δt apart share e^(−Δt/τ) of the error.
 
 use echosplat_acoustics::SymmetricMat3;
 
 use super::finding::{add, times};
 
-/// The error that a place has by its looks' poses. Each look counts as much as it informs.
+/// The error that a place has from the poses of its observations. Each observation counts as much as it informs.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct CommonError {
-    /// How much the looks inform, 1/m².
+    /// How much the observations inform, 1/m².
     weight: f32,
-    /// What a single look's pose makes of the place, square metres, times `weight`.
+    /// Variance of the place from a single observation's pose, square metres, times `weight`.
     weighted_m2: SymmetricMat3,
-    /// When the first and the last look were, in time constants of the error.
+    /// Times of the first and the last observation, in time constants of the error.
     first: f64,
     last: f64,
-    /// Part of a single look's variance that their mean has: Σ w w′ e^(−|t − t′|) / (Σ w)².
+    /// Fraction of a single observation's variance that their mean has: Σ w w′ e^(−|t − t′|) / (Σ w)².
     shared: f32,
-    /// Correlation of their mean with the error at the first look and at the last: Σ w e^(−|t − first|) / Σ w.
+    /// Correlation of their mean with the error at the first observation and at the last: Σ w e^(−|t − first|) / Σ w.
     shared_with_first: f32,
     shared_with_last: f32,
 }
 
 impl CommonError {
-    /// Of one look that informs by `weight`, made at this time in time constants of the error, whose pose makes
+    /// Of one observation that informs by `weight`, made at this time in time constants of the error, whose pose makes
     /// `variance_m2` of the place.
-    pub(crate) fn of_look(weight: f32, variance_m2: SymmetricMat3, at: f64) -> Self {
+    pub(crate) fn of_observation(weight: f32, variance_m2: SymmetricMat3, at: f64) -> Self {
         Self {
             weight,
             weighted_m2: times(variance_m2, weight),
@@ -38,8 +39,8 @@ impl CommonError {
         }
     }
 
-    /// Adds other looks. They were made before these or after; where the times overlap, they count as made at the same
-    /// moments.
+    /// Adds other observations. They were made before these or after; where the times overlap, they count as made at
+    /// the same moments.
     pub(crate) fn add(&mut self, other: &Self) {
         if other.weight == 0.0 {
             return;
@@ -53,13 +54,13 @@ impl CommonError {
             true => (other, &*self),
             false => (&*self, other),
         };
-        let (early_part, late_part) = (early.weight / weight, late.weight / weight);
+        let (early_fraction, late_fraction) = (early.weight / weight, late.weight / weight);
         let last = early.last.max(late.last);
         let (of_early, of_late) = (left_after(early.last, last), left_after(late.last, last));
         let between = if late.first < early.last {
             (early.shared * late.shared).sqrt()
         } else {
-            // Of a single look that comes after the others it is the same.
+            // Of a single observation that comes after the others it is the same.
             let gap = match late.first < last {
                 true => left_after(early.last, late.first),
                 false => of_early,
@@ -73,17 +74,17 @@ impl CommonError {
             weighted_m2,
             first: early.first,
             last,
-            shared: early_part.powi(2) * early.shared
-                + late_part.powi(2) * late.shared
-                + 2.0 * early_part * late_part * between,
-            shared_with_first: early_part * early.shared_with_first
-                + late_part * late.shared_with_first * left_after(early.first, late.first),
-            shared_with_last: early_part * early.shared_with_last * of_early
-                + late_part * late.shared_with_last * of_late,
+            shared: early_fraction.powi(2) * early.shared
+                + late_fraction.powi(2) * late.shared
+                + 2.0 * early_fraction * late_fraction * between,
+            shared_with_first: early_fraction * early.shared_with_first
+                + late_fraction * late.shared_with_first * left_after(early.first, late.first),
+            shared_with_last: early_fraction * early.shared_with_last * of_early
+                + late_fraction * late.shared_with_last * of_late,
         };
     }
 
-    /// As if each look informed so many times as much.
+    /// As if each observation informed so many times as much.
     pub(crate) fn times(self, factor: f32) -> Self {
         Self {
             weight: self.weight * factor,
@@ -92,7 +93,7 @@ impl CommonError {
         }
     }
 
-    /// Variance of the place by all looks together, square metres; 0 without looks.
+    /// Variance of the place by all observations together, square metres; 0 without observations.
     pub(crate) fn variance_m2(&self) -> SymmetricMat3 {
         match self.weight == 0.0 {
             true => SymmetricMat3::default(),
@@ -113,14 +114,14 @@ fn left_after(from: f64, to: f64) -> f32 {
 mod tests {
     use super::*;
 
-    fn look(weight: f32, at: f64) -> CommonError {
-        CommonError::of_look(weight, SymmetricMat3::isotropic(1.0), at)
+    fn observation(weight: f32, at: f64) -> CommonError {
+        CommonError::of_observation(weight, SymmetricMat3::isotropic(1.0), at)
     }
 
-    fn all(looks: &[(f32, f64)]) -> CommonError {
+    fn all(observations: &[(f32, f64)]) -> CommonError {
         let mut sum = CommonError::default();
-        for &(weight, at) in looks {
-            sum.add(&look(weight, at));
+        for &(weight, at) in observations {
+            sum.add(&observation(weight, at));
         }
         sum
     }
@@ -129,22 +130,23 @@ mod tests {
         of.variance_m2().diagonal.x
     }
 
-    /// The sum over all pairs of looks.
-    fn expected(looks: &[(f32, f64)]) -> f32 {
-        let weight: f64 = looks.iter().map(|&(w, _)| f64::from(w)).sum();
+    /// The sum over all pairs of observations.
+    fn expected(observations: &[(f32, f64)]) -> f32 {
+        let weight: f64 = observations.iter().map(|&(w, _)| f64::from(w)).sum();
         let of_pair = |&(w, t): &(f32, f64), &(w2, t2): &(f32, f64)| {
             f64::from(w) * f64::from(w2) * (-(t - t2).abs()).exp()
         };
-        let pairs = looks
+        let pairs = observations
             .iter()
-            .flat_map(|a| looks.iter().map(move |b| of_pair(a, b)));
+            .flat_map(|a| observations.iter().map(move |b| of_pair(a, b)));
         (pairs.sum::<f64>() / (weight * weight)) as f32
     }
 
-    const LOOKS: [(f32, f64); 5] = [(1.0, 2.0), (3.0, 2.1), (0.5, 2.9), (2.0, 6.0), (2.0, 6.0)];
+    const OBSERVATIONS: [(f32, f64); 5] =
+        [(1.0, 2.0), (3.0, 2.1), (0.5, 2.9), (2.0, 6.0), (2.0, 6.0)];
 
     #[test]
-    fn looks_at_one_time_are_off_alike_and_looks_far_apart_are_not() {
+    fn observations_at_one_time_are_off_alike_and_those_far_apart_are_not() {
         let [at_once, far] =
             [0.0, 100.0].map(|apart| variance_m2(all(&[(1.0, 7.0), (1.0, 7.0 + apart)])));
         assert!(
@@ -155,33 +157,35 @@ mod tests {
 
     #[test]
     fn however_they_are_added_up_it_is_the_sum_over_all_pairs() {
-        let whole = variance_m2(all(&LOOKS));
-        assert!((whole - expected(&LOOKS)).abs() < 1e-6, "{whole}");
+        let whole = variance_m2(all(&OBSERVATIONS));
+        assert!((whole - expected(&OBSERVATIONS)).abs() < 1e-6, "{whole}");
         for cut in 1..4 {
-            let (early, late) = (all(&LOOKS[..cut]), all(&LOOKS[cut..]));
+            let (early, late) = (all(&OBSERVATIONS[..cut]), all(&OBSERVATIONS[cut..]));
             for (mut first, then) in [(early, late), (late, early)] {
                 first.add(&then);
                 assert!((variance_m2(first) - whole).abs() < 1e-6);
-                first.add(&look(1.0, 7.0));
-                let longer = [&LOOKS[..], &[(1.0, 7.0)]].concat();
+                first.add(&observation(1.0, 7.0));
+                let longer = [&OBSERVATIONS[..], &[(1.0, 7.0)]].concat();
                 assert!((variance_m2(first) - expected(&longer)).abs() < 1e-6);
             }
         }
     }
 
     #[test]
-    fn the_same_looks_twice_say_no_more() {
-        let mut twice = all(&LOOKS);
-        twice.add(&all(&LOOKS));
-        assert!((variance_m2(twice) - expected(&LOOKS)).abs() < 1e-6);
-        assert!((variance_m2(all(&LOOKS).times(8.0)) - expected(&LOOKS)).abs() < 1e-6);
+    fn the_same_observations_twice_say_no_more() {
+        let mut twice = all(&OBSERVATIONS);
+        twice.add(&all(&OBSERVATIONS));
+        assert!((variance_m2(twice) - expected(&OBSERVATIONS)).abs() < 1e-6);
+        assert!(
+            (variance_m2(all(&OBSERVATIONS).times(8.0)) - expected(&OBSERVATIONS)).abs() < 1e-6
+        );
     }
 
     #[test]
-    fn no_look_says_nothing() {
-        let mut some = all(&LOOKS);
+    fn no_observation_says_nothing() {
+        let mut some = all(&OBSERVATIONS);
         some.add(&CommonError::default());
-        assert!((variance_m2(some) - expected(&LOOKS)).abs() < 1e-6);
+        assert!((variance_m2(some) - expected(&OBSERVATIONS)).abs() < 1e-6);
         assert!(variance_m2(CommonError::default()) == 0.0);
     }
 }

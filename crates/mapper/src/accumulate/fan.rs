@@ -1,6 +1,6 @@
 //! Which parts of space a ping can see.
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 use echosplat_model::glam::Vec3;
 
 /// The volume of one ping, a thin slice of a fan, for coarse tests against spheres.
@@ -20,20 +20,21 @@ pub(crate) struct Fan {
 
 impl Fan {
     /// The slice within `sigmas` of the beam's axis.
-    pub(crate) fn of(look: &Look, sigmas: f32) -> Self {
-        let sigma = look.beam.azimuth_sigma_rad();
-        let azimuth = (sigma * sigma + look.azimuth_variance_rad2).sqrt();
-        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
-        let drift = look.pose.drift_per_m;
-        let turned = (drift.y.abs() + drift.z.abs()) * (end_m - look.pose.reference_range_m).abs();
+    pub(crate) fn of(geometry: &PingGeometry, sigmas: f32) -> Self {
+        let sigma = geometry.beam.azimuth_sigma_rad();
+        let azimuth = (sigma * sigma + geometry.azimuth_variance_rad2).sqrt();
+        let end_m = geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
+        let drift = geometry.pose.drift_per_m;
+        let turned =
+            (drift.y.abs() + drift.z.abs()) * (end_m - geometry.pose.reference_range_m).abs();
         // The soft edge of the fan ends by 1.3 half-widths.
-        let elevation = (1.3 * look.beam.elevation_half_width_rad()).min(1.5);
+        let elevation = (1.3 * geometry.beam.elevation_half_width_rad()).min(1.5);
         Self {
-            position_m: look.pose.position_m,
-            along: look.pose.axes.x_axis,
-            left: look.pose.axes.y_axis,
-            up: look.pose.axes.z_axis,
-            range_min_m: look.range_start_m,
+            position_m: geometry.pose.position_m,
+            along: geometry.pose.axes.x_axis,
+            left: geometry.pose.axes.y_axis,
+            up: geometry.pose.axes.z_axis,
+            range_min_m: geometry.range_start_m,
             range_max_m: end_m,
             spread: sigmas * azimuth + turned,
             elevation_cos: elevation.cos(),
@@ -97,13 +98,13 @@ impl Reach {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_acoustics::{Beam, LookPose};
+    use echosplat_acoustics::{Beam, PingPose};
     use echosplat_model::glam::Mat3;
 
     #[test]
     fn spheres_inside_touch_and_spheres_beside_do_not() {
-        let look = Look {
-            pose: LookPose {
+        let geometry = PingGeometry {
+            pose: PingPose {
                 position_m: Vec3::ZERO,
                 axes: Mat3::IDENTITY,
                 drift_per_m: Vec3::ZERO,
@@ -116,7 +117,7 @@ mod tests {
             azimuth_variance_rad2: 0.0,
             beam: Beam::default(),
         };
-        let fan = Fan::of(&look, 3.0);
+        let fan = Fan::of(&geometry, 3.0);
         let touches = |x, y, z| fan.touches(Vec3::new(x, y, z), 0.1);
         assert!(touches(5.0, 0.0, 0.0) && touches(5.0, 0.15, 0.0) && touches(5.0, 0.0, 2.2));
         assert!(!touches(5.0, 0.3, 0.0) && !touches(-5.0, 0.0, 0.0));

@@ -1,52 +1,54 @@
-//! What looks found of one Gaussian.
+//! What the observations of one Gaussian add up to.
 
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
 
 use super::common_error::CommonError;
-use crate::refine::expectation::Pull;
+use crate::refine::expectation::Score;
 
-/// What was seen of one Gaussian over all looks that lit it.
+/// View statistics: sums over all lit observations of one Gaussian.
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Account {
-    /// Independent lit looks.
-    pub(crate) looks: f32,
-    /// Of these, looks past a confident surface that should hide it.
-    pub(crate) hidden_looks: f32,
-    /// Of all, looks whose echo comes from its surroundings alone, or nearly.
-    pub(crate) clear_looks: f32,
-    /// Log likelihood ratio of all looks, dark ones too: that its surroundings send back what they do, against nothing.
+pub(crate) struct ViewStatistics {
+    /// Independent lit observations.
+    pub(crate) observations: f32,
+    /// Of these, observations through a confident surface that should hide it.
+    pub(crate) hidden_observations: f32,
+    /// Of all, observations whose echo comes from its surroundings alone, or nearly.
+    pub(crate) clear_observations: f32,
+    /// Log likelihood ratio of all observations, dark ones too: that its surroundings send back what they do, against
+    /// nothing.
     pub(crate) odds: f32,
-    /// Sum over looks of what its surroundings explain against the best place on the same arc.
-    pub(crate) rivalry: f32,
-    /// Sum over looks of the part of what its surroundings send back that comes from their middle.
+    /// Explained-energy ratio, summed over the observations: what its surroundings explain of the echo over what the best
+    /// place on the same arc does.
+    pub(crate) explained_ratio: f32,
+    /// Sum over the observations of the fraction of what its surroundings send back that comes from their middle.
     pub(crate) compactness: f32,
-    /// Sums over looks of its mirror image above or below the beam's axis, metres from the
-    /// Gaussian's home, and of its square.
+    /// Sums over the observations of its mirror image above or below the beam's axis, metres from the Gaussian's home, and
+    /// of its square.
     pub(crate) mirror_m: Vec3,
     pub(crate) mirror_m2: f32,
 }
 
-impl Account {
-    pub(crate) fn add(&mut self, part: &Self) {
-        self.looks += part.looks;
-        self.hidden_looks += part.hidden_looks;
-        self.clear_looks += part.clear_looks;
-        self.odds += part.odds;
-        self.rivalry += part.rivalry;
-        self.compactness += part.compactness;
-        self.mirror_m += part.mirror_m;
-        self.mirror_m2 += part.mirror_m2;
+impl ViewStatistics {
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.observations += other.observations;
+        self.hidden_observations += other.hidden_observations;
+        self.clear_observations += other.clear_observations;
+        self.odds += other.odds;
+        self.explained_ratio += other.explained_ratio;
+        self.compactness += other.compactness;
+        self.mirror_m += other.mirror_m;
+        self.mirror_m2 += other.mirror_m2;
     }
 
-    /// As if each look had been made so many times.
+    /// As if each observation had been made so many times.
     fn times(self, count: f32) -> Self {
         Self {
-            looks: self.looks * count,
-            hidden_looks: self.hidden_looks * count,
-            clear_looks: self.clear_looks * count,
+            observations: self.observations * count,
+            hidden_observations: self.hidden_observations * count,
+            clear_observations: self.clear_observations * count,
             odds: self.odds * count,
-            rivalry: self.rivalry * count,
+            explained_ratio: self.explained_ratio * count,
             compactness: self.compactness * count,
             mirror_m: self.mirror_m * count,
             mirror_m2: self.mirror_m2 * count,
@@ -54,47 +56,47 @@ impl Account {
     }
 }
 
-/// What the looks of some pings say of one Gaussian.
+/// What the observations of some pings say of one Gaussian.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Finding {
-    pub(crate) account: Account,
+    pub(crate) statistics: ViewStatistics,
     /// Fisher information of its mean, 1/m².
     pub(crate) information: SymmetricMat3,
     /// What the gradient of its mean changes by were all echoes a metre nearer, 1/m².
     pub(crate) nearer: Vec3,
-    /// What its looks' poses make of its place.
+    /// The error that the poses of its observations give its place.
     pub(crate) of_poses: CommonError,
 }
 
 impl Finding {
-    /// Adds one look, by what it says of the mean, at a time in time constants of its pose's error, which makes `pose_m2` of
-    /// the place.
-    pub(crate) fn add_look(&mut self, pull: &Pull, pose_m2: SymmetricMat3, at: f64) {
-        let weight = pull.information.diagonal.element_sum();
-        add(&mut self.information, &pull.information);
-        self.nearer += pull.nearer;
+    /// Adds one observation with this score, at a time in time constants of its pose's error, which makes `pose_m2` of the
+    /// place.
+    pub(crate) fn add_observation(&mut self, score: &Score, pose_m2: SymmetricMat3, at: f64) {
+        let weight = score.information.diagonal.element_sum();
+        add(&mut self.information, &score.information);
+        self.nearer += score.nearer;
         self.of_poses
-            .add(&CommonError::of_look(weight, pose_m2, at));
+            .add(&CommonError::of_observation(weight, pose_m2, at));
     }
 
-    pub(crate) fn add(&mut self, part: &Self) {
-        self.account.add(&part.account);
-        add(&mut self.information, &part.information);
-        self.nearer += part.nearer;
-        self.of_poses.add(&part.of_poses);
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.statistics.add(&other.statistics);
+        add(&mut self.information, &other.information);
+        self.nearer += other.nearer;
+        self.of_poses.add(&other.of_poses);
     }
 
-    /// As if each look had been made so many times.
+    /// As if each observation had been made so many times.
     pub(crate) fn times(self, count: f32) -> Self {
         Self {
-            account: self.account.times(count),
+            statistics: self.statistics.times(count),
             information: times(self.information, count),
             nearer: self.nearer * count,
             of_poses: self.of_poses.times(count),
         }
     }
 
-    /// With the information of looks as many times as sharp.
+    /// With the information multiplied by this factor.
     pub(crate) fn with_information(self, factor: f32) -> Self {
         Self {
             information: times(self.information, factor),
@@ -105,9 +107,9 @@ impl Finding {
     }
 }
 
-pub(super) fn add(sum: &mut SymmetricMat3, part: &SymmetricMat3) {
-    sum.diagonal += part.diagonal;
-    sum.mixed += part.mixed;
+pub(super) fn add(sum: &mut SymmetricMat3, other: &SymmetricMat3) {
+    sum.diagonal += other.diagonal;
+    sum.mixed += other.mixed;
 }
 
 pub(super) fn times(matrix: SymmetricMat3, factor: f32) -> SymmetricMat3 {

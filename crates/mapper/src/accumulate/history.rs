@@ -1,9 +1,9 @@
-//! The pings the mapper still remembers, as looks with profiles, bounded.
+//! Keyframe pings: those the mapper still remembers, each with its geometry and profile. Their number is bounded.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use echosplat_acoustics::{Look, LookPose};
+use echosplat_acoustics::{PingGeometry, PingPose};
 use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
 
@@ -22,15 +22,15 @@ const GROUP_PINGS: usize = 64;
 
 /// One remembered ping.
 #[derive(Debug, Clone)]
-pub(crate) struct Past {
-    pub(crate) look: Look,
+pub(crate) struct Keyframe {
+    pub(crate) geometry: PingGeometry,
     pub(crate) fan: Fan,
     pub(crate) profile: Profile,
-    /// What the pose adds to `look`'s variances where places are only lit or dark.
+    /// What the pose adds to `geometry`'s variances where places are only lit or dark.
     pub(crate) blur: PoseBlur,
     /// What its pose may be off by together with those around it.
     pub(crate) pose_error: PoseBlur,
-    /// What it counts against a look that owes nothing to the ping before, 0 to 1.
+    /// What it counts against an observation that is independent of the ping before, 0 to 1.
     pub(crate) weight: f32,
     pub(crate) sequence: u64,
     pub(crate) time: Timestamp,
@@ -40,22 +40,22 @@ pub(crate) struct Past {
     pub(crate) brightness: f32,
 }
 
-impl Past {
+impl Keyframe {
     /// One sigma of an echo's range: pulse and pose.
     pub(crate) fn range_sigma_m(&self) -> f32 {
-        self.blur.range_sigma_m(self.look.range_variance_m2)
+        self.blur.range_sigma_m(self.geometry.range_variance_m2)
     }
 
-    /// The look with all that its pose blurs.
-    pub(crate) fn blurred_look(&self) -> Look {
-        self.blur.of(self.look)
+    /// The geometry with all that its pose blurs.
+    pub(crate) fn blurred_geometry(&self) -> PingGeometry {
+        self.blur.of(self.geometry)
     }
 }
 
 /// Pings in order of arrival. When full, the oldest go: what they told stays in the map.
 #[derive(Debug)]
 pub(crate) struct History {
-    pings: Vec<Arc<Past>>,
+    pings: Vec<Arc<Keyframe>>,
     /// What each [`GROUP_PINGS`] can see, counted from the first ping ever; of pings let go at most those of one group
     /// are still in it.
     groups: VecDeque<Reach>,
@@ -73,13 +73,13 @@ impl History {
         }
     }
 
-    pub(crate) fn push(&mut self, past: Past) {
+    pub(crate) fn push(&mut self, keyframe: Keyframe) {
         let in_group = (self.first_in_group() + self.pings.len()) % GROUP_PINGS;
         match self.groups.back_mut() {
-            Some(group) if in_group > 0 => group.add(&past.fan),
-            _ => self.groups.push_back(Reach::of([&past.fan])),
+            Some(group) if in_group > 0 => group.add(&keyframe.fan),
+            _ => self.groups.push_back(Reach::of([&keyframe.fan])),
         }
-        self.pings.push(Arc::new(past));
+        self.pings.push(Arc::new(keyframe));
     }
 
     /// Whether more are held than may be.
@@ -93,7 +93,7 @@ impl History {
     }
 
     /// Lets go of the oldest where more are held than may be; gives them. `recent` of them stay in any case.
-    pub(crate) fn forget(&mut self, recent: usize) -> Vec<Arc<Past>> {
+    pub(crate) fn forget(&mut self, recent: usize) -> Vec<Arc<Keyframe>> {
         if !self.is_overfull() {
             return Vec::new();
         }
@@ -108,11 +108,11 @@ impl History {
     }
 
     /// Each ping, for changing what is made of it, by [`Arc::make_mut`]: one that is being worked with is copied first.
-    pub(crate) fn pings_mut(&mut self) -> &mut [Arc<Past>] {
+    pub(crate) fn pings_mut(&mut self) -> &mut [Arc<Keyframe>] {
         &mut self.pings
     }
 
-    pub(crate) fn pings(&self) -> &[Arc<Past>] {
+    pub(crate) fn pings(&self) -> &[Arc<Keyframe>] {
         &self.pings
     }
 
@@ -122,7 +122,7 @@ impl History {
         count: usize,
         center_m: Vec3,
         radius_m: f32,
-    ) -> impl Iterator<Item = &Arc<Past>> {
+    ) -> impl Iterator<Item = &Arc<Keyframe>> {
         self.within_reach(count, move |reach| reach.touches(center_m, radius_m))
     }
 
@@ -131,7 +131,7 @@ impl History {
         &self,
         count: usize,
         reaches: impl Fn(&Reach) -> bool,
-    ) -> impl Iterator<Item = &Arc<Past>> {
+    ) -> impl Iterator<Item = &Arc<Keyframe>> {
         let (pings, before) = (&self.pings[..count], self.first_in_group());
         let at = move |group: usize| (group * GROUP_PINGS).saturating_sub(before).min(count);
         let groups = self.groups.iter().enumerate();
@@ -152,7 +152,7 @@ impl History {
 }
 
 /// Every `stride`-th ping from `offset` on; neither need be whole.
-pub(crate) fn every(pings: &[Arc<Past>], offset: f64, stride: f64) -> Vec<Arc<Past>> {
+pub(crate) fn every(pings: &[Arc<Keyframe>], offset: f64, stride: f64) -> Vec<Arc<Keyframe>> {
     let index = |step: usize| (offset + step as f64 * stride) as usize;
     let at = |step: usize| pings.get(index(step)).map(Arc::clone);
     (0..).map_while(at).collect()
@@ -182,11 +182,11 @@ impl PoseBlur {
         (pulse_variance_m2 + self.range_variance_m2).sqrt()
     }
 
-    fn of(self, look: Look) -> Look {
-        Look {
-            range_variance_m2: look.range_variance_m2 + self.range_variance_m2,
-            azimuth_variance_rad2: look.azimuth_variance_rad2 + self.azimuth_variance_rad2,
-            ..look
+    fn of(self, geometry: PingGeometry) -> PingGeometry {
+        PingGeometry {
+            range_variance_m2: geometry.range_variance_m2 + self.range_variance_m2,
+            azimuth_variance_rad2: geometry.azimuth_variance_rad2 + self.azimuth_variance_rad2,
+            ..geometry
         }
     }
 }
@@ -210,11 +210,11 @@ pub(crate) fn pulse_variance_m2(settings: &PingSettings) -> f32 {
     (settings.pulse_length_m() / 2.354_82).powi(2) as f32
 }
 
-/// The look of a posed ping on the local coordinates of a map with this origin, as the mapper
-/// takes it in: what renders a map for a ping starts from the same. What the pose blurs is left out
-/// of it: folded into every Gaussian, it would pull surfaces inwards.
+/// The geometry of a posed ping on the local coordinates of a map with this origin, as the mapper takes it in: what
+/// renders a map for a ping starts from the same. What the pose blurs is left out of it: folded into every Gaussian, it
+/// would pull surfaces inwards.
 #[must_use]
-pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Look {
+pub fn geometry_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> PingGeometry {
     let settings = posed.ping.settings();
     let pose = &posed.world_from_sensor;
     let beam_turn = DQuat::from_rotation_z(posed.ping.beam_azimuth_rad().into());
@@ -223,8 +223,8 @@ pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Loo
     let linear = beam_turn.conjugate() * twist.linear_mps;
     let angular = beam_turn.conjugate() * twist.angular_radps;
     let drift_per_m = DVec3::new(linear.y, angular.z, angular.x) / settings.speed_of_sound_mps;
-    Look {
-        pose: LookPose {
+    PingGeometry {
+        pose: PingPose {
             position_m: (pose.translation_m - origin_m).as_vec3(),
             axes: DMat3::from_quat(rotation).as_mat3(),
             drift_per_m: drift_per_m.as_vec3(),
@@ -239,19 +239,19 @@ pub fn look_of(posed: &PosedPing, origin_m: DVec3, config: &MapperConfig) -> Loo
     }
 }
 
-pub(crate) fn past_of(
-    look: Look,
+pub(crate) fn keyframe_of(
+    geometry: PingGeometry,
     blur: PoseBlur,
     profile: Profile,
     weight: f32,
     brightness: f32,
     posed: &PosedPing,
-) -> Past {
-    Past {
-        fan: Fan::of(&blur.of(look), FAN_SIGMAS),
+) -> Keyframe {
+    Keyframe {
+        fan: Fan::of(&blur.of(geometry), FAN_SIGMAS),
         blur,
         pose_error: blur.or(posed.jitter),
-        look,
+        geometry,
         profile,
         weight,
         sequence: posed.ping.sequence(),
@@ -261,22 +261,21 @@ pub(crate) fn past_of(
     }
 }
 
-/// How much a look says that the one before it did not, 0 to 1: neighbouring pings see the same
-/// speckle until the beam has turned by its width or moved by a few centimetres, so a vehicle at
-/// rest does not grow sure of anything.
-pub(crate) fn novelty(look: &Look, before: Option<&Look>) -> f32 {
+/// How much a ping says that the one before it did not, 0 to 1: neighbouring pings see the same speckle until the beam
+/// has turned by its width or moved by a few centimetres, so a vehicle at rest does not grow sure of anything.
+pub(crate) fn novelty(geometry: &PingGeometry, before: Option<&PingGeometry>) -> f32 {
     const MOVED_M: f32 = 0.05;
     const LEAST: f32 = 0.02;
     let Some(before) = before else { return 1.0 };
-    let (now, then) = (&look.pose, &before.pose);
+    let (now, then) = (&geometry.pose, &before.pose);
     let turned = Vec3::new(
         now.axes.x_axis.dot(then.axes.y_axis),
-        now.axes.z_axis.dot(then.axes.y_axis) * look.beam.elevation_half_width_rad(),
+        now.axes.z_axis.dot(then.axes.y_axis) * geometry.beam.elevation_half_width_rad(),
         0.0,
     )
     .length();
     let moved_m = now.position_m.distance(then.position_m);
-    let width = look.beam.azimuth_width_deg.to_radians();
+    let width = geometry.beam.azimuth_width_deg.to_radians();
     (turned / width + moved_m / MOVED_M).clamp(LEAST, 1.0)
 }
 
@@ -287,7 +286,7 @@ mod tests {
     use echosplat_model::{Ping, Pose, Twist};
 
     /// A ping that sees 5 m around `x_m`.
-    fn past(x_m: f64, sequence: u64) -> Past {
+    fn keyframe(x_m: f64, sequence: u64) -> Keyframe {
         let settings = PingSettings {
             range_start_m: 0.0,
             range_length_m: 5.0,
@@ -308,10 +307,17 @@ mod tests {
             jitter: None,
         };
         let (config, ground) = (MapperConfig::default(), Backdrop::default());
-        let look = look_of(&posed, DVec3::ZERO, &config);
+        let geometry = geometry_of(&posed, DVec3::ZERO, &config);
         let profile =
             Levels::default().profile(&posed.ping, 0.05, &ground, Box::default(), &config);
-        past_of(look, pose_blur(&posed, &config), profile, 1.0, 0.0, &posed)
+        keyframe_of(
+            geometry,
+            pose_blur(&posed, &config),
+            profile,
+            1.0,
+            0.0,
+            &posed,
+        )
     }
 
     #[test]
@@ -319,15 +325,16 @@ mod tests {
         // 0.1 m from ping to ping, further than the fans reach in all, and let go in between.
         let mut history = History::new(450);
         for sequence in 0..1000 {
-            history.push(past(0.1 * sequence as f64, sequence));
+            history.push(keyframe(0.1 * sequence as f64, sequence));
             history.forget(1);
         }
         assert!(history.forgotten() > 400 && history.first_in_group() > 0);
         let (count, radius_m) = (history.pings().len() - 7, 0.3);
-        let sequences = |near: Vec<&Arc<Past>>| near.iter().map(|p| p.sequence).collect::<Vec<_>>();
+        let sequences =
+            |near: Vec<&Arc<Keyframe>>| near.iter().map(|p| p.sequence).collect::<Vec<_>>();
         for x in 0..110 {
             let at_m = Vec3::new(x as f32, 0.0, 0.0);
-            let sees = |past: &&Arc<Past>| past.fan.touches(at_m, radius_m);
+            let sees = |keyframe: &&Arc<Keyframe>| keyframe.fan.touches(at_m, radius_m);
             let near = sequences(history.near(count, at_m, radius_m).collect());
             let seen = sequences(history.near(count, at_m, radius_m).filter(sees).collect());
             let all = sequences(history.pings()[..count].iter().filter(sees).collect());

@@ -1,4 +1,4 @@
-//! Places of landmarks and what is estimated, together, so that the looks at each landmark agree.
+//! Places of landmarks and what is estimated, together, so that the observations of each landmark agree.
 
 use rayon::prelude::*;
 
@@ -17,7 +17,7 @@ const KERNELS: [(f32, f32); 2] = [(0.12, 4.0), (0.06, 2.5)];
 const LEAST_BEAM_RAD: f32 = 0.004;
 /// Steps with each kernel, and the one after which scatter is looked at for the first time.
 const ROUNDS: usize = 15;
-const FIRST_LOOK: usize = 3;
+const FIRST_SCATTER: usize = 3;
 /// Longest step over the prior, and of a landmark, metres.
 const LONGEST: f64 = 0.5;
 const LONGEST_M: f64 = 0.1;
@@ -61,7 +61,7 @@ impl Landmarks {
             for round in 0..ROUNDS {
                 let total = state.total(kernel);
                 state.step(&total);
-                if round == FIRST_LOOK || round + 1 == ROUNDS {
+                if round == FIRST_SCATTER || round + 1 == ROUNDS {
                     covariance = state.covariance(&total, kernel).or(covariance);
                 }
             }
@@ -70,7 +70,7 @@ impl Landmarks {
             values: state.values,
             covariance: covariance?,
             landmarks: self.of.len() as u64,
-            looks: self.look_count() as u64,
+            observations: self.observation_count() as u64,
         })
     }
 }
@@ -113,9 +113,9 @@ impl State<'_> {
         };
         let mut step = solve(&factor, &gradient);
         let sizes = (0..PARAMETERS).map(|i| (step[i] / self.prior[i]).abs());
-        let part = (LONGEST / sizes.fold(0.0, f64::max)).min(1.0);
+        let fraction = (LONGEST / sizes.fold(0.0, f64::max)).min(1.0);
         for (value, step) in self.values.iter_mut().zip(&mut step) {
-            *step *= part;
+            *step *= fraction;
             *value += *step;
         }
         for (free, part) in self.free.iter_mut().zip(&total.parts) {
@@ -166,7 +166,7 @@ mod tests {
     use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
 
     use super::*;
-    use crate::calibrate::landmarks::{Landmark, LookAt};
+    use crate::calibrate::landmarks::{Landmark, Observation};
     use crate::calibrate::parameters::{COMPASS, RANGE, TIME, TURN};
     use crate::calibrate::point::Point;
 
@@ -185,8 +185,8 @@ mod tests {
         (place_m, Quat::from_euler(EulerRot::ZYX, yaw, 0.0, roll))
     }
 
-    /// A look at a landmark believed 3 cm from where it is, which sounds as `values` have it.
-    fn look(at_m: Vec3, number: u32, values: &Values) -> Option<LookAt> {
+    /// An observation of a landmark believed 3 cm from where it is, which sounds as `values` have it.
+    fn observation(at_m: Vec3, number: u32, values: &Values) -> Option<Observation> {
         const DT_S: f32 = 0.01;
         let time_s = 0.05 * number as f32;
         let (place_m, turn) = pose(time_s);
@@ -194,7 +194,7 @@ mod tests {
         let into = turn.conjugate();
         let angular_radps = (before.conjugate() * after).to_scaled_axis() / (2.0 * DT_S);
         let believed_m = at_m + Vec3::new(0.0, 0.02, 0.02);
-        let mut look = LookAt {
+        let mut observation = Observation {
             place_m: into * (believed_m - place_m),
             turn: Mat3::from_quat(into),
             linear_mps: into * (after_m - before_m) / (2.0 * DT_S),
@@ -206,18 +206,18 @@ mod tests {
             weight: 1.0,
             block: number / 200,
         };
-        if look.place_m.y.abs() > 0.07 * look.place_m.x {
+        if observation.place_m.y.abs() > 0.07 * observation.place_m.x {
             return None;
         }
-        let point = Point::of(&look, values, &[0.0, -0.02, -0.02, 0.0]);
-        look.first_m = look.place_m.length() - 0.4;
+        let point = Point::of(&observation, values, &[0.0, -0.02, -0.02, 0.0]);
+        observation.first_m = observation.place_m.length() - 0.4;
         let loud = (-0.5 * (point.azimuth_rad / BEAM_SIGMA_RAD).powi(2)).exp();
         let echo = |bin: u32| {
-            let off_m = look.first_m + STEP_M * bin as f32 - point.range_m;
+            let off_m = observation.first_m + STEP_M * bin as f32 - point.range_m;
             loud * (-0.5 * (off_m / 0.02).powi(2)).exp()
         };
-        look.heard = (0..41).map(echo).collect();
-        Some(look)
+        observation.heard = (0..41).map(echo).collect();
+        Some(observation)
     }
 
     fn landmarks(values: &Values) -> Landmarks {
@@ -226,8 +226,8 @@ mod tests {
             Vec3::new(5.0 + (1.7 * i).sin(), 0.3 * i - 3.5, 1.2 * (2.3 * i).cos())
         });
         let of = places.map(|at_m| Landmark {
-            looks: (0..2400)
-                .filter_map(|number| look(at_m, number, values))
+            observations: (0..2400)
+                .filter_map(|number| observation(at_m, number, values))
                 .collect(),
         });
         Landmarks {

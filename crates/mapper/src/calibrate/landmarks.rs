@@ -1,4 +1,4 @@
-//! Places of the map that many pings looked at, and what those heard around them.
+//! Places of the map that many pings observed, and what those heard around them.
 
 use std::collections::BTreeMap;
 
@@ -13,14 +13,14 @@ use crate::refine::scene::Scene;
 use crate::refine::visibility::Sight;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 
-/// Most landmarks, and most looks at one.
+/// Most landmarks, and most observations of one.
 const MOST_LANDMARKS: usize = 160;
-const MOST_LOOKS: usize = 160;
+const MOST_OBSERVATIONS: usize = 160;
 /// Confident ones that are enough to do without others.
 const ENOUGH_SURE: usize = MOST_LANDMARKS / 4;
-/// Fewest looks that make a landmark.
-const LEAST_LOOKS: usize = 24;
-/// A look reaches this far beyond the beam, radians, and in range, metres.
+/// Fewest observations that make a landmark.
+const LEAST_OBSERVATIONS: usize = 24;
+/// An observation reaches this far beyond the beam, radians, and in range, metres.
 const REACH_RAD: f32 = 0.06;
 const REACH_M: f32 = 0.4;
 /// Nominal speed of sound: the motion within a ping is a matter of milliseconds.
@@ -28,9 +28,9 @@ const SOUND_MPS: f32 = 1500.0;
 /// Log odds of an echo in a bin of power `x` over its noise: `x` less this.
 const EVEN_POWER: f32 = 6.4;
 
-/// One ping's look at a landmark.
+/// One ping's observation of a landmark.
 #[derive(Debug, Clone)]
-pub(super) struct LookAt {
+pub(super) struct Observation {
     /// Landmark in the sensor's frame, as the pose was told, metres.
     pub(super) place_m: Vec3,
     /// Sensor from map.
@@ -50,10 +50,10 @@ pub(super) struct LookAt {
     pub(super) block: u32,
 }
 
-/// A place and who looked at it.
+/// A place and its observations.
 #[derive(Debug, Clone)]
 pub(super) struct Landmark {
-    pub(super) looks: Vec<LookAt>,
+    pub(super) observations: Vec<Observation>,
 }
 
 /// All landmarks of a map.
@@ -78,7 +78,7 @@ impl Landmarks {
         let of: Vec<Landmark> = places(scene.gaussians)
             .par_iter()
             .map(|&at_m| landmark(at_m, moving, &predicted))
-            .filter(|landmark| landmark.looks.len() >= LEAST_LOOKS)
+            .filter(|landmark| landmark.observations.len() >= LEAST_OBSERVATIONS)
             .collect();
         Self {
             of,
@@ -87,12 +87,12 @@ impl Landmarks {
                 .map(|p| p.block as usize + 1)
                 .max()
                 .unwrap_or(0),
-            beam_sigma_rad: first.past.look.beam.azimuth_width_deg.to_radians() / 2.354_82,
+            beam_sigma_rad: first.keyframe.geometry.beam.azimuth_width_deg.to_radians() / 2.354_82,
         }
     }
 
-    pub(super) fn look_count(&self) -> usize {
-        self.of.iter().map(|l| l.looks.len()).sum()
+    pub(super) fn observation_count(&self) -> usize {
+        self.of.iter().map(|l| l.observations.len()).sum()
     }
 }
 
@@ -133,12 +133,15 @@ fn evenly<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
 fn predictions(moving: &[Moving], scene: Scene<'_>) -> Vec<Vec<f32>> {
     let field = Field::of(scene.evidence, scene.gaussians);
     let of_ping = |sight: &mut Sight, moving: &Moving| {
-        let past = &moving.past;
-        sight.look(past, scene, &field);
-        let bins = sight.predicted.iter().take(past.look.bin_count as usize);
+        let keyframe = &moving.keyframe;
+        sight.observe(keyframe, scene, &field);
+        let bins = sight
+            .predicted
+            .iter()
+            .take(keyframe.geometry.bin_count as usize);
         let speckled = bins
             .enumerate()
-            .map(|(bin, mean)| mean * speckle(past.sequence, bin as u64));
+            .map(|(bin, mean)| mean * speckle(keyframe.sequence, bin as u64));
         speckled.collect()
     };
     moving
@@ -161,42 +164,42 @@ fn landmark(at_m: Vec3, moving: &[Moving], predicted: &[Vec<f32>]) -> Landmark {
     let seen: Vec<usize> = (0..moving.len())
         .filter(|&index| sees(&moving[index], at_m))
         .collect();
-    let looks = evenly(&seen, MOST_LOOKS);
-    let looks = looks.filter_map(|&index| {
+    let observations = evenly(&seen, MOST_OBSERVATIONS);
+    let observations = observations.filter_map(|&index| {
         let predicted = predicted.get(index).map(Vec::as_slice);
-        look_at(at_m, &moving[index], predicted)
+        observation_at(at_m, &moving[index], predicted)
     });
-    let mut looks: Vec<LookAt> = looks.collect();
-    level(&mut looks);
-    Landmark { looks }
+    let mut observations: Vec<Observation> = observations.collect();
+    level(&mut observations);
+    Landmark { observations }
 }
 
 /// Whether the whole of a landmark's surroundings is within a ping.
 fn sees(moving: &Moving, at_m: Vec3) -> bool {
-    let look = &moving.past.look;
-    let s = look.pose.axes.transpose() * (at_m - look.pose.position_m);
+    let geometry = &moving.keyframe.geometry;
+    let s = geometry.pose.axes.transpose() * (at_m - geometry.pose.position_m);
     let range_m = s.length();
-    let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+    let end_m = geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
     s.x > 0.0
-        && s.y.abs() < s.x * (REACH_RAD + 0.5 * look.beam.azimuth_width_deg.to_radians())
-        && s.z.abs() < s.x.hypot(s.y) * look.beam.elevation_half_width_rad().tan()
-        && range_m > look.range_start_m + REACH_M
+        && s.y.abs() < s.x * (REACH_RAD + 0.5 * geometry.beam.azimuth_width_deg.to_radians())
+        && s.z.abs() < s.x.hypot(s.y) * geometry.beam.elevation_half_width_rad().tan()
+        && range_m > geometry.range_start_m + REACH_M
         && range_m + REACH_M < end_m
 }
 
-fn look_at(at_m: Vec3, moving: &Moving, predicted: Option<&[f32]>) -> Option<LookAt> {
-    let past = &moving.past;
-    let look = &past.look;
-    let turn = look.pose.axes.transpose();
-    let place_m = turn * (at_m - look.pose.position_m);
+fn observation_at(at_m: Vec3, moving: &Moving, predicted: Option<&[f32]>) -> Option<Observation> {
+    let keyframe = &moving.keyframe;
+    let geometry = &keyframe.geometry;
+    let turn = geometry.pose.axes.transpose();
+    let place_m = turn * (at_m - geometry.pose.position_m);
     let range_m = place_m.length();
-    let bin = |r: f32| (r - look.range_start_m) / look.bin_length_m;
-    let first = bin(range_m - REACH_M).max(past.profile.first_bin() as f32) as usize;
-    let end = (bin(range_m + REACH_M) as usize + 1).min(look.bin_count as usize);
+    let bin = |r: f32| (r - geometry.range_start_m) / geometry.bin_length_m;
+    let first = bin(range_m - REACH_M).max(keyframe.profile.first_bin() as f32) as usize;
+    let end = (bin(range_m + REACH_M) as usize + 1).min(geometry.bin_count as usize);
     if first >= end {
         return None;
     }
-    let profile = &past.profile;
+    let profile = &keyframe.profile;
     let heard: Vec<f32> = match predicted {
         Some(predicted) => predicted.get(first..end)?.to_vec(),
         None => profile
@@ -212,29 +215,32 @@ fn look_at(at_m: Vec3, moving: &Moving, predicted: Option<&[f32]>) -> Option<Loo
         let over = power / noise.max(f32::MIN_POSITIVE);
         if over > EVEN_POWER { power } else { 0.0 }
     });
-    Some(LookAt {
+    Some(Observation {
         place_m,
         turn,
         linear_mps: moving.linear_mps,
         angular_radps: moving.angular_radps,
-        after_s: (range_m - look.pose.reference_range_m) / SOUND_MPS,
-        first_m: look.range_start_m + (first as f32 + 0.5) * look.bin_length_m,
-        step_m: look.bin_length_m,
+        after_s: (range_m - geometry.pose.reference_range_m) / SOUND_MPS,
+        first_m: geometry.range_start_m + (first as f32 + 0.5) * geometry.bin_length_m,
+        step_m: geometry.bin_length_m,
         heard: heard.collect(),
-        weight: past.weight,
+        weight: keyframe.weight,
         block: moving.block,
     })
 }
 
-/// Powers to parts of the loudest that is usual.
-fn level(looks: &mut [LookAt]) {
-    let mut peaks: Vec<f32> = looks
+/// Powers to fractions of the loudest that is usual.
+fn level(observations: &mut [Observation]) {
+    let mut peaks: Vec<f32> = observations
         .iter()
-        .map(|look| look.heard.iter().copied().fold(0.0, f32::max))
+        .map(|observation| observation.heard.iter().copied().fold(0.0, f32::max))
         .collect();
     peaks.sort_unstable_by(f32::total_cmp);
     let usual = peaks.get(peaks.len() * 9 / 10).copied().unwrap_or(0.0);
-    for power in looks.iter_mut().flat_map(|look| &mut look.heard) {
+    for power in observations
+        .iter_mut()
+        .flat_map(|observation| &mut observation.heard)
+    {
         *power = if usual > 0.0 {
             *power / (*power + usual)
         } else {

@@ -1,5 +1,6 @@
 //! What is systematically wrong with poses and ranges: time offset, mount, compass and speed of sound, told by how
-//! well the looks at landmarks of the map agree, and by how likely maps make pings that they were not made of.
+//! well the observations of landmarks of the map agree, and by how likely maps make pings that they were not made
+//! of.
 //!
 //! The method is in `docs/algorithm.md`, section "Clock, mount, compass and sound". Nothing of it changes the map.
 

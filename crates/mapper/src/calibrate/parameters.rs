@@ -19,7 +19,7 @@ pub(crate) type Values = [f64; PARAMETERS];
 
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
-/// One sigma of what is thought possible before any ping: seconds, radians, metres, parts of the range.
+/// One sigma of what is thought possible before any ping: seconds, radians, metres, fractions of the range.
 pub(super) const PRIOR: Values = [
     0.1,
     3.0 * DEGREE,
@@ -57,11 +57,11 @@ impl Compass {
 /// A value with its sigma.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
 pub struct Estimate {
-    /// What is likeliest.
+    /// The most likely value.
     pub value: f64,
     /// One standard deviation of it.
     pub sigma: f64,
-    /// Whether a map made with another value makes pings likelier: only then is it off.
+    /// Whether a map made with another value makes pings more likely: only then is it off.
     pub is_believed: bool,
 }
 
@@ -89,8 +89,9 @@ pub struct Calibration {
     pub compass_cosine_deg: Estimate,
     /// Landmarks that it rests on.
     pub landmarks: u64,
-    /// Looks at them.
-    pub looks: u64,
+    /// Observations of them.
+    #[serde(rename = "looks")]
+    pub observations: u64,
 }
 
 /// Values with the covariance of their errors.
@@ -99,7 +100,7 @@ pub(crate) struct Found {
     pub(super) values: Values,
     pub(super) covariance: Square<PARAMETERS>,
     pub(super) landmarks: u64,
-    pub(super) looks: u64,
+    pub(super) observations: u64,
 }
 
 /// What is heard against what the map would have made heard.
@@ -111,13 +112,13 @@ pub(crate) struct Difference {
 
 /// A map is made with another value where the residual is so many sigmas.
 const TRIED_SIGMAS: f64 = 4.0;
-/// Another value is believed if it makes pings likelier by so many standard errors.
-const LIKELIER_SIGMAS: f64 = 4.0;
-/// What part of an error a map made with it leaves to see, as on the survey of a fence; of ranges that is not asked.
+/// Another value is believed if its likelihood gain on held-out pings is so many standard errors.
+const LEAST_GAIN_SIGMAS: f64 = 4.0;
+/// What fraction of an error a map made with it leaves to see, as on the survey of a fence; of ranges that is not asked.
 const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 1.0, 0.65, 0.65];
-/// Least part that one is taken for.
+/// Least fraction that one is taken for.
 const SEEN_AT_LEAST: f64 = 0.4;
-/// What part of the step has to vanish from the residual where it is right, and at most does.
+/// What fraction of the step has to vanish from the residual where it is right, and at most does.
 const LEAST_SEEN: f64 = 0.2;
 const MOST_SEEN: f64 = 1.3;
 
@@ -142,7 +143,7 @@ impl Default for Verdict {
 }
 
 impl Verdict {
-    /// Whether a trial is believed: it takes away what it should of that which explains most, and makes pings likelier.
+    /// Whether a trial is believed: it takes away what it should of that which explains most, and has a likelihood gain.
     pub(crate) fn judge(
         &mut self,
         trial: &Step,
@@ -153,7 +154,7 @@ impl Verdict {
         let which = trial.which;
         let seen = (before.residual()[which] - after.residual()[which]) / trial.by[which];
         let is_seen = (LEAST_SEEN..MOST_SEEN).contains(&seen);
-        let is_believed = is_seen && gain_sigmas > LIKELIER_SIGMAS;
+        let is_believed = is_seen && gain_sigmas > LEAST_GAIN_SIGMAS;
         for i in group(which) {
             self.tried[i] = true;
             self.believed[i] = is_believed;
@@ -171,7 +172,7 @@ impl Verdict {
     }
 }
 
-/// What is tried together: both parts of the compass are one thing.
+/// What is tried together: both coefficients of the compass are one thing.
 fn group(which: usize) -> Range<usize> {
     match which {
         COMPASS.. => COMPASS..PARAMETERS,
@@ -228,7 +229,7 @@ impl Difference {
         let mut by = [0.0; PARAMETERS];
         by[which] = self.heard.values[which];
         for other in group(which).filter(|&other| other != which) {
-            by[other] = self.sure_part(other) * self.heard.values[other];
+            by[other] = self.sure_fraction(other) * self.heard.values[other];
         }
         Some(Step { which, by })
     }
@@ -242,14 +243,14 @@ impl Difference {
         (COMPASS..PARAMETERS).any(|i| self.is_off(i) && !verdict.tried[i])
     }
 
-    /// What part of a value is likely to be its own and not its error: Wiener's filter.
-    fn sure_part(&self, which: usize) -> f64 {
+    /// What fraction of a value is likely to be its own and not its error: Wiener's filter.
+    fn sure_fraction(&self, which: usize) -> f64 {
         let (value, sigma) = (self.residual()[which], self.sigmas()[which]);
         value * value / (value * value + sigma * sigma).max(f64::MIN_POSITIVE)
     }
 
-    /// What is left over, added to what was believed. What was tried and not believed is an error of the method, and
-    /// counts as such. `sound` is what is told of the speed of sound, in parts of it, and `compass` of the heading.
+    /// What is left over, added to what was believed. What was tried and not believed is an error of the method, and counts as
+    /// such. `sound` is what is told of the speed of sound, as a fraction of it, and `compass` of the heading.
     pub(crate) fn told(
         &self,
         verdict: &Verdict,
@@ -282,7 +283,7 @@ impl Difference {
             compass_sine_deg: compass[0],
             compass_cosine_deg: compass[1],
             landmarks: self.heard.landmarks,
-            looks: self.heard.looks,
+            observations: self.heard.observations,
         }
     }
 
@@ -329,7 +330,7 @@ mod tests {
             values,
             covariance,
             landmarks: 20,
-            looks: 400,
+            observations: 400,
         }
     }
 
@@ -348,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn both_parts_of_the_compass_are_tried_together_and_told_by_the_worlds_headings() {
+    fn both_coefficients_of_the_compass_are_tried_together_and_told_by_the_worlds_headings() {
         let degree = 1f64.to_radians();
         let mut heard = found(COMPASS, 3.0 * degree);
         heard.values[COMPASS + 1] = -2.0 * degree;
@@ -388,7 +389,7 @@ mod tests {
     }
 
     #[test]
-    fn a_trial_that_makes_pings_no_likelier_counts_as_an_error_of_the_method() {
+    fn a_trial_without_likelihood_gain_counts_as_an_error_of_the_method() {
         for (after, gain) in [(0.0008, 1.0), (0.024, 6.0), (0.0008, f64::NAN)] {
             let mut verdict = Verdict::default();
             let before = difference(TIME, 0.024);

@@ -1,8 +1,8 @@
-//! Where a look hears a landmark, and how that moves with what is estimated.
+//! Where an observation hears a landmark, and how that moves with what is estimated.
 
 use echosplat_model::glam::{Mat3, Vec3};
 
-use super::landmarks::LookAt;
+use super::landmarks::Observation;
 use super::parameters::{COMPASS, LEVER, PARAMETERS, RANGE, TIME, TURN, Values};
 
 /// A landmark's place on the map's axes, and how much nearer than it its surface is, metres.
@@ -24,18 +24,18 @@ impl Point {
     /// With `s` the landmark in the sensor's frame, `s ← s − (ω t + m + u δ) × s − v t − l`, `t` the time offset and what
     /// the echo takes, `m` the mount's turn and `l` its place, `δ` the compass's deviation about `u`, which is up; ranges are
     /// told `1/(1 + k)` as long as they are.
-    pub(super) fn of(look: &LookAt, values: &Values, free: &Free) -> Self {
+    pub(super) fn of(observation: &Observation, values: &Values, free: &Free) -> Self {
         let v = values.map(|value| value as f32);
         let [x, y, z, nearer_m] = free.map(|value| value as f32);
-        let late_s = v[TIME] + look.after_s;
-        let up = look.turn.z_axis;
-        let [sine, cosine] = heading(&look.turn);
-        let turned = look.angular_radps * late_s
+        let late_s = v[TIME] + observation.after_s;
+        let up = observation.turn.z_axis;
+        let [sine, cosine] = heading(&observation.turn);
+        let turned = observation.angular_radps * late_s
             + Vec3::new(v[TURN], v[TURN + 1], v[TURN + 2])
             + up * (v[COMPASS] * sine + v[COMPASS + 1] * cosine);
         let lever_m = Vec3::new(0.0, v[LEVER], v[LEVER + 1]);
-        let at_m = look.place_m + look.turn * Vec3::new(x, y, z);
-        let s = at_m - turned.cross(at_m) - look.linear_mps * late_s - lever_m;
+        let at_m = observation.place_m + observation.turn * Vec3::new(x, y, z);
+        let s = at_m - turned.cross(at_m) - observation.linear_mps * late_s - lever_m;
         let range_m = s.length();
         let scale = 1.0 / (1.0 + v[RANGE]);
         let surface_m = range_m - nearer_m;
@@ -51,10 +51,13 @@ impl Point {
             point.by_range[index] = f64::from(along.dot(by));
             point.by_azimuth[index] = f64::from(across.dot(by));
         };
-        moves(TIME, -(look.angular_radps.cross(s) + look.linear_mps));
+        moves(
+            TIME,
+            -(observation.angular_radps.cross(s) + observation.linear_mps),
+        );
         for (axis, along_axis) in [Vec3::X, Vec3::Y, Vec3::Z].into_iter().enumerate() {
             moves(TURN + axis, -along_axis.cross(s));
-            moves(PARAMETERS + axis, look.turn * along_axis);
+            moves(PARAMETERS + axis, observation.turn * along_axis);
         }
         moves(COMPASS, -(up * sine).cross(s));
         moves(COMPASS + 1, -(up * cosine).cross(s));
@@ -80,7 +83,7 @@ mod tests {
 
     #[test]
     fn derivatives_are_those_of_range_and_azimuth() {
-        let look = LookAt {
+        let observation = Observation {
             place_m: Vec3::new(5.0, 0.2, -1.5),
             turn: Mat3::from_quat(Quat::from_euler(EulerRot::ZYX, 0.4, -0.2, 0.3)),
             linear_mps: Vec3::new(0.3, -0.2, 0.1),
@@ -98,7 +101,7 @@ mod tests {
                 Some(of_landmark) => free[of_landmark] = by,
                 None => values[index] = by,
             }
-            Point::of(&look, &values, &free)
+            Point::of(&observation, &values, &free)
         };
         const STEP: f64 = 5e-3;
         for index in 0..ALL {

@@ -1,4 +1,4 @@
-//! The speed of sound that makes pings likeliest.
+//! The speed of sound under which pings are most likely.
 //!
 //! A map takes up an error of ranges in its landmarks, so that they tell little of it. How likely it makes pings that it was not
 //! made of does tell: ranges that are wrong alike put the same structure elsewhere from each place it is seen from.
@@ -9,10 +9,10 @@ use std::collections::btree_map::Entry;
 use super::parameters::{Estimate, PRIOR, RANGE};
 use crate::classify::certainty::HALF_THICKNESS_M;
 
-/// Log likelihoods of pings held back, by block of time.
+/// Log likelihoods of held-out pings, by block of time.
 pub(crate) type Blocks = BTreeMap<u32, f64>;
 
-/// From one speed of sound that is tried to the next, as a part of it: at 6 m what a beam of 0.8° is wide.
+/// From one speed of sound that is tried to the next, as a fraction of it: at 6 m what a beam of 0.8° is wide.
 const STEP: f64 = 0.015;
 /// Steps either way at most: fresh water near freezing has 1,402 m/s, warm salt water 1,560 m/s, and units reckon with 1,500.
 const MOST_STEPS: i32 = 5;
@@ -31,7 +31,7 @@ pub(crate) const ANY_WATER: Estimate = Estimate {
     is_believed: false,
 };
 
-/// The top of a likelihood, as a part of the speed of sound, less 1.
+/// The top of a likelihood, as a fraction of the speed of sound, less 1.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Top {
     value: f64,
@@ -49,8 +49,8 @@ impl Top {
     /// With what is known of water before any ping: a likelihood that is nearly level has its top anywhere.
     fn in_water(&self) -> (f64, f64) {
         let (told, prior) = (self.sigma().powi(2), PRIOR[RANGE].powi(2));
-        let part = prior / (prior + told);
-        (part * self.value, (part * told).sqrt())
+        let fraction = prior / (prior + told);
+        (fraction * self.value, (fraction * told).sqrt())
     }
 
     /// Whether it is far enough off to be believed.
@@ -69,7 +69,7 @@ impl Top {
         }
     }
 
-    /// As parts of the speed of sound; believed at most if the likelihood is to be.
+    /// As fractions of the speed of sound; believed at most if the likelihood is to be.
     pub(crate) fn told(self, is_likelihood: bool) -> Estimate {
         let (value, sigma) = self.in_water();
         Estimate {
@@ -84,7 +84,7 @@ impl Top {
 /// configured one outwards until the best is between two others. `range_m` is the mean range of echoes.
 ///
 /// `None` if pings do not tell, or only that it is further off than was tried.
-pub(crate) fn likeliest(range_m: f64, mut of: impl FnMut(f64) -> Option<Blocks>) -> Option<Top> {
+pub(crate) fn most_likely(range_m: f64, mut of: impl FnMut(f64) -> Option<Blocks>) -> Option<Top> {
     let mut tried: BTreeMap<i32, Blocks> = BTreeMap::new();
     let mut middle = 0_i32;
     loop {
@@ -150,20 +150,20 @@ mod tests {
 
     /// Twelve blocks of a dive whose sound is faster by `truth`, each with its own error, and a common one of `map` by
     /// the number of steps.
-    fn blocks(part: f64, truth: f64, map: impl Fn(i32) -> f64) -> Blocks {
+    fn blocks(fraction: f64, truth: f64, map: impl Fn(i32) -> f64) -> Blocks {
         let block = |number: u32| {
             let own = truth + 1e-3 * (f64::from(number) - 5.5);
-            let off = (part - own - NEARER_M / RANGE_M) / STEP;
+            let off = (fraction - own - NEARER_M / RANGE_M) / STEP;
             (
                 number,
-                -1000.0 * off * off + map((part / STEP).round() as i32),
+                -1000.0 * off * off + map((fraction / STEP).round() as i32),
             )
         };
         (0..12).map(block).collect()
     }
 
     fn found(truth: f64, map: impl Fn(i32) -> f64) -> Option<Top> {
-        likeliest(RANGE_M, |part| Some(blocks(part, truth, &map)))
+        most_likely(RANGE_M, |fraction| Some(blocks(fraction, truth, &map)))
     }
 
     #[test]
@@ -212,9 +212,9 @@ mod tests {
     }
 
     #[test]
-    fn pings_that_are_likelier_at_no_speed_tell_nothing() {
-        let even = likeliest(RANGE_M, |_| Some(Blocks::from([(0, 1.0), (1, 2.0)])));
+    fn pings_that_are_as_likely_at_every_speed_tell_nothing() {
+        let even = most_likely(RANGE_M, |_| Some(Blocks::from([(0, 1.0), (1, 2.0)])));
         assert!(even.is_none());
-        assert!(likeliest(RANGE_M, |_| None).is_none());
+        assert!(most_likely(RANGE_M, |_| None).is_none());
     }
 }

@@ -1,6 +1,6 @@
-//! What the looks at one landmark say of it and of what is estimated.
+//! What the observations of one landmark say of it and of what is estimated.
 
-use super::landmarks::{Landmark, LookAt};
+use super::landmarks::{Landmark, Observation};
 use super::linear::{Square, cholesky, solve};
 use super::parameters::{PARAMETERS, Values};
 use super::point::{ALL, FREE, Free, Point};
@@ -25,21 +25,21 @@ struct Sums {
     curvature: Square<ALL>,
 }
 
-/// Goes through the looks and gives each one's gradient. Near the maximum the curvature is at least the true one, so
-/// that steps do not overshoot.
-fn each_look(
+/// Goes through the observations and gives each one's gradient. Near the maximum the curvature is at least the true
+/// one, so that steps do not overshoot.
+fn each_observation(
     landmark: &Landmark,
     (values, free): (&Values, &Free),
     kernel: Kernel,
-    mut each: impl FnMut(&LookAt, [f64; ALL], &Point, [f64; 2]),
+    mut each: impl FnMut(&Observation, [f64; ALL], &Point, [f64; 2]),
 ) {
     let by_range = f64::from(kernel.range_m).powi(-2);
     let by_azimuth = f64::from(kernel.azimuth_rad).powi(-2);
-    for look in &landmark.looks {
-        let point = Point::of(look, values, free);
+    for observation in &landmark.observations {
+        let point = Point::of(observation, values, free);
         let z = point.azimuth_rad / kernel.azimuth_rad;
-        let (heard, off_m) = near(look, point.range_m, kernel.range_m);
-        let weight = f64::from(heard * look.weight * (-0.5 * z * z).exp());
+        let (heard, off_m) = near(observation, point.range_m, kernel.range_m);
+        let weight = f64::from(heard * observation.weight * (-0.5 * z * z).exp());
         if z.abs() > AZIMUTH_REACH || !(weight > 0.0) {
             continue;
         }
@@ -50,21 +50,21 @@ fn each_look(
         );
         let gradient =
             std::array::from_fn(|i| along * point.by_range[i] + across * point.by_azimuth[i]);
-        each(look, gradient, &point, curvature);
+        each(observation, gradient, &point, curvature);
     }
 }
 
 /// How much was heard around a range, and how far its mean is from there, metres.
-fn near(look: &LookAt, range_m: f32, width_m: f32) -> (f32, f32) {
-    let bin = |at_m: f32| (at_m - look.first_m) / look.step_m;
+fn near(observation: &Observation, range_m: f32, width_m: f32) -> (f32, f32) {
+    let bin = |at_m: f32| (at_m - observation.first_m) / observation.step_m;
     let from = bin(range_m - RANGE_REACH * width_m).ceil().max(0.0) as usize;
     let end = bin(range_m + RANGE_REACH * width_m).floor() + 1.0;
-    let end = (end.max(0.0) as usize).min(look.heard.len());
+    let end = (end.max(0.0) as usize).min(observation.heard.len());
     let (mut sum, mut first) = (0.0, 0.0);
     for index in from..end {
-        let heard = look.heard[index];
+        let heard = observation.heard[index];
         if heard > 0.0 {
-            let off_m = look.first_m + look.step_m * index as f32 - range_m;
+            let off_m = observation.first_m + observation.step_m * index as f32 - range_m;
             let z = off_m / width_m;
             let part = heard * (-0.5 * z * z).exp();
             sum += part;
@@ -82,7 +82,7 @@ fn sums(landmark: &Landmark, at: (&Values, &Free), kernel: Kernel) -> Sums {
         gradient: [0.0; ALL],
         curvature: [[0.0; ALL]; ALL],
     };
-    each_look(
+    each_observation(
         landmark,
         at,
         kernel,
@@ -104,7 +104,7 @@ fn sums(landmark: &Landmark, at: (&Values, &Free), kernel: Kernel) -> Sums {
     sums
 }
 
-/// What a landmark says of the parameters once it is free to be where its looks have it.
+/// What a landmark says of the parameters once it is free to be where its observations put it.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Reduced {
     pub(super) gradient: Values,
@@ -115,7 +115,7 @@ pub(super) struct Reduced {
 }
 
 impl Reduced {
-    /// The Schur complement of the landmark's freedom; `None` if its looks leave that open.
+    /// The Schur complement of the landmark's freedom; `None` if its observations leave that open.
     pub(super) fn of(
         landmark: &Landmark,
         at: (&Values, &Free),
@@ -155,7 +155,7 @@ impl Reduced {
         })
     }
 
-    /// Adds each look's gradient, less what the landmark's freedom takes of it, to that of its block of time.
+    /// Adds each observation's gradient, less what the landmark's freedom takes of it, to that of its block of time.
     pub(super) fn scores(
         &self,
         landmark: &Landmark,
@@ -163,8 +163,8 @@ impl Reduced {
         kernel: Kernel,
         blocks: &mut [Values],
     ) {
-        each_look(landmark, at, kernel, |look, gradient, _, _| {
-            let Some(block) = blocks.get_mut(look.block as usize) else {
+        each_observation(landmark, at, kernel, |observation, gradient, _, _| {
+            let Some(block) = blocks.get_mut(observation.block as usize) else {
                 return;
             };
             for (i, score) in block.iter_mut().enumerate() {

@@ -1,70 +1,70 @@
-//! What the map asserts: a Gaussian is surface only if its surroundings explain most of its
-//! echoes and the looks fix its position; else it is ambiguous, or explained away by others.
+//! What the map asserts: a Gaussian is surface only if its surroundings explain most of its echoes and the observations
+//! fix its position; else it is ambiguous, or explained away by others.
 
 use std::f32::consts::PI;
 
-use echosplat_acoustics::packed::Row;
+use echosplat_acoustics::packed::MatrixRow;
 use echosplat_model::Standing;
 use echosplat_model::glam::IVec3;
 use foldhash::{HashMap, HashMapExt};
 use rayon::prelude::*;
 
 use crate::MapperConfig;
-use crate::accumulate::finding::{Account, Finding};
-use crate::accumulate::history::Past;
+use crate::accumulate::finding::{Finding, ViewStatistics};
+use crate::accumulate::history::Keyframe;
 use crate::classify::certainty;
-use crate::classify::shade::Shade;
-use crate::parts::AtWork;
-use crate::refine::expectation::{Explained, Pull, Sum};
+use crate::classify::occlusion::Occlusion;
+use crate::features::AtWork;
+use crate::refine::expectation::{Explained, Score, Sum};
 use crate::refine::scene::Scene;
 use crate::refine::shape::least_eigenvalue;
 use crate::refine::tally::Tally;
 use crate::refine::visibility::{Moments, Sight};
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
-use crate::spawn::split::PART;
+use crate::spawn::split::CHILD_SHARE;
 
-/// A Gaussian is let go if what it explains of all pings together is less than this part of one bin: others explain
-/// the echoes that it was born of.
+/// A Gaussian is let go if what it explains of all pings together is less than this fraction of one bin: others explain
+/// the echoes that it was spawned from.
 const LEAST_EXPLAINED: f32 = 0.1;
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
-/// Least number of clear looks. At the rim of what a dive saw, a handful agree by chance.
-const LEAST_LOOKS: f32 = 8.0;
+/// Least number of clear observations. At the rim of what a dive saw, a handful agree by chance.
+const LEAST_OBSERVATIONS: f32 = 8.0;
 /// Where poses smear echoes over voxels, more do.
-const LEAST_SMEARED_LOOKS: f32 = 10.0;
-/// Log likelihood ratio at which a place is sure although few looks, or a small part of them, are clear: weak echoes
-/// are dark in most pings. A clear look counts as one more.
+const LEAST_SMEARED_OBSERVATIONS: f32 = 10.0;
+/// Log likelihood ratio at which a place is sure although few observations, or a small fraction of them, are clear:
+/// weak echoes are dark in most pings. A clear observation counts as one more.
 const ENOUGH_ODDS: f32 = 15.0;
 /// Such a place explains at least half of what the best place on its arcs does.
-const LEAST_LIKELY_RIVALRY: f32 = 0.5;
+const LEAST_LIKELY_EXPLAINED_RATIO: f32 = 0.5;
 /// Steps of an arc on either side that are a place's surroundings, and those of them that are its middle.
 const AROUND_STEPS: usize = 2;
 const MIDDLE_STEPS: usize = 1;
-/// Least part of what its surroundings send back that comes from their middle: with less, the surface is beside the
+/// Least fraction of what its surroundings send back that comes from their middle: with less, the surface is beside the
 /// place. An even spread has three fifths.
 const LEAST_COMPACTNESS: f32 = 0.5;
-/// Least part of its lit looks that are clear: a place beside others is seen alone now and then.
+/// Least fraction of its lit observations that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
-/// Most part of its lit looks that pass through another surface: what is behind an opaque one is
-/// its ghost, but a frame of bars is seen through.
+/// Greatest fraction of its lit observations that pass through another surface: what is behind an opaque one is its
+/// ghost, but a frame of bars is seen through.
 const MOST_HIDDEN_SHARE: f32 = 0.7;
-/// What continues a surface is asked for this part of the clear looks, and may be this much less
-/// certain: chance leaves strays, not surfaces, and along a surface places are hard to tell apart.
-const LOOKS_TO_CONTINUE: f32 = 0.6;
-const SIGMAS_TO_CONTINUE: f32 = 4.0;
-/// Whole confident Gaussians within so many voxels that make a surface to continue, none of them
-/// this much stronger: what is beside them and far weaker is a side lobe.
-const CONTINUED: f32 = 8.0;
-const CONTINUED_VOXELS: f32 = 6.0;
+/// Hysteresis linking: beside a surface this fraction of the clear observations is enough, and a place may be this much
+/// less certain. Chance leaves isolated points, not surfaces, and along a surface places are hard to tell apart.
+const OBSERVATIONS_TO_LINK: f32 = 0.6;
+const SIGMAS_TO_LINK: f32 = 4.0;
+/// Whole confident Gaussians within so many voxels that make a surface to link to, none of them this much stronger:
+/// what is beside them and far weaker is a side lobe.
+const LINK_SUPPORT: f32 = 8.0;
+const LINK_VOXELS: f32 = 6.0;
 const MUCH_STRONGER: f32 = 5.0;
 /// A mirror image this near is the same place; farther ones have to scatter by this much.
 const HARMLESS_MIRROR_M: f32 = certainty::NEAR_M;
 const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
-/// Below this part of what the best place on its arcs explains, a Gaussian is explained away. Where
-/// all places explain alike nothing is: they are ambiguous together.
-const LEAST_RIVALRY: f32 = 0.15;
-/// Below this part of the strongest strength around it, it is the tail of a neighbour.
+/// With a smaller explained-energy ratio, what it explains over what the best place on its arcs does, a Gaussian is
+/// explained away. Where all places explain alike nothing is: they are ambiguous together.
+const LEAST_EXPLAINED_RATIO: f32 = 0.15;
+/// Below this fraction of the strongest strength around it, it is a side lobe of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
 /// How far around.
 const PEAK_VOXELS: f32 = 2.5;
@@ -72,67 +72,67 @@ const PEAK_VOXELS: f32 = 2.5;
 /// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
 const FAN_REACH: f32 = 1.3;
 
-/// Least number of whole confident Gaussians within so many voxels, itself included, where another sonar is heard; each
-/// part of a split one counts by its part. A rod one voxel thick has six times as many.
-const LEAST_NEAR: f32 = 2.0;
-const NEAR_VOXELS: f32 = 6.0;
-/// The same further around, on every dive: a glinting rod shows here and there along its whole length.
-const LEAST_AROUND: f32 = 12.0;
-const AROUND_VOXELS: f32 = 16.0;
+/// Minimum support where another sonar is heard: least number of whole confident Gaussians within so many voxels,
+/// itself included. Each child of a split one counts by its share. A rod one voxel thick has six times as many.
+const LEAST_NEAR_SUPPORT: f32 = 2.0;
+const NEAR_SUPPORT_VOXELS: f32 = 6.0;
+/// The same further around, on every dive: a rod with specular returns shows here and there along its whole length.
+const LEAST_SUPPORT: f32 = 12.0;
+const SUPPORT_VOXELS: f32 = 16.0;
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
 
-impl Account {
-    /// Whether the looks tell the place from its mirror image: it is too near to matter, or each
-    /// look has it elsewhere.
+impl ViewStatistics {
+    /// Whether the observations tell the place from its mirror image: it is too near to matter, or each observation has
+    /// it elsewhere.
     fn tells_from_mirror(&self) -> bool {
-        let mean_m = self.mirror_m / self.looks;
-        let spread_m2 = self.mirror_m2 / self.looks - mean_m.length_squared();
+        let mean_m = self.mirror_m / self.observations;
+        let spread_m2 = self.mirror_m2 / self.observations - mean_m.length_squared();
         mean_m.length() < HARMLESS_MIRROR_M || spread_m2 > LEAST_MIRROR_SPREAD_M.powi(2)
     }
 
-    /// Whether its looks fix a place, one sigma of which is given.
-    fn fixes(&self, sigma_m: f32, demand: Demand) -> bool {
-        let is_clear = self.clear_looks >= demand.looks
-            && self.clear_looks >= LEAST_CLEAR_SHARE * self.looks
-            && sigma_m <= demand.sigma_m;
-        let is_likely = self.odds + self.clear_looks >= demand.odds
-            && self.rivalry >= LEAST_LIKELY_RIVALRY * self.looks
-            && sigma_m <= demand.likely_sigma_m;
+    /// Whether its observations fix a place, one sigma of which is given.
+    fn fixes(&self, sigma_m: f32, thresholds: VerdictThresholds) -> bool {
+        let is_clear = self.clear_observations >= thresholds.observations
+            && self.clear_observations >= LEAST_CLEAR_SHARE * self.observations
+            && sigma_m <= thresholds.sigma_m;
+        let is_likely = self.odds + self.clear_observations >= thresholds.odds
+            && self.explained_ratio >= LEAST_LIKELY_EXPLAINED_RATIO * self.observations
+            && sigma_m <= thresholds.likely_sigma_m;
         (is_clear || is_likely)
-            && self.compactness >= LEAST_COMPACTNESS * self.looks
-            && self.hidden_looks <= MOST_HIDDEN_SHARE * self.looks
+            && self.compactness >= LEAST_COMPACTNESS * self.observations
+            && self.hidden_observations <= MOST_HIDDEN_SHARE * self.observations
             && self.tells_from_mirror()
     }
 }
 
-/// What is asked of a confident Gaussian.
+/// Thresholds that a confident Gaussian has to reach.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Demand {
-    /// Least number of clear looks.
-    looks: f32,
+pub(crate) struct VerdictThresholds {
+    /// Least number of clear observations.
+    observations: f32,
     /// Most one-sigma uncertainty.
     sigma_m: f32,
-    /// Log likelihood ratio that does in place of clear looks, and the uncertainty it may have then.
+    /// Log likelihood ratio that does in place of clear observations, and the uncertainty it may have then.
     odds: f32,
     likely_sigma_m: f32,
-    /// Least share of an echo that makes a look clear.
+    /// Least share of an echo that makes an observation clear.
     clear_share: f32,
-    /// Least number of whole confident Gaussians beside one, itself included; none is asked for where no other sonar
-    /// is heard.
-    near: Option<f32>,
+    /// Minimum support: least number of whole confident Gaussians beside one, itself included; `None` where no other
+    /// sonar is heard.
+    near_support: Option<f32>,
     /// What a Gaussian that was not split counts among them, where others were.
     unsplit: f32,
     /// Time constant of the error that poses have in common.
     pose_error_time_s: f64,
 }
 
-impl Demand {
+impl VerdictThresholds {
     pub(crate) fn of(config: &MapperConfig, at_work: AtWork) -> Self {
         Self {
-            looks: match at_work.smeared {
-                true => LEAST_SMEARED_LOOKS,
-                false => LEAST_LOOKS,
+            observations: match at_work.smeared {
+                true => LEAST_SMEARED_OBSERVATIONS,
+                false => LEAST_OBSERVATIONS,
             },
             sigma_m: config.confident_sigma_m,
             // Where poses smear echoes the likelihood is not that of the echoes.
@@ -140,17 +140,17 @@ impl Demand {
                 true => f32::INFINITY,
                 false => ENOUGH_ODDS,
             },
-            likely_sigma_m: SIGMAS_TO_CONTINUE * config.confident_sigma_m,
+            likely_sigma_m: SIGMAS_TO_LINK * config.confident_sigma_m,
             clear_share: config.confident_share,
-            // Pulses at random leave small clusters; without them a surface may be heard in small parts only.
-            near: at_work.interfered.then_some(LEAST_NEAR),
-            // It was not confident when the others were split, so that it counts no more than a part of one.
-            unsplit: PART,
+            // Pulses at random leave small clusters; without them a surface may be heard in small pieces only.
+            near_support: at_work.interfered.then_some(LEAST_NEAR_SUPPORT),
+            // It was not confident when the others were split, so that it counts no more than a child.
+            unsplit: CHILD_SHARE,
             pose_error_time_s: config.pose_error_time_s,
         }
     }
 
-    /// For a work-out that makes so few looks before the split that many places are confident only after it.
+    /// For a work-out with so few steps before the split that many places are confident only after it.
     pub(crate) fn in_haste(self) -> Self {
         Self {
             unsplit: 1.0,
@@ -158,11 +158,11 @@ impl Demand {
         }
     }
 
-    /// Of one that continues a surface.
-    fn to_continue(self) -> Self {
+    /// The lower thresholds of one that may be linked to a surface.
+    fn to_link(self) -> Self {
         Self {
-            looks: LOOKS_TO_CONTINUE * self.looks,
-            sigma_m: SIGMAS_TO_CONTINUE * self.sigma_m,
+            observations: OBSERVATIONS_TO_LINK * self.observations,
+            sigma_m: SIGMAS_TO_LINK * self.sigma_m,
             ..self
         }
     }
@@ -172,8 +172,8 @@ impl Sum for Finding {
     /// A ping's findings take long.
     const CHUNK: usize = 16;
 
-    fn join(&mut self, part: &Self) {
-        self.add(part);
+    fn join(&mut self, other: &Self) {
+        self.add(other);
     }
 }
 
@@ -181,19 +181,19 @@ impl Sum for Finding {
 pub(crate) fn findings_of_ping(
     tally: &mut Tally<Finding>,
     desk: &mut Desk,
-    past: &Past,
+    keyframe: &Keyframe,
     sight: &Sight,
     gaussians: &Gaussians,
     rule: Rule,
 ) {
-    desk.enter(tally, past, sight, gaussians, rule);
-    sight.moments(&past.look, &mut desk.moments);
-    let at = past.time.as_secs_f64() / rule.pose_error_time_s;
+    desk.enter(tally, keyframe, sight, gaussians, rule);
+    sight.moments(&keyframe.geometry, &mut desk.moments);
+    let at = keyframe.time.as_secs_f64() / rule.pose_error_time_s;
     for (row, moments) in sight.rows().iter().zip(&desk.moments) {
-        let mut pull = Pull::default();
-        pull.add(row, moments, past.weight);
-        let pose_m2 = certainty::of_pose(row, past.pose_error);
-        tally.of(row.slot).add_look(&pull, pose_m2, at);
+        let mut score = Score::default();
+        score.add(row, moments, keyframe.weight);
+        let pose_m2 = certainty::of_pose(row, keyframe.pose_error);
+        tally.of(row.slot).add_observation(&score, pose_m2, at);
     }
 }
 
@@ -203,111 +203,117 @@ pub(crate) fn judge(
     gaussians: &mut Gaussians,
     finding_of: impl Fn(usize) -> Option<Finding> + Sync,
     voxel_m: f32,
-    demand: Demand,
+    thresholds: VerdictThresholds,
 ) {
     let outshone = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true)
         .outshone(LEAST_STRENGTH, |slot| finding_of(slot).is_some());
     let of_slot = |(slot, is_outshone): (usize, bool)| {
         let Finding {
-            account,
+            statistics,
             information,
             ..
         } = finding_of(slot)?;
         let alone = 1.0 / least_eigenvalue(&information).max(0.0).sqrt();
-        // What the parts of a split Gaussian know adds up.
-        let sigma_m = alone * gaussians.part[slot];
-        let rivalry = account.rivalry / account.looks;
-        let is_explained_away = is_outshone || !(rivalry > LEAST_RIVALRY);
-        let (verdict, may_continue) = if is_explained_away {
+        // What the children of a split Gaussian know adds up.
+        let sigma_m = alone * gaussians.child_share[slot];
+        let explained_ratio = statistics.explained_ratio / statistics.observations;
+        let is_explained_away = is_outshone || !(explained_ratio > LEAST_EXPLAINED_RATIO);
+        let (verdict, may_link) = if is_explained_away {
             (Verdict::ExplainedAway, false)
-        } else if account.fixes(sigma_m, demand) {
+        } else if statistics.fixes(sigma_m, thresholds) {
             (CONFIDENT, false)
         } else {
-            let may_continue = account.fixes(sigma_m, demand.to_continue());
-            (Verdict::Published(Standing::Ambiguous), may_continue)
+            let may_link = statistics.fixes(sigma_m, thresholds.to_link());
+            (Verdict::Published(Standing::Ambiguous), may_link)
         };
-        Some((slot, verdict, may_continue))
+        Some((slot, verdict, may_link))
     };
     let verdicts: Vec<Option<(usize, Verdict, bool)>> =
         outshone.into_par_iter().map(of_slot).collect();
-    let mut may_continue = vec![false; gaussians.slot_count()];
-    for (slot, verdict, continues) in verdicts.into_iter().flatten() {
+    let mut may_link = vec![false; gaussians.slot_count()];
+    for (slot, verdict, is_linked) in verdicts.into_iter().flatten() {
         gaussians.verdict[slot] = verdict;
-        may_continue[slot] = continues;
+        may_link[slot] = is_linked;
     }
-    trust_continued(gaussians, &may_continue, voxel_m);
-    if let Some(least) = demand.near {
-        let counts = counts_beside(gaussians, demand.unsplit);
-        doubt_strays(gaussians, least, NEAR_VOXELS * voxel_m, counts);
+    link_by_hysteresis(gaussians, &may_link, voxel_m);
+    if let Some(least) = thresholds.near_support {
+        let counts = counts_beside(gaussians, thresholds.unsplit);
+        reject_isolated(gaussians, least, NEAR_SUPPORT_VOXELS * voxel_m, counts);
     }
-    let reach_m = AROUND_VOXELS * voxel_m;
-    doubt_strays(gaussians, LEAST_AROUND, reach_m, |part| part);
+    let reach_m = SUPPORT_VOXELS * voxel_m;
+    reject_isolated(gaussians, LEAST_SUPPORT, reach_m, |child_share| child_share);
     certainty::tell(gaussians, finding_of, voxel_m);
 }
 
-/// What is nearly sure by itself is so beside a surface that is.
-fn trust_continued(gaussians: &mut Gaussians, may_continue: &[bool], voxel_m: f32) {
+/// Hysteresis linking: what reaches the lower thresholds is confident beside a surface that reaches the upper ones.
+fn link_by_hysteresis(gaussians: &mut Gaussians, may_link: &[bool], voxel_m: f32) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
-    let keep = |slot: usize| may_continue[slot] || is_confident(slot);
-    let neighbours = Neighbours::new(gaussians, CONTINUED_VOXELS * voxel_m, keep);
-    let asked = |slot: usize| may_continue[slot];
-    let continues = neighbours.map(asked, |around| {
+    let keep = |slot: usize| may_link[slot] || is_confident(slot);
+    let neighbours = Neighbours::new(gaussians, LINK_VOXELS * voxel_m, keep);
+    let asked = |slot: usize| may_link[slot];
+    let is_linked = neighbours.map(asked, |around| {
         let strong = MUCH_STRONGER * gaussians.strongest(around.slot);
         let mut surface = 0.0;
         around.slots().any(|other| {
             if is_confident(other) && gaussians.strongest(other) < strong {
-                surface += gaussians.part[other];
+                surface += gaussians.child_share[other];
             }
-            surface >= CONTINUED
+            surface >= LINK_SUPPORT
         })
     });
-    for (slot, _) in continues.into_iter().filter(|(_, continues)| *continues) {
+    for (slot, _) in is_linked.into_iter().filter(|(_, is_linked)| *is_linked) {
         gaussians.verdict[slot] = CONFIDENT;
     }
 }
 
-/// What has fewer than `least` whole confident Gaussians within `reach_m` is ambiguous: a surface fills more than one
-/// place. `counts` is what each counts, by its part of a whole one.
-fn doubt_strays(
+/// Isolated-point rejection: what has fewer than `least` whole confident Gaussians within `reach_m` is ambiguous, since
+/// a surface fills more than one place. `counts` is what each counts, by its share of a whole one.
+fn reject_isolated(
     gaussians: &mut Gaussians,
     least: f32,
     reach_m: f32,
     counts: impl Fn(f32) -> f32 + Sync,
 ) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
-    // All of a cell are within reach of each other: most need no look around.
+    // All of a cell are within reach of each other: most need no search around.
     let cell_m = reach_m / 2.0;
     let cell_of = |slot: usize| (gaussians.mean_m[slot] / cell_m).floor().as_ivec3();
     let mut wholes_in: HashMap<IVec3, f32> = HashMap::new();
     for slot in gaussians.slots().filter(|&slot| is_confident(slot)) {
-        *wholes_in.entry(cell_of(slot)).or_default() += counts(gaussians.part[slot]);
+        *wholes_in.entry(cell_of(slot)).or_default() += counts(gaussians.child_share[slot]);
     }
     let asked = |slot: usize| wholes_in[&cell_of(slot)] < least;
     let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
-    let is_stray = neighbours.map(asked, |around| {
+    let is_isolated = neighbours.map(asked, |around| {
         let mut wholes = 0.0;
         let is_in_surface = around.slots().any(|other| {
-            wholes += counts(gaussians.part[other]);
+            wholes += counts(gaussians.child_share[other]);
             wholes >= least
         });
         !is_in_surface
     });
-    let strays = is_stray.into_iter().filter(|(_, is_stray)| *is_stray);
-    let strays: Vec<usize> = strays.map(|(slot, _)| slot).collect();
-    for slot in strays {
+    let isolated = is_isolated
+        .into_iter()
+        .filter(|(_, is_isolated)| *is_isolated);
+    let isolated: Vec<usize> = isolated.map(|(slot, _)| slot).collect();
+    for slot in isolated {
         gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
     }
 }
 
-/// What a Gaussian counts beside others by its part of a whole one: that part, and where there are split ones at most
+/// What a Gaussian counts beside others by its share of a whole one: that share, and where there are split ones at most
 /// `unsplit`.
 fn counts_beside(gaussians: &Gaussians, unsplit: f32) -> impl Fn(f32) -> f32 + Sync + use<> {
     let mut confident = gaussians
         .slots()
         .filter(|&slot| gaussians.verdict[slot] == CONFIDENT);
-    let is_split = confident.any(|slot| gaussians.part[slot] < 1.0);
-    move |part| {
-        if is_split { part.min(unsplit) } else { part }
+    let is_split = confident.any(|slot| gaussians.child_share[slot] < 1.0);
+    move |child_share| {
+        if is_split {
+            child_share.min(unsplit)
+        } else {
+            child_share
+        }
     }
 }
 
@@ -324,14 +330,14 @@ fn whole_strength(gaussians: &Gaussians) -> f32 {
     *strengths.select_nth_unstable_by(middle, f32::total_cmp).1
 }
 
-/// What is asked of every look.
+/// What is asked of every observation.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Rule {
     /// Surroundings of a Gaussian.
     radius_m: f32,
-    /// Least share of an echo that makes a look clear.
+    /// Least share of an echo that makes an observation clear.
     clear_share: f32,
-    /// Strength of what is certainly there: weaker ones are there only in part.
+    /// Strength of what is certainly there: weaker ones are there only to a fraction.
     whole_strength: f32,
     /// Whether what surfaces hide is doubted.
     occlusion: bool,
@@ -341,13 +347,13 @@ pub(crate) struct Rule {
 
 impl Rule {
     /// By the verdicts so far.
-    pub(crate) fn of(scene: &Scene<'_>, demand: Demand) -> Self {
+    pub(crate) fn of(scene: &Scene<'_>, thresholds: VerdictThresholds) -> Self {
         Self {
             radius_m: SURROUNDINGS_VOXELS * scene.evidence.voxel_m(),
-            clear_share: demand.clear_share,
+            clear_share: thresholds.clear_share,
             whole_strength: whole_strength(scene.gaussians),
             occlusion: scene.at_work.occlusion,
-            pose_error_time_s: demand.pose_error_time_s,
+            pose_error_time_s: thresholds.pose_error_time_s,
         }
     }
 }
@@ -356,60 +362,65 @@ impl Rule {
 #[derive(Debug, Default)]
 pub(crate) struct Desk {
     arcs: Arcs,
-    shade: Shade,
+    occlusion: Occlusion,
     moments: Vec<Moments>,
 }
 
 impl Desk {
-    /// For every Gaussian near the beam's axis: which part of the echo in its own bin comes from
-    /// its surroundings. In one bin of a narrow beam a place is its position along the arc, so
-    /// these are the steps of the arc next to it.
+    /// For every Gaussian near the beam's axis: which fraction of the echo in its own bin comes from its surroundings.
+    /// In one bin of a narrow beam a place is its position along the arc, so these are the steps of the arc next to it.
     fn enter(
         &mut self,
         tally: &mut Tally<Finding>,
-        past: &Past,
+        keyframe: &Keyframe,
         sight: &Sight,
         gaussians: &Gaussians,
         rule: Rule,
     ) {
-        let Self { arcs, shade, .. } = self;
-        arcs.fill(sight, past, rule.radius_m / AROUND_STEPS as f32);
-        let solid = |row: &Row| match gaussians.verdict[row.slot as usize] {
+        let Self {
+            arcs, occlusion, ..
+        } = self;
+        arcs.fill(sight, keyframe, rule.radius_m / AROUND_STEPS as f32);
+        let solid = |row: &MatrixRow| match gaussians.verdict[row.slot as usize] {
             CONFIDENT => gaussians.layers(row.slot as usize),
             Verdict::Published(_) => (row.strength / rule.whole_strength).min(1.0),
             _ => 0.0,
         };
         if rule.occlusion {
-            shade.fill(&past.look, sight.rows().iter().map(|row| (row, solid(row))));
+            occlusion.fill(
+                &keyframe.geometry,
+                sight.rows().iter().map(|row| (row, solid(row))),
+            );
         }
         for row in sight.rows() {
             let splat = &row.splat;
             let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
-            let range_bins = (splat.range_m - past.look.range_start_m) / past.look.bin_length_m;
+            let range_bins =
+                (splat.range_m - keyframe.geometry.range_start_m) / keyframe.geometry.bin_length_m;
             let bin = range_bins as usize;
-            if !(off < 1.5 && bin < past.look.bin_count as usize) {
+            if !(off < 1.5 && bin < keyframe.geometry.bin_count as usize) {
                 continue;
             }
-            let looks = past.weight * (1.0 - off / 1.5);
+            let observations = keyframe.weight * (1.0 - off / 1.5);
             let step = arcs.step_of(row);
             let near = arcs.around(bin, step);
-            tally.of(row.slot).account.odds += looks * sight.odds(bin, near);
-            if !past.profile.is_lit(bin) {
+            tally.of(row.slot).statistics.odds += observations * sight.odds(bin, near);
+            if !keyframe.profile.is_lit(bin) {
                 continue;
             }
             let below_m = 2.0 * splat.range_m * splat.elevation_rad.sin();
-            let mirror_m = past.look.pose.axes.z_axis * -below_m;
-            let if_so = |so: bool| if so { looks } else { 0.0 };
-            tally.of(row.slot).account.add(&Account {
-                looks,
-                hidden_looks: if_so(rule.occlusion && shade.hides(row)),
-                clear_looks: if_so(near > rule.clear_share * sight.predicted[bin]),
+            let mirror_m = keyframe.geometry.pose.axes.z_axis * -below_m;
+            let if_so = |so: bool| if so { observations } else { 0.0 };
+            tally.of(row.slot).statistics.add(&ViewStatistics {
+                observations,
+                hidden_observations: if_so(rule.occlusion && occlusion.hides(row)),
+                clear_observations: if_so(near > rule.clear_share * sight.predicted[bin]),
                 odds: 0.0,
-                compactness: looks * arcs.within(bin, step, MIDDLE_STEPS)
+                compactness: observations * arcs.within(bin, step, MIDDLE_STEPS)
                     / near.max(f32::MIN_POSITIVE),
-                rivalry: looks * near / arcs.best(bin).max(f32::MIN_POSITIVE),
-                mirror_m: mirror_m * looks,
-                mirror_m2: mirror_m.length_squared() * looks,
+                explained_ratio: observations * near / arcs.best(bin).max(f32::MIN_POSITIVE),
+                mirror_m: mirror_m * observations,
+                mirror_m2: mirror_m.length_squared() * observations,
             });
         }
     }
@@ -427,17 +438,17 @@ struct Arcs {
 
 impl Arcs {
     /// Steps of `step_m` over the arc of the farthest bin as far as the fan reaches.
-    fn fill(&mut self, sight: &Sight, past: &Past, step_m: f32) {
-        let look = &past.look;
-        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+    fn fill(&mut self, sight: &Sight, keyframe: &Keyframe, step_m: f32) {
+        let geometry = &keyframe.geometry;
+        let end_m = geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
         self.steps_per_m = step_m.recip();
-        let width_rad = 2.0 * FAN_REACH * look.beam.elevation_half_width_rad();
+        let width_rad = 2.0 * FAN_REACH * geometry.beam.elevation_half_width_rad();
         self.steps = (width_rad.min(PI) * end_m * self.steps_per_m) as usize + 2 * AROUND_STEPS + 1;
         self.energy.clear();
         self.energy
-            .resize(self.steps * look.bin_count as usize, 0.0);
+            .resize(self.steps * geometry.bin_count as usize, 0.0);
         self.best.clear();
-        self.best.resize(look.bin_count as usize, -1.0);
+        self.best.resize(geometry.bin_count as usize, -1.0);
         for row in sight.rows() {
             let step = self.step_of(row);
             for (bin, energy) in row.bins.clone().zip(sight.energies(row)) {
@@ -446,7 +457,7 @@ impl Arcs {
         }
     }
 
-    fn step_of(&self, row: &Row) -> usize {
+    fn step_of(&self, row: &MatrixRow) -> usize {
         let along_m = row.splat.elevation_rad * row.splat.range_m;
         let step = along_m * self.steps_per_m + 0.5 * self.steps as f32;
         (step.max(0.0) as usize).min(self.steps - 1)
@@ -474,12 +485,12 @@ impl Arcs {
     }
 }
 
-/// Slots that are nothing but the tail of a stronger neighbour: below `part` of it.
-pub(crate) fn tails(gaussians: &Gaussians, voxel_m: f32, part: f32) -> Vec<usize> {
+/// Slots that are nothing but a side lobe of a stronger neighbour: below `fraction` of it.
+pub(crate) fn side_lobes(gaussians: &Gaussians, voxel_m: f32, fraction: f32) -> Vec<usize> {
     let neighbours = Neighbours::new(gaussians, PEAK_VOXELS * voxel_m, |_| true);
-    let outshone = neighbours.outshone(part, |slot| gaussians.is_worked_on(slot));
-    let tails = outshone.into_iter().filter(|(_, is_outshone)| *is_outshone);
-    tails.map(|(slot, _)| slot).collect()
+    let outshone = neighbours.outshone(fraction, |slot| gaussians.is_worked_on(slot));
+    let side_lobes = outshone.into_iter().filter(|(_, is_outshone)| *is_outshone);
+    side_lobes.map(|(slot, _)| slot).collect()
 }
 
 /// Slots that explain next to nothing of any echo, however strong they are beside their neighbours. What no ping of the
@@ -499,10 +510,10 @@ mod tests {
     use echosplat_model::glam::Vec3;
 
     use super::*;
-    use crate::parts::{Cues, MapCues, Parts, decide};
+    use crate::features::{Cues, Features, MapCues, decide};
     use crate::refine::expectation::StepSums;
+    use crate::spawn::directional_reflectivity::DirectionalReflectivity;
     use crate::spawn::gaussians::Stage;
-    use crate::spawn::lobes::Lobes;
 
     #[test]
     fn what_explains_no_echo_is_idle_and_what_was_not_seen_or_told_of_by_forgotten_pings_is_not() {
@@ -520,7 +531,7 @@ mod tests {
         ] {
             let sums = weights.map(|weight| {
                 let mut sums = StepSums::default();
-                sums.weight = Lobes::even(weight);
+                sums.weight = DirectionalReflectivity::even(weight);
                 sums
             });
             explained.add(&gaussians, &sums, 2.0);
@@ -533,34 +544,37 @@ mod tests {
     }
 
     #[test]
-    fn few_clear_looks_do_where_all_looks_together_are_likely_and_poses_do_not_smear_them() {
-        let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
-        let demand = Demand::of(&MapperConfig::default(), at_work);
-        let weak = Account {
-            looks: 40.0,
-            clear_looks: 3.0,
+    fn few_clear_observations_do_where_all_together_are_likely_and_poses_do_not_smear_them() {
+        let (at_work, _) = decide(&Features::default(), &Cues::default(), MapCues::default());
+        let thresholds = VerdictThresholds::of(&MapperConfig::default(), at_work);
+        let weak = ViewStatistics {
+            observations: 40.0,
+            clear_observations: 3.0,
             odds: 13.0,
-            rivalry: 30.0,
+            explained_ratio: 30.0,
             compactness: 30.0,
-            ..Account::default()
+            ..ViewStatistics::default()
         };
-        assert!(weak.fixes(0.5, demand) && !weak.fixes(1.5, demand));
-        let unlikely = Account { odds: 11.0, ..weak };
-        let rivalled = Account {
-            rivalry: 10.0,
+        assert!(weak.fixes(0.5, thresholds) && !weak.fixes(1.5, thresholds));
+        let unlikely = ViewStatistics { odds: 11.0, ..weak };
+        let explains_little = ViewStatistics {
+            explained_ratio: 10.0,
             ..weak
         };
-        assert!(!unlikely.fixes(0.5, demand) && !rivalled.fixes(0.5, demand));
-        let beside_another = Account {
+        assert!(!unlikely.fixes(0.5, thresholds) && !explains_little.fixes(0.5, thresholds));
+        let beside_another = ViewStatistics {
             compactness: 15.0,
             ..weak
         };
-        assert!(!beside_another.fixes(0.5, demand));
+        assert!(!beside_another.fixes(0.5, thresholds));
         let smeared = AtWork {
             smeared: true,
             ..at_work
         };
-        assert!(!weak.fixes(0.5, Demand::of(&MapperConfig::default(), smeared)));
+        assert!(!weak.fixes(
+            0.5,
+            VerdictThresholds::of(&MapperConfig::default(), smeared)
+        ));
     }
 
     #[test]
@@ -570,79 +584,95 @@ mod tests {
             steps: energy.len(),
             ..Arcs::default()
         };
-        let part = |arcs: &Arcs, step| arcs.within(0, step, MIDDLE_STEPS) / arcs.around(0, step);
+        let fraction =
+            |arcs: &Arcs, step| arcs.within(0, step, MIDDLE_STEPS) / arcs.around(0, step);
         let even = arcs(&[1.0; 9]);
-        assert!(part(&even, 4) >= LEAST_COMPACTNESS);
+        assert!(fraction(&even, 4) >= LEAST_COMPACTNESS);
         let surface = arcs(&[0.0, 0.1, 0.3, 1.0, 0.3, 0.1, 0.0, 0.0, 0.0]);
-        assert!(part(&surface, 3) > LEAST_COMPACTNESS && part(&surface, 5) < LEAST_COMPACTNESS);
+        assert!(
+            fraction(&surface, 3) > LEAST_COMPACTNESS && fraction(&surface, 5) < LEAST_COMPACTNESS
+        );
     }
 
     #[test]
     fn a_cluster_that_is_too_small_is_doubted_and_a_rod_with_its_ends_is_not() {
         let mut gaussians = Gaussians::default();
-        let mut place = |at_m: Vec3, part: f32| {
+        let mut place = |at_m: Vec3, child_share: f32| {
             let slot = gaussians.spawn(at_m, (0, 0), 0.5, 1.0) as usize;
             gaussians.verdict[slot] = CONFIDENT;
-            gaussians.part[slot] = part;
+            gaussians.child_share[slot] = child_share;
             slot
         };
         let rod: Vec<usize> = (0..160)
-            .map(|i| place(Vec3::X * 0.125 * i as f32, PART))
+            .map(|i| place(Vec3::X * 0.125 * i as f32, CHILD_SHARE))
             .collect();
-        // Eight that were not split, and fifteen parts of split ones.
+        // Eight that were not split, and fifteen children of split ones.
         let late: Vec<usize> = (0..8)
             .map(|i| place(Vec3::new(10.0, 10.0, 0.1 * i as f32), 1.0))
             .collect();
-        let parts: Vec<usize> = (0..15)
-            .map(|i| place(Vec3::new(10.0, -10.0, 0.1 * i as f32), PART))
+        let children: Vec<usize> = (0..15)
+            .map(|i| place(Vec3::new(10.0, -10.0, 0.1 * i as f32), CHILD_SHARE))
             .collect();
-        doubt_strays(&mut gaussians, LEAST_AROUND, AROUND_VOXELS, |part| part);
+        reject_isolated(
+            &mut gaussians,
+            LEAST_SUPPORT,
+            SUPPORT_VOXELS,
+            |child_share| child_share,
+        );
         let is_sure = |gaussians: &Gaussians, slots: &[usize]| {
             let mut slots = slots.iter();
             slots.all(|&slot| gaussians.verdict[slot] == CONFIDENT)
         };
-        for slots in [&rod, &late, &parts] {
+        for slots in [&rod, &late, &children] {
             assert!(is_sure(&gaussians, slots));
         }
-        let counts = counts_beside(&gaussians, PART);
-        doubt_strays(&mut gaussians, LEAST_NEAR, NEAR_VOXELS, counts);
+        let counts = counts_beside(&gaussians, CHILD_SHARE);
+        reject_isolated(
+            &mut gaussians,
+            LEAST_NEAR_SUPPORT,
+            NEAR_SUPPORT_VOXELS,
+            counts,
+        );
         assert!(is_sure(&gaussians, &rod));
-        for slot in late.into_iter().chain(parts) {
+        for slot in late.into_iter().chain(children) {
             assert_ne!(gaussians.verdict[slot], CONFIDENT);
         }
         let in_haste = counts_beside(&gaussians, 1.0);
-        assert!((in_haste(1.0) - 1.0).abs() < 1e-6 && (in_haste(PART) - PART).abs() < 1e-6);
+        assert!(
+            (in_haste(1.0) - 1.0).abs() < 1e-6
+                && (in_haste(CHILD_SHARE) - CHILD_SHARE).abs() < 1e-6
+        );
         // It is asked for where another sonar is heard.
-        let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
+        let (at_work, _) = decide(&Features::default(), &Cues::default(), MapCues::default());
         let near = |interfered| {
             let at_work = AtWork {
                 interfered,
                 ..at_work
             };
-            Demand::of(&MapperConfig::default(), at_work).near
+            VerdictThresholds::of(&MapperConfig::default(), at_work).near_support
         };
         assert!(near(true).is_some() && near(false).is_none());
         // Where nothing is split each counts in full.
-        for part in &mut gaussians.part {
-            *part = 1.0;
+        for child_share in &mut gaussians.child_share {
+            *child_share = 1.0;
         }
-        assert!((counts_beside(&gaussians, PART)(1.0) - 1.0).abs() < 1e-6);
+        assert!((counts_beside(&gaussians, CHILD_SHARE)(1.0) - 1.0).abs() < 1e-6);
     }
 
     #[test]
     fn a_mirror_image_is_harmless_where_it_is_within_reach_of_the_place() {
-        let account = |mirror_m: f32| Account {
-            looks: 4.0,
+        let statistics = |mirror_m: f32| ViewStatistics {
+            observations: 4.0,
             mirror_m: 4.0 * mirror_m * Vec3::Z,
             mirror_m2: 4.0 * mirror_m * mirror_m,
-            ..Account::default()
+            ..ViewStatistics::default()
         };
-        assert!(account(0.08).tells_from_mirror());
-        assert!(!account(0.19).tells_from_mirror());
+        assert!(statistics(0.08).tells_from_mirror());
+        assert!(!statistics(0.19).tells_from_mirror());
     }
 
     #[test]
-    fn what_continues_a_surface_is_trusted_and_what_is_beside_it_is_not() {
+    fn what_is_linked_to_a_surface_is_trusted_and_what_is_beside_it_is_not() {
         let mut gaussians = Gaussians::default();
         let mut place = |x: f32, y: f32, strength: f32| {
             let at_m = Vec3::new(x, y, 0.0);
@@ -657,12 +687,12 @@ mod tests {
         let side_lobe = place(4.0, 2.0, 0.01);
         let far = place(30.0, 0.0, 1.0);
         let unsure = place(4.0, 3.0, 1.0);
-        let mut may_continue = vec![false; gaussians.slot_count()];
+        let mut may_link = vec![false; gaussians.slot_count()];
         for slot in [next, side_lobe, far] {
-            may_continue[slot] = true;
+            may_link[slot] = true;
         }
         // Nothing is trusted for the sake of what is not sure itself.
-        trust_continued(&mut gaussians, &vec![true; may_continue.len()], 1.0);
+        link_by_hysteresis(&mut gaussians, &vec![true; may_link.len()], 1.0);
         assert!(
             gaussians
                 .verdict
@@ -673,7 +703,7 @@ mod tests {
         for slot in surface {
             gaussians.verdict[slot] = CONFIDENT;
         }
-        trust_continued(&mut gaussians, &may_continue, 1.0);
+        link_by_hysteresis(&mut gaussians, &may_link, 1.0);
         assert_eq!(gaussians.verdict[next], CONFIDENT);
         for slot in [side_lobe, far, unsure] {
             assert_ne!(gaussians.verdict[slot], CONFIDENT);

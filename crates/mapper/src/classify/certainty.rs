@@ -6,12 +6,12 @@
 //! surer than their poses. Those that come later are off otherwise.
 
 use echosplat_acoustics::SymmetricMat3;
-use echosplat_acoustics::packed::Row;
+use echosplat_acoustics::packed::MatrixRow;
 use echosplat_model::Standing;
 use echosplat_model::glam::{DMat3, DVec3, Mat3};
 use rayon::prelude::*;
 
-use crate::accumulate::finding::{Account, Finding};
+use crate::accumulate::finding::{Finding, ViewStatistics};
 use crate::accumulate::history::PoseBlur;
 use crate::refine::shape::{eigen, scatter_of};
 use crate::spawn::gaussians::{BY_CHANCE, Gaussians, Verdict};
@@ -22,19 +22,19 @@ const REACH_M: f64 = 10.0;
 /// A surface goes on within so many voxels.
 const SURFACE_VOXELS: f32 = 1.5;
 
-/// Half the thickness of what may be taken for one place while looks from two sides hear a face of it each: that of a pipe
+/// Half the thickness of what may be taken for one place while observations from two sides hear a face of it each: that of a pipe
 /// of 8 cm.
 pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
-/// Log odds of a place that explains as much as its best rival on the arc, whose sigma across the surface and the error that
-/// its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by so many times its log odds
-/// against its rivals (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many times the logarithms of that sigma, of
-/// what its poses share, and of how many half thicknesses it lies from the body's middle. Found by logistic regression;
-/// `docs/algorithm.md` has the dives and what they leave over.
+/// Log odds of a place that explains as much as the best other place on the arc, whose sigma across the surface and the error
+/// that its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by so many times its log odds
+/// against the other places, from its explained-energy ratio (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many
+/// times the logarithms of that sigma, of what its poses share, and of how many half thicknesses it lies from the body's middle.
+/// Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
 const EVEN_ODDS: f32 = 0.2;
-const PER_RIVALRY: f32 = 1.2;
+const PER_EXPLAINED_RATIO: f32 = 1.2;
 const LEAST_TOLD: f32 = -3.0;
 const MOST_TOLD: f32 = 1.5;
 const PER_SIGMA: f32 = 0.9;
@@ -50,7 +50,7 @@ const LEAST_M2: f32 = 1e-12;
 
 /// What an error of the sensor's pose makes of a place, square metres: of its position alike in all directions, of its
 /// attitude across the line of sight.
-pub(super) fn of_pose(row: &Row, error: PoseBlur) -> SymmetricMat3 {
+pub(super) fn of_pose(row: &MatrixRow, error: PoseBlur) -> SymmetricMat3 {
     let (away, range_m) = (row.splat.range_axis, row.splat.range_m);
     let turned_m2 = error.azimuth_variance_rad2 * range_m * range_m;
     let across = Mat3::IDENTITY - Mat3::from_cols(away * away.x, away * away.y, away * away.z);
@@ -73,8 +73,8 @@ pub(super) fn tell(
     }
     let of_slot = |(slot, surface): (usize, Option<Mat3>)| {
         let finding = finding_of(slot).filter(|_| gaussians.alive[slot])?;
-        let place = Place::of(&finding, gaussians.part[slot], surface, voxel_m);
-        Some(Certainty::of(&place, &finding.account, voxel_m))
+        let place = Place::of(&finding, gaussians.child_share[slot], surface, voxel_m);
+        Some(Certainty::of(&place, &finding.statistics, voxel_m))
     };
     let certainties: Vec<Option<Certainty>> = surface_of
         .into_par_iter()
@@ -99,7 +99,7 @@ struct Certainty {
 }
 
 impl Certainty {
-    fn of(place: &Place, account: &Account, voxel_m: f32) -> Self {
+    fn of(place: &Place, statistics: &ViewStatistics, voxel_m: f32) -> Self {
         // Beyond single precision nothing is known; no number would take the Gaussian from the map.
         if !place.covariance_m2.is_finite() {
             return Self {
@@ -110,7 +110,7 @@ impl Certainty {
             };
         }
         let (_, variances_m2) = eigen(place.covariance_m2);
-        let own_odds = own_odds(account, variances_m2.x);
+        let own_odds = own_odds(statistics, variances_m2.x);
         Self {
             position_covariance_m2: SymmetricMat3::of(place.covariance_m2),
             sigma_m: variances_m2.z.max(0.0).sqrt(),
@@ -125,16 +125,17 @@ struct Place {
     covariance_m2: Mat3,
     /// One sigma along an axis of the error that its poses share, metres.
     shared_m: f32,
-    /// How many half thicknesses its looks put it from the middle of what they hear.
+    /// How many half thicknesses its observations put it from the middle of what they hear.
     off: f32,
 }
 
 impl Place {
     /// Covariance `(H + P⁻¹)⁻¹ + T + C`: information `H` of its own pings, the place `P` that the surface around leaves it (the
     /// scatter of its neighbours, and as much as a voxel is wide) or any within reach, what a thick body adds as `T`, and the
-    /// error `C` of the poses. What the parts of a split Gaussian know adds up.
-    fn of(finding: &Finding, part: f32, surface: Option<Mat3>, voxel_m: f32) -> Self {
-        let information = finding.information.to_mat3().as_dmat3() * f64::from(part).powi(-2);
+    /// error `C` of the poses. What the children of a split Gaussian know adds up.
+    fn of(finding: &Finding, child_share: f32, surface: Option<Mat3>, voxel_m: f32) -> Self {
+        let information =
+            finding.information.to_mat3().as_dmat3() * f64::from(child_share).powi(-2);
         let anywhere = DMat3::from_diagonal(DVec3::splat(REACH_M.powi(-2)));
         let prior = match surface {
             Some(scatter) => {
@@ -145,7 +146,7 @@ impl Place {
             None => anywhere,
         };
         let own_m2 = (information + prior).inverse();
-        let nearer = finding.nearer.as_dvec3() * f64::from(part).powi(-2);
+        let nearer = finding.nearer.as_dvec3() * f64::from(child_share).powi(-2);
         let off = (information + anywhere).inverse() * nearer;
         let of_poses_m2 = finding.of_poses.variance_m2();
         Self {
@@ -155,16 +156,17 @@ impl Place {
         }
     }
 
-    /// That there is surface within [`NEAR_M`] of it, by the odds that its looks give.
+    /// That there is surface within [`NEAR_M`] of it, by the odds that its observations give.
     fn probability(&self, own_odds: f32) -> f32 {
         let shared = self.shared_m.max(LEAST_SHARED_M) / NEAR_M;
         of_odds(own_odds - PER_SHARED * shared.ln() - PER_BEYOND * self.off.max(1.0).ln())
     }
 }
 
-/// What a body's thickness makes of a place, square metres. Each look hears the face towards it, half a thickness nearer than the
-/// middle, and `off` is where the place goes, in half thicknesses from the middle. Looks from one side put it on the face that they
-/// hear, one away. Looks from two sides, all from above, agree on a place further above than the body reaches.
+/// Variance of a place from a body's thickness, square metres. Each observation hears the face towards it, half a thickness
+/// nearer than the middle, and `off` is where the place goes, in half thicknesses from the middle. Observations from one side put
+/// it on the face that they hear, one away. Observations from two sides, all from above, agree on a place further above than the
+/// body reaches.
 fn of_thickness(off: DVec3) -> DMat3 {
     let beyond = (off.length() - 1.0).max(0.0) * HALF_THICKNESS_M;
     let beyond_m = off.normalize_or_zero() * beyond;
@@ -196,18 +198,18 @@ fn least_odds(voxel_m: f32) -> f32 {
     least.ln() - PER_SIGMA * (voxel_m / NEAR_M).max(1.0).ln()
 }
 
-/// Log odds over chance that there is surface within [`NEAR_M`], as far as a place's own looks say, with this variance across
-/// the surface, square metres.
-fn own_odds(account: &Account, across_m2: f32) -> f32 {
-    let explains = account.rivalry / account.looks;
+/// Log odds over chance that there is surface within [`NEAR_M`], as far as a place's own observations say, with this variance
+/// across the surface, square metres.
+fn own_odds(statistics: &ViewStatistics, across_m2: f32) -> f32 {
+    let explains = statistics.explained_ratio / statistics.observations;
     if explains.is_nan() {
         return f32::NEG_INFINITY;
     }
-    // Rounding puts what explains all of its looks beside 1.
+    // Rounding puts what explains all of its observations beside 1.
     let explains = explains.min(1.0);
     let told = (explains / (1.0 - explains)).ln();
     let across_m = across_m2.max(LEAST_M2).sqrt();
-    EVEN_ODDS + PER_RIVALRY * told.clamp(LEAST_TOLD, MOST_TOLD)
+    EVEN_ODDS + PER_EXPLAINED_RATIO * told.clamp(LEAST_TOLD, MOST_TOLD)
         - PER_SIGMA * (across_m / NEAR_M).ln()
 }
 
@@ -219,18 +221,18 @@ fn of_odds(odds: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::refine::expectation::Pull;
+    use crate::refine::expectation::Score;
     use echosplat_model::glam::Vec3;
 
     const VOXEL_M: f32 = 0.05;
 
     fn finding(information: Vec3, pose_m2: f32) -> Finding {
-        let pull = Pull {
+        let score = Score {
             information: SymmetricMat3::of(Mat3::from_diagonal(information)),
-            ..Pull::default()
+            ..Score::default()
         };
         let mut finding = Finding::default();
-        finding.add_look(&pull, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0);
+        finding.add_observation(&score, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0);
         finding
     }
 
@@ -240,12 +242,12 @@ mod tests {
         for away in directions.iter().map(|away| away.normalize()) {
             let weight = sigma_m.powi(-2);
             let square = Mat3::from_cols(away * away.x, away * away.y, away * away.z) * weight;
-            let pull = Pull {
+            let score = Score {
                 information: SymmetricMat3::of(square),
                 nearer: -away * weight,
-                ..Pull::default()
+                ..Score::default()
             };
-            finding.add_look(&pull, SymmetricMat3::default(), 0.0);
+            finding.add_observation(&score, SymmetricMat3::default(), 0.0);
         }
         finding
     }
@@ -277,20 +279,28 @@ mod tests {
     }
 
     #[test]
-    fn however_many_looks_come_together_a_place_is_no_surer_than_their_poses() {
-        let looks = |count: f32| {
+    fn however_many_observations_come_together_a_place_is_no_surer_than_their_poses() {
+        let observations = |count: f32| {
             let finding = finding(Vec3::splat(1e4), 4e-4).times(count);
             Place::of(&finding, 1.0, None, VOXEL_M)
                 .covariance_m2
                 .x_axis
                 .x
         };
-        assert!((looks(1.0) - 5e-4).abs() < 1e-6, "{}", looks(1.0));
-        assert!((looks(1e6) - 4e-4).abs() < 1e-6, "{}", looks(1e6));
+        assert!(
+            (observations(1.0) - 5e-4).abs() < 1e-6,
+            "{}",
+            observations(1.0)
+        );
+        assert!(
+            (observations(1e6) - 4e-4).abs() < 1e-6,
+            "{}",
+            observations(1e6)
+        );
     }
 
     #[test]
-    fn the_surface_around_says_what_looks_leave_open() {
+    fn the_surface_around_says_what_observations_leave_open() {
         let told = finding(Vec3::new(1e4, 1e4, 0.0), 0.0);
         let alone = Place::of(&told, 1.0, None, VOXEL_M).covariance_m2;
         assert!((alone.z_axis.z.sqrt() - REACH_M as f32).abs() < 0.1);
@@ -319,7 +329,7 @@ mod tests {
     fn nothing_told_is_nothing_known_and_finite() {
         let nothing = Place::of(&Finding::default(), 0.125, None, VOXEL_M);
         assert!((nothing.covariance_m2.x_axis.x.sqrt() - REACH_M as f32).abs() < 0.1);
-        let certainty = Certainty::of(&nothing, &Account::default(), VOXEL_M);
+        let certainty = Certainty::of(&nothing, &ViewStatistics::default(), VOXEL_M);
         assert!((certainty.probability - BY_CHANCE).abs() < 1e-6 && !certainty.is_likely);
     }
 
@@ -334,12 +344,12 @@ mod tests {
         assert!(!covariance.diagonal.is_nan() && covariance.mixed == Vec3::ZERO);
     }
 
-    /// Of what explains this share of ten looks.
-    fn account(explains: f32) -> Account {
-        Account {
-            looks: 10.0,
-            rivalry: 10.0 * explains,
-            ..Account::default()
+    /// Of what explains this share of ten observations.
+    fn statistics(explains: f32) -> ViewStatistics {
+        ViewStatistics {
+            observations: 10.0,
+            explained_ratio: 10.0 * explains,
+            ..ViewStatistics::default()
         }
     }
 
@@ -349,11 +359,11 @@ mod tests {
             shared_m,
             off,
         };
-        place.probability(own_odds(&account(explains), across_m * across_m))
+        place.probability(own_odds(&statistics(explains), across_m * across_m))
     }
 
     #[test]
-    fn the_more_a_place_explains_and_the_surer_it_and_its_poses_are_the_likelier_is_surface() {
+    fn the_more_a_place_explains_and_the_surer_it_and_its_poses_are_the_more_likely_is_surface() {
         let usual = probability(0.5, 0.05, 0.05, 1.0);
         assert!(usual > probability(0.4, 0.05, 0.05, 1.0));
         assert!(usual > probability(0.5, 0.06, 0.05, 1.0));
@@ -364,7 +374,8 @@ mod tests {
         assert!(probability(1.0, 0.03, 0.03, 1.0) > 0.95);
         assert!(probability(1.0, 0.0, 0.0, 0.0) <= 1.0);
         let (beyond, whole) = (1.000_001, 1.0);
-        let [beyond, whole] = [beyond, whole].map(|part| probability(part, 0.03, 0.03, 1.0));
+        let [beyond, whole] =
+            [beyond, whole].map(|explains| probability(explains, 0.03, 0.03, 1.0));
         assert_eq!(beyond.to_bits(), whole.to_bits());
         let hardly = probability(0.0, 1.0, 1.0, 1.0);
         assert!((BY_CHANCE..0.2).contains(&hardly), "{hardly}");
@@ -381,7 +392,7 @@ mod tests {
     fn where_voxels_are_wider_than_surface_is_looked_for_as_much_is_asked_of_places_as_much_wider()
     {
         let is_likely = |sigma_m: f32, voxel_m: f32| {
-            own_odds(&account(0.7), sigma_m * sigma_m) >= least_odds(voxel_m)
+            own_odds(&statistics(0.7), sigma_m * sigma_m) >= least_odds(voxel_m)
         };
         assert_eq!(
             least_odds(0.5 * NEAR_M).to_bits(),

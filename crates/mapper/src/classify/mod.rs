@@ -2,4 +2,4 @@
 
 pub(crate) mod assess;
 pub(crate) mod certainty;
-pub(crate) mod shade;
+pub(crate) mod occlusion;

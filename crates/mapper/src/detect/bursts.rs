@@ -2,7 +2,7 @@
 //!
 //! Cost: the bins of a ping times twice those that an echo is widened by.
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 
 /// What two pings hear of one place differs by at most this: 12 dB of the beam, if it turned by its width between
 /// them, and 6 dB of speckle.
@@ -13,7 +13,7 @@ const MOST_MOVE_M: f32 = 0.05;
 /// Remembers the ping before.
 #[derive(Debug, Default)]
 pub(crate) struct Bursts {
-    before: Option<(Look, Vec<f32>)>,
+    before: Option<(PingGeometry, Vec<f32>)>,
 }
 
 impl Bursts {
@@ -21,14 +21,14 @@ impl Bursts {
     /// `widen` bins. None where the pings do not see the same.
     pub(crate) fn runs(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         blank: usize,
         widen: usize,
     ) -> Box<[(u32, u32)]> {
         let before = self.before.take();
         let mut runs: Vec<(u32, u32)> = Vec::new();
-        if let Some((_, heard)) = before.filter(|(then, _)| sees_alike(look, then)) {
+        if let Some((_, heard)) = before.filter(|(then, _)| sees_alike(geometry, then)) {
             for (bin, &power) in intensity.iter().enumerate().skip(blank) {
                 let around = bin.saturating_sub(widen)..(bin + widen + 1).min(heard.len());
                 let most = heard.get(around).unwrap_or_default();
@@ -41,13 +41,13 @@ impl Bursts {
                 }
             }
         }
-        self.before = Some((*look, intensity.to_vec()));
+        self.before = Some((*geometry, intensity.to_vec()));
         runs.into()
     }
 }
 
 /// Whether two pings have the same bins and beams at most a beam's width and a small move apart.
-fn sees_alike(now: &Look, then: &Look) -> bool {
+fn sees_alike(now: &PingGeometry, then: &PingGeometry) -> bool {
     let is_same = |a: f32, b: f32| (a - b).abs() <= f32::EPSILON * a.abs();
     let turned = now.pose.axes.x_axis.dot(then.pose.axes.y_axis).abs();
     now.bin_count == then.bin_count
@@ -60,14 +60,14 @@ fn sees_alike(now: &Look, then: &Look) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use echosplat_acoustics::{Beam, LookPose};
+    use echosplat_acoustics::{Beam, PingPose};
     use echosplat_model::glam::{Mat3, Vec3};
 
     use super::*;
 
-    fn look(heading_deg: f32) -> Look {
-        Look {
-            pose: LookPose {
+    fn geometry(heading_deg: f32) -> PingGeometry {
+        PingGeometry {
+            pose: PingPose {
                 position_m: Vec3::ZERO,
                 axes: Mat3::from_rotation_z(heading_deg.to_radians()),
                 drift_per_m: Vec3::ZERO,
@@ -95,8 +95,9 @@ mod tests {
     #[test]
     fn a_pulse_at_another_range_is_told_and_an_echo_that_comes_into_the_beam_is_not() {
         let mut bursts = Bursts::default();
-        let mut runs =
-            |heading_deg, powers: &[f32]| bursts.runs(&look(heading_deg), powers, 10, 4).to_vec();
+        let mut runs = |heading_deg, powers: &[f32]| {
+            bursts.runs(&geometry(heading_deg), powers, 10, 4).to_vec()
+        };
         assert!(runs(0.0, &heard(6.0, &[])).is_empty());
         assert!(runs(0.5, &heard(100.0, &[])).is_empty());
         let loud = [(5, 1e4), (300, 1e4), (301, 1e3), (400, 60.0)];
@@ -109,7 +110,11 @@ mod tests {
     #[test]
     fn silence_before_tells_nothing() {
         let mut bursts = Bursts::default();
-        bursts.runs(&look(0.0), &[0.0; 500], 0, 4);
-        assert!(bursts.runs(&look(0.0), &heard(100.0, &[]), 0, 4).is_empty());
+        bursts.runs(&geometry(0.0), &[0.0; 500], 0, 4);
+        assert!(
+            bursts
+                .runs(&geometry(0.0), &heard(100.0, &[]), 0, 4)
+                .is_empty()
+        );
     }
 }

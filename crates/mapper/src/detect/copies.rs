@@ -10,7 +10,7 @@
 
 use std::sync::LazyLock;
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 use echosplat_model::glam::DVec3;
 
 use crate::detect::profile::{Profile, greatest};
@@ -33,19 +33,19 @@ const LEAST_ASKED: f64 = 300.0;
 /// between two parallel surfaces changes by more than an offset's step.
 const MOST_ALIGNED: f64 = 0.966;
 /// A strong bin is within 15 dB of the strongest of late.
-const STRONG_PART: f32 = 0.03;
+const STRONG_FRACTION: f32 = 0.03;
 /// Strong bins of a ping that are asked.
 const MOST_ASKED: usize = 24;
 /// A copy that would be heard is this many times above the threshold: 5 dB, for speckle.
 const AUDIBLE: f32 = 3.0;
-/// One echo may be this part of the strength expected: 6 dB less.
-const SPECKLE_PART: f32 = 0.25;
-/// A copy has at most this part of its source's power.
-const MOST_PART: f32 = 0.25;
+/// One echo may be this fraction of the strength expected: 6 dB less.
+const SPECKLE_FRACTION: f32 = 0.25;
+/// A copy has at most this fraction of its source's power.
+const MOST_FRACTION: f32 = 0.25;
 /// Pings between decisions.
 const DECISION_STRIDE: u32 = 64;
 
-static PART_OF_LEVEL: LazyLock<[f32; LEVELS]> =
+static FRACTION_OF_LEVEL: LazyLock<[f32; LEVELS]> =
     LazyLock::new(|| std::array::from_fn(|level| 10f32.powf(-0.6 - 0.2 * level as f32)));
 
 /// What was asked of one distance at one level, and where the beams pointed.
@@ -94,32 +94,33 @@ impl Copies {
     /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
     pub(crate) fn listen(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         profile: &Profile,
         strongest: f32,
         weight: f32,
     ) {
         let weight = f64::from(weight);
-        let direction = weight * look.pose.axes.x_axis.as_dvec3();
-        let peaks = profile.peaks(intensity, STRONG_PART * strongest);
+        let direction = weight * geometry.pose.axes.x_axis.as_dvec3();
+        let peaks = profile.peaks(intensity, STRONG_FRACTION * strongest);
         let thresholds = profile.thresholds(intensity.len());
         for &bin in peaks.iter().step_by(peaks.len() / MOST_ASKED + 1) {
             let source = intensity[bin];
             for (step, tried) in self.tried.iter_mut().enumerate() {
-                let behind = (offset_m(step) / look.bin_length_m + 0.5) as usize;
+                let behind = (offset_m(step) / geometry.bin_length_m + 0.5) as usize;
                 let Some(there) = intensity.get(bin + behind - 1..=bin + behind + 1) else {
                     break;
                 };
                 let heard = greatest(there);
-                let could_hear = |part: f32| part * source > AUDIBLE * thresholds[bin + behind];
-                for (tried, &part) in tried.iter_mut().zip(&*PART_OF_LEVEL) {
-                    if !could_hear(part) {
+                let could_hear =
+                    |fraction: f32| fraction * source > AUDIBLE * thresholds[bin + behind];
+                for (tried, &fraction) in tried.iter_mut().zip(&*FRACTION_OF_LEVEL) {
+                    if !could_hear(fraction) {
                         break;
                     }
                     tried.asked += weight;
                     tried.directions += direction;
-                    if heard > SPECKLE_PART * part * source && heard < source {
+                    if heard > SPECKLE_FRACTION * fraction * source && heard < source {
                         tried.found += weight;
                     }
                 }
@@ -148,17 +149,23 @@ impl Copies {
     }
 
     /// Whether the echo in a bin may be a copy of one before it.
-    pub(crate) fn explain(&self, look: &Look, intensity: &[f32], blank: usize, bin: u32) -> bool {
-        let tolerance = (STEP_M / look.bin_length_m).ceil() as usize + 1;
+    pub(crate) fn explain(
+        &self,
+        geometry: &PingGeometry,
+        intensity: &[f32],
+        blank: usize,
+        bin: u32,
+    ) -> bool {
+        let tolerance = (STEP_M / geometry.bin_length_m).ceil() as usize + 1;
         let power = intensity[bin as usize];
         self.offsets_m.iter().any(|offset_m| {
-            let behind = (offset_m / look.bin_length_m).round() as usize;
+            let behind = (offset_m / geometry.bin_length_m).round() as usize;
             let Some(source) = (bin as usize).checked_sub(behind) else {
                 return false;
             };
             let first = source.saturating_sub(tolerance).max(blank);
             let sources = intensity.get(first..=source + tolerance);
-            power < MOST_PART * greatest(sources.unwrap_or_default())
+            power < MOST_FRACTION * greatest(sources.unwrap_or_default())
         })
     }
 }
@@ -181,8 +188,8 @@ mod tests {
             let heading_deg = spread_deg * (f64::from(ping % 7) / 3.0 - 1.0);
             let mut echoes = vec![(range_m, 1e4)];
             echoes.extend(other(ping, range_m, heading_deg));
-            let (look, power, profile, strongest) = heard(heading_deg, &echoes);
-            copies.listen(&look, &power, &profile, strongest, 1.0);
+            let (geometry, power, profile, strongest) = heard(heading_deg, &echoes);
+            copies.listen(&geometry, &power, &profile, strongest, 1.0);
         }
         copies
     }
@@ -218,8 +225,13 @@ mod tests {
     fn what_is_louder_than_a_copy_can_be_is_not_explained() {
         let copies = learnt(40.0, |_, range_m, _| Some((range_m + 1.3, 1e3)));
         let explained = |echo: (f64, f32)| {
-            let (look, power, profile, _) = heard(0.0, &[(4.0, 1e4), echo]);
-            copies.explain(&look, &power, profile.first_bin(), (echo.0 / 0.02) as u32)
+            let (geometry, power, profile, _) = heard(0.0, &[(4.0, 1e4), echo]);
+            copies.explain(
+                &geometry,
+                &power,
+                profile.first_bin(),
+                (echo.0 / 0.02) as u32,
+            )
         };
         assert!(explained((5.3, 1e3)));
         assert!(!explained((5.3, 5e3)) && !explained((5.6, 1e3)));

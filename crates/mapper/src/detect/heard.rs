@@ -1,11 +1,11 @@
 //! Pings with given echoes, for tests.
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
 
 use crate::MapperConfig;
-use crate::accumulate::history::look_of;
+use crate::accumulate::history::geometry_of;
 use crate::detect::profile::{Backdrop, Levels, Profile};
 
 const BINS: usize = 600;
@@ -13,7 +13,10 @@ const BIN_M: f64 = 0.02;
 
 /// A level ping of faint noise with echoes at these ranges, metres, and powers: what it saw, its powers, what they
 /// say and the strongest of them.
-pub(crate) fn heard(heading_deg: f64, echoes: &[(f64, f32)]) -> (Look, Vec<f32>, Profile, f32) {
+pub(crate) fn heard(
+    heading_deg: f64,
+    echoes: &[(f64, f32)],
+) -> (PingGeometry, Vec<f32>, Profile, f32) {
     let mut power: Vec<f32> = (0..BINS)
         .map(|bin| 0.5 + 0.01 * (bin * 7 % 100) as f32)
         .collect();
@@ -35,8 +38,8 @@ pub(crate) fn heard(heading_deg: f64, echoes: &[(f64, f32)]) -> (Look, Vec<f32>,
         Box::default(),
         &config,
     );
-    let look = look_of(&posed, DVec3::ZERO, &config);
-    (look, power, profile, levels.strongest())
+    let geometry = geometry_of(&posed, DVec3::ZERO, &config);
+    (geometry, power, profile, levels.strongest())
 }
 
 /// A ping of these powers, 50 ms after the one of the number before.

@@ -11,7 +11,7 @@
 //! Cost: every fourth ping, or every one once a height is told, a distance for each confident Gaussian in reach, a projection for those
 //! at the ranges of at most 8 strong echoes, and for each of these 500 heights.
 
-use echosplat_acoustics::{Look, SymmetricMat3};
+use echosplat_acoustics::{PingGeometry, SymmetricMat3};
 use echosplat_model::glam::Vec3;
 
 use crate::detect::profile::{Profile, greatest};
@@ -30,7 +30,7 @@ const LEAST_ASKED: f64 = 300.0;
 /// What an image may lose against its source and be heard still: 3 dB at the surface and 13 dB of the beam.
 const LOSS: f32 = 40.0;
 /// A strong echo is within 15 dB of the strongest of late.
-const STRONG_PART: f32 = 0.03;
+const STRONG_FRACTION: f32 = 0.03;
 /// Strong echoes of a ping that are asked.
 const MOST_ASKED: usize = 8;
 /// Sensor and structure are below the surface by this at least, and an image this much behind its source, metres.
@@ -102,7 +102,7 @@ impl Mirror {
     /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
     pub(crate) fn listen(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         profile: &Profile,
         strongest: f32,
@@ -116,7 +116,7 @@ impl Mirror {
             return;
         }
         let thresholds = profile.thresholds(intensity.len());
-        let mut peaks = profile.peaks(intensity, STRONG_PART * strongest);
+        let mut peaks = profile.peaks(intensity, STRONG_FRACTION * strongest);
         peaks.retain(|&bin| intensity[bin] > LOSS * thresholds[bin]);
         if peaks.is_empty() {
             return;
@@ -127,25 +127,25 @@ impl Mirror {
         for &bin in asked.clone() {
             is_wanted[around(bin)].fill(true);
         }
-        let loudest = self.loudest(look, &is_wanted);
+        let loudest = self.loudest(geometry, &is_wanted);
         for &bin in asked {
             let around = &loudest[around(bin)];
             let source = around.iter().flatten().max_by(|a, b| a.0.total_cmp(&b.0));
             if let Some(&(_, place_m)) = source {
                 let is_image = |power: f32| power > thresholds[bin] && power < intensity[bin];
-                self.ask(look, intensity, place_m, f64::from(weight), is_image);
+                self.ask(geometry, intensity, place_m, f64::from(weight), is_image);
             }
         }
     }
 
     /// The Gaussian whose echo should be the loudest of each bin that is wanted: its energy and place.
-    fn loudest(&self, look: &Look, is_wanted: &[bool]) -> Vec<Option<(f32, Vec3)>> {
+    fn loudest(&self, geometry: &PingGeometry, is_wanted: &[bool]) -> Vec<Option<(f32, Vec3)>> {
         let mut loudest = vec![None; is_wanted.len()];
         for source in &self.sources {
-            let range_m = source.mean_m.distance(look.pose.position_m);
-            let bin = bin_at(look, range_m).filter(|&bin| is_wanted.get(bin) == Some(&true));
+            let range_m = source.mean_m.distance(geometry.pose.position_m);
+            let bin = bin_at(geometry, range_m).filter(|&bin| is_wanted.get(bin) == Some(&true));
             if let Some(bin) = bin
-                && let Some(splat) = look.project(source.mean_m, &source.covariance_m2)
+                && let Some(splat) = geometry.project(source.mean_m, &source.covariance_m2)
             {
                 let energy = splat.energy * source.strength;
                 if loudest[bin].is_none_or(|(most, _)| energy > most) {
@@ -158,15 +158,15 @@ impl Mirror {
 
     fn ask(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         place_m: Vec3,
         weight: f64,
         is_image: impl Fn(f32) -> bool,
     ) {
         for (step, tried) in self.tried.iter_mut().enumerate() {
-            let images_m = images_m(look, place_m, height_m(step));
-            let Some(bin) = images_m.and_then(|[once_m, _]| bin_at(look, once_m)) else {
+            let images_m = images_m(geometry, place_m, height_m(step));
+            let Some(bin) = images_m.and_then(|[once_m, _]| bin_at(geometry, once_m)) else {
                 continue;
             };
             // The higher the surface, the longer the way.
@@ -193,26 +193,29 @@ impl Mirror {
     }
 
     /// Bins of a ping in which images of confident Gaussians would be heard, louder than what is there.
-    pub(crate) fn explained(&self, look: &Look, intensity: &[f32]) -> Vec<bool> {
+    pub(crate) fn explained(&self, geometry: &PingGeometry, intensity: &[f32]) -> Vec<bool> {
         let mut explained = vec![false; intensity.len()];
         let Some(height_m) = self.height_m else {
             return explained;
         };
-        let tolerance = (TOLERANCE_M / look.bin_length_m).ceil() as usize;
+        let tolerance = (TOLERANCE_M / geometry.bin_length_m).ceil() as usize;
         for source in &self.sources {
-            let Some(images_m) = images_m(look, source.mean_m, height_m) else {
+            let Some(images_m) = images_m(geometry, source.mean_m, height_m) else {
                 continue;
             };
-            if look.project(source.mean_m, &source.covariance_m2).is_none() {
+            if geometry
+                .project(source.mean_m, &source.covariance_m2)
+                .is_none()
+            {
                 continue;
             }
-            let range_m = source.mean_m.distance(look.pose.position_m);
-            let Some(bin) = bin_at(look, range_m) else {
+            let range_m = source.mean_m.distance(geometry.pose.position_m);
+            let Some(bin) = bin_at(geometry, range_m) else {
                 continue;
             };
             let near = bin.saturating_sub(1)..(bin + 2).min(intensity.len());
             let direct = greatest(intensity.get(near).unwrap_or_default());
-            for image in images_m.into_iter().filter_map(|m| bin_at(look, m)) {
+            for image in images_m.into_iter().filter_map(|m| bin_at(geometry, m)) {
                 let first = image.saturating_sub(tolerance);
                 for at in first..(image + tolerance + 1).min(intensity.len()) {
                     explained[at] |= intensity[at] < direct;
@@ -227,15 +230,15 @@ fn height_m(step: usize) -> f32 {
     FIRST_M + STEP_M * step as f32
 }
 
-fn bin_at(look: &Look, range_m: f32) -> Option<usize> {
-    let bin = (range_m - look.range_start_m) / look.bin_length_m;
+fn bin_at(geometry: &PingGeometry, range_m: f32) -> Option<usize> {
+    let bin = (range_m - geometry.range_start_m) / geometry.bin_length_m;
     (bin >= 0.0).then_some(bin as usize)
 }
 
 /// Ranges at which a place is heard by way of a surface at this height, once and there and back, metres.
 /// `None` where sensor or place is not below it, or its image not behind it.
-fn images_m(look: &Look, place_m: Vec3, height_m: f32) -> Option<[f32; 2]> {
-    let sensor_m = look.pose.position_m;
+fn images_m(geometry: &PingGeometry, place_m: Vec3, height_m: f32) -> Option<[f32; 2]> {
+    let sensor_m = geometry.pose.position_m;
     let image_m = Vec3::new(place_m.x, place_m.y, 2.0 * height_m - place_m.z);
     let (direct, twice) = (place_m.distance(sensor_m), image_m.distance(sensor_m));
     let once = 0.5 * (direct + twice);
@@ -260,8 +263,8 @@ mod tests {
     }
 
     fn place(ping: u32) -> Source {
-        let part = f64::from(ping * 37 % 512) / 512.0;
-        source(3.0 + 2.0 * part as f32, 0.3 * (part as f32 - 0.5))
+        let fraction = f64::from(ping * 37 % 512) / 512.0;
+        source(3.0 + 2.0 * fraction as f32, 0.3 * (fraction as f32 - 0.5))
     }
 
     /// Learnt from pings of one place each, and of another echo as `other` says for the place.
@@ -272,8 +275,8 @@ mod tests {
             mirror.set_sources(vec![place]);
             let range_m = f64::from(place.mean_m.length());
             let echoes = [(range_m, 1e4), (other(place.mean_m), 1e3)];
-            let (look, power, profile, strongest) = heard(0.0, &echoes);
-            mirror.listen(&look, &power, &profile, strongest, 1.0);
+            let (geometry, power, profile, strongest) = heard(0.0, &echoes);
+            mirror.listen(&geometry, &power, &profile, strongest, 1.0);
         }
         mirror
     }
@@ -306,8 +309,8 @@ mod tests {
         mirror.set_sources(vec![place]);
         let (direct_m, image_m) = (f64::from(place.mean_m.length()), image_m(place.mean_m));
         let is_explained = |range_m: f64, power: f32| {
-            let (look, intensity, ..) = heard(0.0, &[(direct_m, 1e4), (range_m, power)]);
-            mirror.explained(&look, &intensity)[(range_m / 0.02) as usize]
+            let (geometry, intensity, ..) = heard(0.0, &[(direct_m, 1e4), (range_m, power)]);
+            mirror.explained(&geometry, &intensity)[(range_m / 0.02) as usize]
         };
         assert!(is_explained(image_m, 1e3));
         assert!(!is_explained(image_m, 2e4) && !is_explained(image_m + 1.0, 1e3));

@@ -12,7 +12,7 @@
 
 use std::sync::LazyLock;
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 
 use crate::detect::profile::Profile;
 
@@ -31,11 +31,11 @@ const LEAST_ASKED: f64 = 500.0;
 /// is passed at one range has one ratio to anything.
 const LEAST_RANGE_SCATTER: f64 = 0.05;
 /// A strong bin is within 15 dB of the strongest of late.
-const STRONG_PART: f32 = 0.03;
+const STRONG_FRACTION: f32 = 0.03;
 /// Strong bins of a ping that are asked.
 const MOST_ASKED: usize = 24;
-/// A multiple has at most this part of its source's power.
-const MOST_PART: f32 = 0.25;
+/// A multiple has at most this fraction of its source's power.
+const MOST_FRACTION: f32 = 0.25;
 /// Pings between decisions.
 const DECISION_STRIDE: u32 = 64;
 /// A multiple may be this far from its ratio, and a bin.
@@ -92,7 +92,7 @@ impl Multiples {
     /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
     pub(crate) fn listen(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         profile: &Profile,
         strongest: f32,
@@ -107,20 +107,20 @@ impl Multiples {
             let three = &intensity[bin.saturating_sub(1)..(bin + 2).min(intensity.len())];
             three.iter().sum::<f32>() / three.len() as f32
         };
-        let is_strong = |&bin: &usize| is_echo[bin] && power(bin) > STRONG_PART * strongest;
+        let is_strong = |&bin: &usize| is_echo[bin] && power(bin) > STRONG_FRACTION * strongest;
         let strong: Vec<usize> = (profile.first_bin()..intensity.len())
             .filter(is_strong)
             .collect();
         for &bin in strong.iter().step_by(strong.len() / MOST_ASKED + 1) {
-            let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+            let range_m = geometry.range_start_m + (bin as f32 + 0.5) * geometry.bin_length_m;
             let (log_range, source) = (f64::from(range_m).ln(), power(bin));
             for (tried, ratio) in self.tried.iter_mut().zip(&*RATIO_OF_STEP) {
-                let at = (ratio * range_m - look.range_start_m) / look.bin_length_m;
+                let at = (ratio * range_m - geometry.range_start_m) / geometry.bin_length_m;
                 if at as usize >= intensity.len() {
                     break;
                 }
                 tried.asked += weight;
-                if is_echo[at as usize] && power(at as usize) < MOST_PART * source {
+                if is_echo[at as usize] && power(at as usize) < MOST_FRACTION * source {
                     tried.found += weight;
                     tried.log_range += weight * log_range;
                     tried.log_range2 += weight * log_range * log_range;
@@ -151,8 +151,14 @@ impl Multiples {
     }
 
     /// Whether the echo in a bin may be one before it heard again.
-    pub(crate) fn explain(&self, look: &Look, intensity: &[f32], blank: usize, bin: u32) -> bool {
-        let start = look.range_start_m / look.bin_length_m;
+    pub(crate) fn explain(
+        &self,
+        geometry: &PingGeometry,
+        intensity: &[f32],
+        blank: usize,
+        bin: u32,
+    ) -> bool {
+        let start = geometry.range_start_m / geometry.bin_length_m;
         let power = intensity[bin as usize];
         self.ratios.iter().any(|ratio| {
             let at = (start + bin as f32 + 0.5) / ratio;
@@ -161,7 +167,7 @@ impl Multiples {
             let first = (near.max(0.0) as usize).max(blank);
             let end = (far.max(0.0).ceil() as usize).min(bin as usize);
             let sources = intensity.get(first..end).unwrap_or_default();
-            power < MOST_PART * sources.iter().copied().fold(0.0, f32::max)
+            power < MOST_FRACTION * sources.iter().copied().fold(0.0, f32::max)
         })
     }
 }
@@ -176,8 +182,9 @@ mod tests {
         let mut multiples = Multiples::default();
         for step in 0..512 {
             let range_m = 3.0 + 2.0 * f64::from(step * 37 % 512) / 512.0;
-            let (look, power, profile, strongest) = heard(0.0, &[(range_m, 1e4), other(range_m)]);
-            multiples.listen(&look, &power, &profile, strongest, 1.0);
+            let (geometry, power, profile, strongest) =
+                heard(0.0, &[(range_m, 1e4), other(range_m)]);
+            multiples.listen(&geometry, &power, &profile, strongest, 1.0);
         }
         multiples
     }
@@ -190,8 +197,8 @@ mod tests {
         };
         assert!((ratio / 1.7 - 1.0).abs() < 0.012, "{ratio}");
         let explained = |echoes: &[(f64, f32)], bins: std::ops::Range<u32>| {
-            let (look, power, profile, _) = heard(0.0, echoes);
-            let explain = |bin| multiples.explain(&look, &power, profile.first_bin(), bin);
+            let (geometry, power, profile, _) = heard(0.0, echoes);
+            let explain = |bin| multiples.explain(&geometry, &power, profile.first_bin(), bin);
             bins.filter(|&bin| explain(bin)).collect::<Vec<u32>>()
         };
         let echoes = [(4.0, 1e4), (6.0, 1e3), (6.8, 1e3)];
@@ -212,8 +219,9 @@ mod tests {
         multiples.tried[60] = before;
         let ratio = f64::from(RATIO_OF_STEP[60]);
         for _ in 0..4096 {
-            let (look, power, profile, strongest) = heard(0.0, &[(4.0, 1e4), (4.0 * ratio, 1e3)]);
-            multiples.listen(&look, &power, &profile, strongest, 1.0);
+            let (geometry, power, profile, strongest) =
+                heard(0.0, &[(4.0, 1e4), (4.0 * ratio, 1e3)]);
+            multiples.listen(&geometry, &power, &profile, strongest, 1.0);
         }
         let after = multiples.tried[60];
         assert!(after.asked > before.asked + 4096.0 && after.found > before.found + 4096.0);
@@ -229,8 +237,8 @@ mod tests {
     fn what_is_passed_at_one_range_tells_nothing() {
         let mut multiples = Multiples::default();
         for _ in 0..1024 {
-            let (look, power, profile, strongest) = heard(0.0, &[(4.0, 1e4), (6.0, 1e3)]);
-            multiples.listen(&look, &power, &profile, strongest, 1.0);
+            let (geometry, power, profile, strongest) = heard(0.0, &[(4.0, 1e4), (6.0, 1e3)]);
+            multiples.listen(&geometry, &power, &profile, strongest, 1.0);
         }
         assert_eq!(multiples.ratios(), [0.0; 0]);
     }

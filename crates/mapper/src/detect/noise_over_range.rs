@@ -24,7 +24,7 @@ const ROUGHNESS: f32 = 0.1;
 const LEAST_EXPONENT: f32 = 0.5;
 /// Least factor of range between two sections whose slope is tried, as its log.
 const LEAST_SPAN: f32 = 0.7;
-/// Sections quieter than this part of the loudest bin hold no noise of a receiver: a ping spans at most 90 dB.
+/// Sections quieter than this fraction of the loudest bin hold no noise of a receiver: a ping spans at most 90 dB.
 const SILENT: f32 = 1e-9;
 
 /// What some pings said of the noise.

@@ -33,10 +33,10 @@ pub(crate) struct Profile {
     strongest_here: f32,
     /// The same at about each range, by section of it.
     strongest: Powers,
-    /// An echo is above this, and no tail.
+    /// An echo is above this, and no side lobe.
     threshold: f32,
-    /// Echoes below this part of the strongest at about their range are tails of the beam.
-    tail_part: f32,
+    /// Echoes below this fraction of the strongest at about their range are side lobes of the beam.
+    side_lobe_fraction: f32,
     blank: usize,
     /// Bins that echoes are widened by, and that they may hide.
     widen: usize,
@@ -62,7 +62,7 @@ impl Profile {
         let mut start = 0;
         for (section, strongest) in self.strongest.iter().enumerate() {
             let end = self.end_of(section).clamp(start, bin_count);
-            thresholds[start..end].fill(self.threshold.max(self.tail_part * strongest));
+            thresholds[start..end].fill(self.threshold.max(self.side_lobe_fraction * strongest));
             start = end;
         }
         thresholds
@@ -243,7 +243,7 @@ impl Levels {
             strongest_here: 0.0,
             strongest: Powers::default(),
             threshold: 0.0,
-            tail_part: 10f32.powf(-0.1 * config.dynamic_range_db),
+            side_lobe_fraction: 10f32.powf(-0.1 * config.dynamic_range_db),
             blank: blank_bins(ping, config.blanking_m),
             widen: widen_bins(tolerance_m, bin_length_m),
             shadow: (SHADOW_LENGTH_M / bin_length_m) as usize,
@@ -322,8 +322,8 @@ impl Levels {
         (0..SECTIONS).map(near).collect()
     }
 
-    /// Whether a ping is evidence of anything: its receiver is not at its stop, and it is not louder
-    /// than can be, a glitch and not a glint. Nothing else is learnt of one that is not.
+    /// Whether a ping is evidence of anything: its receiver is not at its stop, and it is not louder than can be, a glitch
+    /// and not a specular return. Nothing else is learnt of one that is not.
     pub(crate) fn hears(&mut self, ping: &Ping, blanking_m: f64) -> bool {
         let open = &ping.intensity()[blank_bins(ping, blanking_m)..];
         if open.is_empty() || is_clipped(open) {
@@ -377,7 +377,7 @@ pub(crate) fn mean_of_noise(powers: &mut [f32]) -> f32 {
     *powers.select_nth_unstable_by(quarter, f32::total_cmp).1 / QUARTILE_OVER_MEAN
 }
 
-/// Rises at once and falls slowly, so that one glint does not hide what follows.
+/// Rises at once and falls slowly, so that one specular return does not hide what follows.
 fn risen(strongest: f32, peak: f32) -> f32 {
     peak.max(strongest * LEFT)
 }
@@ -553,7 +553,7 @@ mod tests {
     }
 
     #[test]
-    fn tails_are_told_from_echoes_at_their_range_alone_and_not_for_long() {
+    fn side_lobes_are_told_from_echoes_at_their_range_alone_and_not_for_long() {
         let mut levels = Levels::default();
         let mut echoes = |strong: &[(usize, f32)]| {
             let mut power = noise(600);

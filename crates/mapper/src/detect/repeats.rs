@@ -1,6 +1,6 @@
 //! Echoes that are heard again further out, and so say nothing of the place they seem to come from.
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 
 use crate::detect::copies::Copies;
 use crate::detect::mirror::{Mirror, Source};
@@ -41,37 +41,37 @@ impl Repeats {
     /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
     pub(crate) fn listen(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         profile: &Profile,
         strongest: f32,
         weight: f32,
     ) {
         self.multiples
-            .listen(look, intensity, profile, strongest, weight);
+            .listen(geometry, intensity, profile, strongest, weight);
         self.copies
-            .listen(look, intensity, profile, strongest, weight);
+            .listen(geometry, intensity, profile, strongest, weight);
         self.mirror
-            .listen(look, intensity, profile, strongest, weight);
+            .listen(geometry, intensity, profile, strongest, weight);
     }
 
     /// Asks a ping of before, which counts `weight`, for images of the sources of now.
     pub(crate) fn ask_for_surface(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         profile: &Profile,
         weight: f32,
     ) {
         let strongest = profile.strongest_here();
         self.mirror
-            .listen(look, intensity, profile, strongest, weight);
+            .listen(geometry, intensity, profile, strongest, weight);
     }
 
     /// Tells echoes that may be others heard again, and judges the ping without them. Returns their bins.
     pub(crate) fn doubt(
         &self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         ground: &Backdrop,
         profile: &mut Profile,
@@ -79,7 +79,7 @@ impl Repeats {
         if !self.are_known() {
             return 0;
         }
-        let runs = self.runs(look, intensity, profile);
+        let runs = self.runs(geometry, intensity, profile);
         if runs.is_empty() {
             return 0;
         }
@@ -93,14 +93,19 @@ impl Repeats {
     }
 
     /// Bins of a ping's echoes, half-open runs, that may be others heard again.
-    fn runs(&self, look: &Look, intensity: &[f32], profile: &Profile) -> Vec<(u32, u32)> {
+    fn runs(
+        &self,
+        geometry: &PingGeometry,
+        intensity: &[f32],
+        profile: &Profile,
+    ) -> Vec<(u32, u32)> {
         let mut runs: Vec<(u32, u32)> = Vec::new();
         let blank = profile.first_bin();
-        let images = self.mirror.explained(look, intensity);
+        let images = self.mirror.explained(geometry, intensity);
         for bin in profile.echoes.iter().flat_map(|&(start, end)| start..end) {
             if !images[bin as usize]
-                && !self.multiples.explain(look, intensity, blank, bin)
-                && !self.copies.explain(look, intensity, blank, bin)
+                && !self.multiples.explain(geometry, intensity, blank, bin)
+                && !self.copies.explain(geometry, intensity, blank, bin)
             {
                 continue;
             }
@@ -126,13 +131,13 @@ mod tests {
             let range_m = 3.0 + 2.0 * f64::from(step * 37 % 512) / 512.0;
             let heading_deg = 60.0 * f64::from(step % 7) / 6.0;
             let echoes = [(range_m, 1e4), (range_m + 1.3, 1e3)];
-            let (look, power, profile, strongest) = heard(heading_deg, &echoes);
-            repeats.listen(&look, &power, &profile, strongest, 1.0);
+            let (geometry, power, profile, strongest) = heard(heading_deg, &echoes);
+            repeats.listen(&geometry, &power, &profile, strongest, 1.0);
         }
         assert!(repeats.are_known());
         let echoes = [(4.0, 1e4), (5.3, 1e3), (8.0, 1e3)];
-        let (look, power, mut profile, _) = heard(0.0, &echoes);
-        let bins = repeats.doubt(&look, &power, &Backdrop::default(), &mut profile);
+        let (geometry, power, mut profile, _) = heard(0.0, &echoes);
+        let bins = repeats.doubt(&geometry, &power, &Backdrop::default(), &mut profile);
         assert_eq!(bins, 3);
         assert_eq!(*profile.echoes, [(199, 202), (399, 402)]);
         let states = [199, 262, 264, 265, 400].map(|bin| profile.state.at(bin));

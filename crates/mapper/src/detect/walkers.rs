@@ -12,7 +12,7 @@
 
 use std::collections::VecDeque;
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 
 use crate::detect::profile::Profile;
 
@@ -31,15 +31,15 @@ const BESIDE: f32 = 4.0;
 const MOST_CHANGE: f32 = 2.0;
 /// A pulse is some bins long and has its peak anywhere in them.
 const TOLERANCE_BINS: f32 = 3.0;
-/// A pulse goes on where power is at least this part of its peak: 9 dB.
-const PULSE_PART: f32 = 0.125;
+/// A pulse goes on where power is at least this fraction of its peak: 9 dB.
+const PULSE_FRACTION: f32 = 0.125;
 /// Strongest peaks of a ping that are asked.
 const MOST_ASKED: usize = 24;
 
 /// The peaks of one ping.
 #[derive(Debug)]
 struct Heard {
-    look: Look,
+    geometry: PingGeometry,
     /// Range, metres, and power.
     peaks: Vec<(f32, f32)>,
 }
@@ -62,7 +62,7 @@ impl Walkers {
     /// Runs of bins of a ping, half-open, that are a walking pulse; all its echoes have to be in the profile.
     pub(crate) fn runs(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         profile: &Profile,
     ) -> Vec<(u32, u32)> {
@@ -70,12 +70,13 @@ impl Walkers {
         bins.sort_by(|&a, &b| intensity[b].total_cmp(&intensity[a]));
         bins.truncate(MOST_ASKED);
         bins.sort_unstable();
-        let range_m = |bin: usize| look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+        let range_m =
+            |bin: usize| geometry.range_start_m + (bin as f32 + 0.5) * geometry.bin_length_m;
         let peaks: Vec<(f32, f32)> = bins.iter().map(|&b| (range_m(b), intensity[b])).collect();
         let mut runs: Vec<(u32, u32)> = Vec::new();
         for (&bin, &peak) in bins.iter().zip(&peaks) {
-            self.learn(look, peak);
-            if self.is_pulse(look, peak) {
+            self.learn(geometry, peak);
+            if self.is_pulse(geometry, peak) {
                 let (start, end) = pulse(intensity, profile.first_bin(), bin);
                 match runs.last_mut() {
                     Some(last) if last.1 >= start => last.1 = last.1.max(end),
@@ -83,23 +84,26 @@ impl Walkers {
                 }
             }
         }
-        self.before.push_front(Heard { look: *look, peaks });
+        self.before.push_front(Heard {
+            geometry: *geometry,
+            peaks,
+        });
         self.before.truncate(LONG);
         runs
     }
 
     /// Whether a peak has gone a short way at a known rate.
-    fn is_pulse(&self, look: &Look, peak: (f32, f32)) -> bool {
+    fn is_pulse(&self, geometry: &PingGeometry, peak: (f32, f32)) -> bool {
         let mut known = self.rates.iter().filter(|rate| rate.taught >= LEAST_TAUGHT);
-        known.any(|rate| self.went(look, peak, rate.walk_m, SHORT))
+        known.any(|rate| self.went(geometry, peak, rate.walk_m, SHORT))
     }
 
     /// Learns the rates of all long ways that end at a peak.
-    fn learn(&mut self, look: &Look, (range_m, power): (f32, f32)) {
+    fn learn(&mut self, geometry: &PingGeometry, (range_m, power): (f32, f32)) {
         let Some(first) = self.before.get(LONG - 1) else {
             return;
         };
-        let least_m = TOLERANCE_BINS * look.bin_length_m;
+        let least_m = TOLERANCE_BINS * geometry.bin_length_m;
         let starts = first
             .peaks
             .iter()
@@ -107,10 +111,11 @@ impl Walkers {
         let walks = starts.map(|(then_m, _)| (range_m - then_m) / LONG as f32);
         let long: Vec<f32> = walks
             .filter(|&walk_m| {
-                self.went(look, (range_m, power), walk_m, LONG) && self.is_no_place(look, walk_m)
+                self.went(geometry, (range_m, power), walk_m, LONG)
+                    && self.is_no_place(geometry, walk_m)
             })
             .collect();
-        let tolerance_m = TOLERANCE_BINS * look.bin_length_m / LONG as f32;
+        let tolerance_m = TOLERANCE_BINS * geometry.bin_length_m / LONG as f32;
         for walk_m in long {
             let alike = |rate: &&mut Rate| (rate.walk_m - walk_m).abs() <= 2.0 * tolerance_m;
             if let Some(rate) = self.rates.iter_mut().find(alike) {
@@ -126,8 +131,14 @@ impl Walkers {
     }
 
     /// Whether a peak came here by so many metres a ping over the last so many pings.
-    fn went(&self, look: &Look, (range_m, power): (f32, f32), walk_m: f32, pings: usize) -> bool {
-        let tolerance_m = TOLERANCE_BINS * look.bin_length_m;
+    fn went(
+        &self,
+        geometry: &PingGeometry,
+        (range_m, power): (f32, f32),
+        walk_m: f32,
+        pings: usize,
+    ) -> bool {
+        let tolerance_m = TOLERANCE_BINS * geometry.bin_length_m;
         let hears = |off_m: f32, back: usize| {
             let expected_m = range_m + off_m - back as f32 * walk_m;
             self.before.get(back - 1).is_some_and(|past| {
@@ -149,11 +160,11 @@ impl Walkers {
 
     /// Whether two pings on a long way had one beam, and so would have heard what stays in its place at one range, but for
     /// what the vehicle moved: an edge that the beam sweeps along comes back with it.
-    fn is_no_place(&self, look: &Look, walk_m: f32) -> bool {
-        let tolerance_m = TOLERANCE_BINS * look.bin_length_m;
+    fn is_no_place(&self, geometry: &PingGeometry, walk_m: f32) -> bool {
+        let tolerance_m = TOLERANCE_BINS * geometry.bin_length_m;
         let way = (1..=SHORT).map(|step| step * (LONG / SHORT));
-        let asked: Vec<(usize, &Look)> = std::iter::once((0, look))
-            .chain(way.filter_map(|back| Some((back, &self.before.get(back - 1)?.look))))
+        let asked: Vec<(usize, &PingGeometry)> = std::iter::once((0, geometry))
+            .chain(way.filter_map(|back| Some((back, &self.before.get(back - 1)?.geometry))))
             .collect();
         asked.iter().enumerate().any(|(index, &(back, now))| {
             let mut earlier = asked[index + 1..].iter();
@@ -166,7 +177,7 @@ impl Walkers {
 }
 
 /// Whether two beams are at most half their width apart across.
-fn is_one_beam(then: &Look, now: &Look) -> bool {
+fn is_one_beam(then: &PingGeometry, now: &PingGeometry) -> bool {
     let (then_axes, axes) = (&then.pose.axes, &now.pose.axes);
     let aside = axes.x_axis.dot(then_axes.y_axis).abs();
     let half_rad = (0.5 * now.beam.azimuth_width_deg).to_radians();
@@ -179,7 +190,7 @@ fn is_alike(a: f32, b: f32) -> bool {
 
 /// The most that the range of a fixed place in the beam changed between two pings, metres: what the vehicle moved
 /// along the directions of the beam.
-fn most_change_m(then: &Look, now: &Look) -> f32 {
+fn most_change_m(then: &PingGeometry, now: &PingGeometry) -> f32 {
     let moved_m = now.pose.position_m - then.pose.position_m;
     let axes = &now.pose.axes;
     let aside = (0.5 * now.beam.azimuth_width_deg).to_radians().sin();
@@ -191,7 +202,7 @@ fn most_change_m(then: &Look, now: &Look) -> f32 {
 
 /// The pulse around its peak, and a bin on each side.
 fn pulse(intensity: &[f32], blank: usize, peak: usize) -> (u32, u32) {
-    let goes_on = |&bin: &usize| intensity[bin] >= PULSE_PART * intensity[peak];
+    let goes_on = |&bin: &usize| intensity[bin] >= PULSE_FRACTION * intensity[peak];
     let start = (blank..=peak).rev().take_while(goes_on).last();
     let end = (peak..intensity.len()).take_while(goes_on).last();
     let start = start.unwrap_or(peak).saturating_sub(1).max(blank);
@@ -213,11 +224,11 @@ mod tests {
         let mut walkers = Walkers::default();
         let ping = |ping: usize| {
             let (range_m, power) = echo(ping);
-            let (mut look, intensity, profile, _) =
+            let (mut geometry, intensity, profile, _) =
                 heard(0.0, &[(2.0, 1e4), (range_m.into(), power)]);
-            look.pose.position_m.x = ping as f32 * move_m;
-            let runs = walkers.runs(&look, &intensity, &profile);
-            let at = (range_m / look.bin_length_m) as u32;
+            geometry.pose.position_m.x = ping as f32 * move_m;
+            let runs = walkers.runs(&geometry, &intensity, &profile);
+            let at = (range_m / geometry.bin_length_m) as u32;
             assert!(runs.iter().all(|&(start, end)| start <= at && at < end));
             runs.iter().map(|(start, end)| end - start).sum()
         };

@@ -6,18 +6,18 @@ use echosplat_model::Switch;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
-use super::{Mapper, NEWBORN_STRENGTH};
-use crate::accumulate::history::{History, Past};
+use super::{Mapper, SPAWN_STRENGTH};
+use crate::accumulate::history::{History, Keyframe};
 use crate::calibrate::sound::{self, Blocks};
 use crate::calibrate::{
     Calibration, Compass, Difference, Estimate, Landmarks, Moving, RANGE, Verdict, corrected,
     moving,
 };
-use crate::parts::Parts;
+use crate::features::Features;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
 use crate::refine::visibility::Sight;
-use crate::spawn::births;
+use crate::spawn::from_evidence;
 use crate::world::World;
 use crate::{ConfigError, MapperConfig};
 
@@ -25,17 +25,17 @@ use crate::{ConfigError, MapperConfig};
 const MAP_PINGS: usize = 2048;
 const MAP_PAIRS: u64 = 300_000_000;
 /// Most of the pings that go into it; the rest is for comparing maps on.
-const MAP_PART: f64 = 0.75;
+const MAP_FRACTION: f64 = 0.75;
 /// Most values that are tried, each with a map of its own.
 const TRIALS: usize = 4;
 
 /// What a map is made for. Maps of one kind alone are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Purpose {
-    /// To see its landmarks. Places that few looks lit would take up part of what poses have wrong.
+    /// To see its landmarks. Places that few observations lit would take up some of what poses have wrong.
     Landmarks,
-    /// To see how long ranges are, with places that few looks lit where the dive expects glints: a body's sides are seen by few,
-    /// and by near sides alone ranges look short.
+    /// To see how long ranges are, with places that few observations lit where the dive expects specular returns: a body's sides
+    /// are seen by few, and by near sides alone ranges look short.
     Ranges,
 }
 
@@ -43,7 +43,7 @@ enum Purpose {
 /// that it may be asked on another thread.
 #[derive(Debug)]
 pub struct Calibrator {
-    pings: Vec<Arc<Past>>,
+    pings: Vec<Arc<Keyframe>>,
     blank: Mapper,
 }
 
@@ -64,7 +64,7 @@ impl Mapper {
             workout_pairs: self.config.workout_pairs.min(MAP_PAIRS),
             ..self.config.clone()
         };
-        config.parts = Parts {
+        config.parts = Features {
             splitting: Switch::Off,
             ..self.config.parts.for_comparison()
         };
@@ -121,7 +121,7 @@ impl Calibrator {
                 break;
             };
             let trial = Trial::of(&self.blank, corrected(&told, &verdict.after(&step)))?;
-            let gain = trial.mapped.likelier(&best.mapped);
+            let gain = trial.mapped.more_likely(&best.mapped);
             let (before, after) = (best.difference(compass), trial.difference(compass));
             if verdict.judge(&step, before, after, gain) {
                 best = trial;
@@ -146,25 +146,25 @@ impl Calibrator {
         world.map_or(0.0, World::axis_rad)
     }
 
-    /// The likeliest speed of sound with what else was believed. A map of few pings may be better than another by chance, so
+    /// The most likely speed of sound with what else was believed. A map of few pings may be better than another by chance, so
     /// that what would be believed is asked once more of maps of other pings.
     fn sound(&self, told: &[Moving], verdict: &Verdict) -> Option<Estimate> {
         let range_m = mean_range_m(told)?;
-        let blocks = |told: &[Moving], part: f64| {
+        let blocks = |told: &[Moving], fraction: f64| {
             let mut values = verdict.values;
-            values[RANGE] = part;
+            values[RANGE] = fraction;
             let moving = corrected(told, &values);
             Some(Mapped::of(&self.blank, Purpose::Ranges, moving)?.blocks())
         };
-        let first = sound::likeliest(range_m, |part| blocks(told, part))?;
+        let first = sound::most_likely(range_m, |fraction| blocks(told, fraction))?;
         // Where poses smear echoes the likelihood is not that of the echoes.
         let is_likelihood = !self.blank.at_work.smeared;
         if !(is_likelihood && first.is_off()) {
             return Some(first.told(is_likelihood));
         }
-        // Those that the first maps were made of are held back now, and most of the others were.
+        // Those that the first maps were made of are held out now, and most of the others were.
         let others = told.get(1..)?;
-        let second = sound::likeliest(range_m, |part| blocks(others, part))?;
+        let second = sound::most_likely(range_m, |fraction| blocks(others, fraction))?;
         Some(first.and(second).told(true))
     }
 }
@@ -173,10 +173,11 @@ impl Calibrator {
 fn mean_range_m(moving: &[Moving]) -> Option<f64> {
     let (mut sum_m, mut count) = (0.0, 0.0);
     for moving in moving {
-        let look = &moving.past.look;
-        for &(start, end) in &moving.past.profile.echoes {
+        let geometry = &moving.keyframe.geometry;
+        for &(start, end) in &moving.keyframe.profile.echoes {
             let (bins, middle) = (f64::from(end - start), 0.5 * f64::from(start + end));
-            sum_m += bins * (f64::from(look.range_start_m) + middle * f64::from(look.bin_length_m));
+            sum_m += bins
+                * (f64::from(geometry.range_start_m) + middle * f64::from(geometry.bin_length_m));
             count += bins;
         }
     }
@@ -235,8 +236,8 @@ impl Mapped {
         Some(Self { map, moving })
     }
 
-    /// By how many standard errors over blocks of time the pings held back are likelier than with another.
-    fn likelier(&self, other: &Self) -> f64 {
+    /// Likelihood gain over another on held-out pings, in standard errors over blocks of time.
+    fn more_likely(&self, other: &Self) -> f64 {
         let theirs = other.blocks();
         let gains = self.blocks().into_iter();
         let gains: Vec<f64> = gains
@@ -248,7 +249,7 @@ impl Mapped {
         mean / (square / (count * (count - 1.0))).sqrt()
     }
 
-    /// Log likelihood of the pings held back.
+    /// Log likelihood of the held-out pings.
     fn blocks(&self) -> Blocks {
         let Some(world) = &self.map.world else {
             return Blocks::new();
@@ -257,7 +258,7 @@ impl Mapped {
         let field = Field::of(&world.evidence, &self.map.gaussians);
         let (_, held) = split(&self.moving);
         let of_ping = |sight: &mut Sight, moving: &Moving| {
-            sight.look(&moving.past, scene, &field);
+            sight.observe(&moving.keyframe, scene, &field);
             (moving.block, sight.log_likelihood())
         };
         let likelihoods: Vec<(u32, f64)> = held
@@ -272,43 +273,44 @@ impl Mapped {
     }
 }
 
-/// The map of some of the pings that are not held back.
+/// The map of some of the pings that are not held out.
 fn mapped(blank: &Mapper, purpose: Purpose, moving: &[Moving]) -> Option<Mapper> {
     let mut map = blank.emptied(Arc::clone(&blank.pool))?;
-    if purpose == Purpose::Ranges && blank.at_work.glints {
+    if purpose == Purpose::Ranges && blank.at_work.specular_returns {
         map.config.parts.glints = Switch::On;
     }
     let (used, _) = split(moving);
     let (count, stride) = (used.len(), moving.len() as f32 / used.len().max(1) as f32);
     map.history = History::new(count.max(1));
     for moving in used {
-        let past = &moving.past;
+        let keyframe = &moving.keyframe;
         // Those left out in between said some of it.
-        let weight = (past.weight * stride).min(1.0);
-        map.history.push(Past {
+        let weight = (keyframe.weight * stride).min(1.0);
+        map.history.push(Keyframe {
             weight,
-            ..Past::clone(past)
+            ..Keyframe::clone(keyframe)
         });
     }
     let extent = map.at_work.converged;
     let evidence = &mut map.world.as_mut()?.evidence;
-    map.status.voxel_looks = evidence.integrate_anew(&map.history, extent, &map.progress);
+    map.status.voxel_observations = evidence.integrate_anew(&map.history, extent, &map.progress);
     let (spawn, strength) = (
         map.config.spawn_evidence,
-        NEWBORN_STRENGTH * map.unit_strength,
+        SPAWN_STRENGTH * map.unit_strength,
     );
-    births::follow_evidence(evidence, &mut map.gaussians, spawn, strength);
+    from_evidence::spawn_and_prune(evidence, &mut map.gaussians, spawn, strength);
     map.work_all_out();
     // Two such maps are held while they are compared, and only their Gaussians are.
-    map.world.as_mut()?.evidence.forget_looks();
+    map.world.as_mut()?.evidence.forget_observations();
     Some(map)
 }
 
 /// Those that maps are made of, and those that they are compared on.
 fn split(moving: &[Moving]) -> (Vec<&Moving>, Vec<&Moving>) {
-    let part = (MAP_PINGS as f64 / moving.len() as f64).min(MAP_PART);
-    let is_used =
-        |index: usize| ((index + 1) as f64 * part) as usize > (index as f64 * part) as usize;
+    let fraction = (MAP_PINGS as f64 / moving.len() as f64).min(MAP_FRACTION);
+    let is_used = |index: usize| {
+        ((index + 1) as f64 * fraction) as usize > (index as f64 * fraction) as usize
+    };
     let (used, held): (Vec<_>, Vec<_>) = moving
         .iter()
         .enumerate()
@@ -326,7 +328,7 @@ mod tests {
     use crate::detect::posed;
 
     #[test]
-    fn all_maps_of_a_kind_expect_glints_or_none_does() {
+    fn all_maps_of_a_kind_expect_specular_returns_or_none_does() {
         let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
         for number in 0..200 {
             let power = |bin: u32| match bin.abs_diff(200) < 2 {
@@ -340,12 +342,12 @@ mod tests {
             mapper.insert(&posed(number, (0..300).map(power).collect(), pose));
         }
         mapper.finish();
-        assert!(mapper.at_work.glints && mapper.config.parts.glints == Switch::Auto);
+        assert!(mapper.at_work.specular_returns && mapper.config.parts.glints == Switch::Auto);
         let calibrator = mapper.calibrator().unwrap();
         let told = moving(&calibrator.pings);
         let of = |purpose: Purpose| {
             let map = mapped(&calibrator.blank, purpose, &told).unwrap();
-            (map.config.parts.glints, map.at_work.glints)
+            (map.config.parts.glints, map.at_work.specular_returns)
         };
         assert_eq!(of(Purpose::Landmarks), (Switch::Off, false));
         assert_eq!(of(Purpose::Ranges), (Switch::On, true));

@@ -2,21 +2,23 @@
 
 use std::sync::Arc;
 
-use echosplat_acoustics::{Look, SymmetricMat3};
+use echosplat_acoustics::{PingGeometry, SymmetricMat3};
 use echosplat_model::glam::{DVec3, Vec3};
 use echosplat_model::{Ping, PosedPing, Standing};
 use rayon::prelude::*;
 
 use super::status::InsertReport;
-use super::{Mapper, NEWBORN_STRENGTH};
+use super::{Mapper, SPAWN_STRENGTH};
 use crate::MapperConfig;
-use crate::accumulate::history::{Past, look_of, novelty, past_of, pose_blur, pulse_variance_m2};
+use crate::accumulate::history::{
+    Keyframe, geometry_of, keyframe_of, novelty, pose_blur, pulse_variance_m2,
+};
 use crate::detect::mirror::Source;
 use crate::detect::profile::{Backdrop, Levels, Profile, RING_DOWN_M, blank_bins, widen_bins};
 use crate::detect::working_range::WorkingRange;
-use crate::parts::{Cue, Extent};
+use crate::features::{Cue, Extent};
 use crate::seabed::Seabed;
-use crate::spawn::births;
+use crate::spawn::from_evidence;
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::world::{World, first_voxel_m, useful_range_m};
 
@@ -25,7 +27,7 @@ use crate::world::{World, first_voxel_m, useful_range_m};
 const SUMMED_UP_ANEW: usize = 32;
 /// On the pings' clock, a slice does not wait longer than this to be complete.
 const LONGEST_SLICE_S: f64 = 0.1;
-/// Of what an independent look says, which a turn by the beam's width or a move of 5 cm makes.
+/// Of what an independent observation says, which a turn by the beam's width or a move of 5 cm makes.
 const LEAST_NOVELTY: f32 = 0.5;
 /// No place on Earth is further from any origin in use, and nothing under water as fast: metres, and
 /// metres or radians a second.
@@ -33,8 +35,8 @@ const FURTHEST_M: f64 = 1e9;
 const FASTEST: f64 = 1e3;
 /// A vehicle moves less before the map's sources of echoes are told again, metres.
 const BETWEEN_SOURCES_M: f32 = 5.0;
-/// A ping whose pose leaves open this part of its range says nothing of any place.
-const UNPLACED_PART: f64 = 0.25;
+/// A ping whose pose leaves open this fraction of its range says nothing of any place.
+const UNPLACED_FRACTION: f64 = 0.25;
 /// Voxels from the first ping that can still be counted in 32 bits.
 const MOST_VOXELS: f64 = (1 << 30) as f64;
 
@@ -112,30 +114,30 @@ impl Mapper {
     fn is_evidence(&mut self, posed: &PosedPing) -> bool {
         let (_, voxel_m) = self.origin_and_voxel_m(posed);
         let tolerance_m = tolerance_m(voxel_m, range_sigma_m(posed, &self.config));
-        f64::from(tolerance_m) <= UNPLACED_PART * posed.ping.settings().range_length_m
+        f64::from(tolerance_m) <= UNPLACED_FRACTION * posed.ping.settings().range_length_m
             && self.levels.hears(&posed.ping, self.config.blanking_m)
     }
 
     /// What the ping measured, before anything of the map.
-    fn listen(&mut self, posed: &PosedPing) -> Past {
+    fn listen(&mut self, posed: &PosedPing) -> Keyframe {
         let config = &self.config;
         let begun = || World::begun_by(posed, config);
         let world = self.world.get_or_insert_with(begun);
         let posed = &world.enter(posed);
-        let look = look_of(posed, DVec3::ZERO, config);
+        let geometry = geometry_of(posed, DVec3::ZERO, config);
         let blur = pose_blur(posed, config);
         let range_sigma_m = range_sigma_m(posed, config);
         let tolerance_m = tolerance_m(world.evidence.voxel_m(), range_sigma_m);
         let seabed = &mut self.seabed;
         let brightness = seabed.brightness();
-        let ground = seabed.backdrop(&look, brightness);
+        let ground = seabed.backdrop(&geometry, brightness);
         let ping = &posed.ping;
         let (blank, bin_length_m) = (
             blank_bins(ping, config.blanking_m),
             ping.settings().bin_length_m(),
         );
         let widen = widen_bins(tolerance_m.into(), bin_length_m);
-        let bursts = self.bursts.runs(&look, ping.intensity(), blank, widen);
+        let bursts = self.bursts.runs(&geometry, ping.intensity(), blank, widen);
         let settings = ping.settings();
         let of_vehicle = self.own_vehicle.runs(
             settings.range_start_m,
@@ -148,10 +150,10 @@ impl Mapper {
             .profile(ping, tolerance_m.into(), &ground, foreign, config);
         let weight = match posed.ping.view() {
             Some(_) => 1.0,
-            None => novelty(&look, self.last_look.as_ref()),
+            None => novelty(&geometry, self.last_geometry.as_ref()),
         };
         let (intensity, strongest) = (posed.ping.intensity(), self.levels.strongest());
-        let walking = self.walkers.runs(&look, intensity, &profile);
+        let walking = self.walkers.runs(&geometry, intensity, &profile);
         if !walking.is_empty() {
             profile.foreign = in_order(&[&profile.foreign, &walking]);
             profile.judge(intensity, &ground);
@@ -161,34 +163,37 @@ impl Mapper {
             .map(|&(start, end)| u64::from(end - start))
             .sum::<u64>();
         if self.repeats.wants_sources() {
-            let reach_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+            let reach_m =
+                geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
             let reach_m = reach_m + BETWEEN_SOURCES_M;
-            let at_m = look.pose.position_m;
+            let at_m = geometry.pose.position_m;
             let sources = sources(&self.gaussians, |mean_m| mean_m.distance(at_m) < reach_m);
             self.repeats.set_sources(sources);
         }
         self.repeats
-            .listen(&look, intensity, &profile, strongest, weight);
-        self.status.bins_doubted += self.repeats.doubt(&look, intensity, &ground, &mut profile);
+            .listen(&geometry, intensity, &profile, strongest, weight);
+        self.status.bins_doubted += self
+            .repeats
+            .doubt(&geometry, intensity, &ground, &mut profile);
         let seabed = &mut self.seabed;
         self.pool
-            .install(|| seabed.listen(&look, intensity, &profile));
-        self.learn_from_strongest(&look, intensity, &profile, weight);
+            .install(|| seabed.listen(&geometry, intensity, &profile));
+        self.learn_from_strongest(&geometry, intensity, &profile, weight);
         self.status.noise_db = 10.0 * (profile.noise / self.levels.strongest()).log10();
         self.cues.add(Cue {
             runs: profile.echoes.len(),
             weight,
-            quarter: quarter_of(look.pose.axes.x_axis),
+            sector: sector_of(geometry.pose.axes.x_axis),
             blur_m: range_sigma_m,
             jitter_m: jitter_m(posed),
         });
-        past_of(look, blur, profile, weight, brightness, posed)
+        keyframe_of(geometry, blur, profile, weight, brightness, posed)
     }
 
     /// The range of the ping's strongest echo, and the strength at which a Gaussian of one voxel would make it.
     fn learn_from_strongest(
         &mut self,
-        look: &Look,
+        geometry: &PingGeometry,
         intensity: &[f32],
         profile: &Profile,
         weight: f32,
@@ -198,13 +203,13 @@ impl Mapper {
         let strongest =
             bins.max_by(|&a, &b| intensity[a as usize].total_cmp(&intensity[b as usize]));
         let Some(bin) = strongest else { return };
-        let range_m = look.range_start_m + (bin as f32 + 0.5) * look.bin_length_m;
+        let range_m = geometry.range_start_m + (bin as f32 + 0.5) * geometry.bin_length_m;
         let threshold = profile.thresholds(intensity.len())[bin as usize];
         let over_threshold = intensity[bin as usize] / threshold;
         self.working_range.hear(range_m, over_threshold, weight);
-        let ahead = look.pose.position_m + look.pose.axes.x_axis * range_m;
+        let ahead = geometry.pose.position_m + geometry.pose.axes.x_axis * range_m;
         let round = SymmetricMat3::isotropic(0.5 * world.evidence.voxel_m());
-        if let Some(splat) = look.project(ahead, &round) {
+        if let Some(splat) = geometry.project(ahead, &round) {
             let needed = intensity[bin as usize] / splat.energy;
             let before = if self.unit_strength > 0.0 {
                 self.unit_strength
@@ -217,13 +222,13 @@ impl Mapper {
 
     /// Adds a ping to the history if it says something; whether it does.
     fn remember(&mut self, posed: &PosedPing) -> bool {
-        let past = self.listen(posed);
-        if past.weight < self.least_novelty() {
+        let keyframe = self.listen(posed);
+        if keyframe.weight < self.least_novelty() {
             self.status.pings_redundant += 1;
             return false;
         }
-        self.last_look = Some(past.look);
-        self.history.push(past);
+        self.last_geometry = Some(keyframe.geometry);
+        self.history.push(keyframe);
         true
     }
 
@@ -235,24 +240,29 @@ impl Mapper {
         self.working_range = WorkingRange::default();
         self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
-        for past in self.history.pings_mut().iter_mut().map(Arc::make_mut) {
+        for keyframe in self.history.pings_mut().iter_mut().map(Arc::make_mut) {
             self.progress.tell();
-            let range_m =
-                |bin: usize| past.look.range_start_m + (bin as f32 + 0.5) * past.look.bin_length_m;
-            let bins = past.profile.intensity.iter().enumerate();
+            let range_m = |bin: usize| {
+                keyframe.geometry.range_start_m
+                    + (bin as f32 + 0.5) * keyframe.geometry.bin_length_m
+            };
+            let bins = keyframe.profile.intensity.iter().enumerate();
             let factor = |bin: usize| range_m(bin).powf(-change);
             let referred = bins.map(|(bin, power)| Ping::nearest_power(power * factor(bin)));
             let intensity: Vec<f32> = referred.collect();
-            let profile = &mut past.profile;
-            let rings_until_m = ringing.until_m(past.gain_index);
+            let profile = &mut keyframe.profile;
+            let rings_until_m = ringing.until_m(keyframe.gain_index);
             profile.ring_until(rings_until_m);
-            let (start_m, length_m) = (past.look.range_start_m, past.look.bin_length_m);
+            let (start_m, length_m) = (
+                keyframe.geometry.range_start_m,
+                keyframe.geometry.bin_length_m,
+            );
             let of_vehicle = self
                 .own_vehicle
                 .runs_in(start_m.into(), length_m.into(), &intensity);
             profile.foreign = in_order(&[&profile.foreign, &of_vehicle]);
             self.levels.renew(profile, &intensity, &ground, config);
-            past.brightness = 0.0;
+            keyframe.brightness = 0.0;
         }
         if let Some(world) = &self.world {
             self.leave_voxels_for(world.evidence.voxel_m());
@@ -269,7 +279,7 @@ impl Mapper {
         world.better_voxel_m(range_end_m, working_range_m, &self.config)
     }
 
-    /// Begins with empty voxels of this size, which hear of the pings so far slice by slice. Gaussians are born again where
+    /// Begins with empty voxels of this size, which hear of the pings so far slice by slice. Gaussians are spawned again where
     /// their evidence is; until they are worked out, those of before are published.
     fn leave_voxels_for(&mut self, voxel_m: f32) {
         self.workout = None;
@@ -288,9 +298,9 @@ impl Mapper {
         self.leave_voxels_for(voxel_m);
         let pings = self.history.pings_mut().par_iter_mut();
         let tolerate = || {
-            pings.map(Arc::make_mut).for_each(|past| {
-                let tolerance_m = tolerance_m(voxel_m, past.range_sigma_m());
-                past.profile.tolerate(tolerance_m);
+            pings.map(Arc::make_mut).for_each(|keyframe| {
+                let tolerance_m = tolerance_m(voxel_m, keyframe.range_sigma_m());
+                keyframe.profile.tolerate(tolerance_m);
             });
         };
         self.pool.install(tolerate);
@@ -340,12 +350,12 @@ impl Mapper {
             return InsertReport::default();
         };
         let evidence = &mut world.evidence;
-        let strength = NEWBORN_STRENGTH * self.unit_strength;
+        let strength = SPAWN_STRENGTH * self.unit_strength;
         let spawn = self.config.spawn_evidence;
         let map = &mut self.gaussians;
         let (added, pruned) = self
             .pool
-            .install(|| births::follow_evidence(evidence, map, spawn, strength));
+            .install(|| from_evidence::spawn_and_prune(evidence, map, spawn, strength));
         InsertReport {
             slice_taken_in: true,
             added,
@@ -418,6 +428,6 @@ fn in_order(runs: &[&[(u32, u32)]]) -> Box<[(u32, u32)]> {
 }
 
 /// Quarter of the horizon that a direction is in.
-fn quarter_of(direction: Vec3) -> usize {
+fn sector_of(direction: Vec3) -> usize {
     usize::from(direction.x < 0.0) + 2 * usize::from(direction.y < 0.0)
 }

@@ -12,7 +12,7 @@ mod workout;
 
 use std::sync::Arc;
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 use echosplat_model::glam::DVec3;
 use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -25,8 +25,8 @@ use crate::detect::receiver::Receiver;
 use crate::detect::repeats::Repeats;
 use crate::detect::walkers::Walkers;
 use crate::detect::working_range::WorkingRange;
+use crate::features::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::mapper::workout::Workout;
-use crate::parts::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::progress::Progress;
 use crate::seabed::Seabed;
 use crate::spawn::gaussians::Gaussians;
@@ -35,9 +35,9 @@ use crate::{ConfigError, MapperConfig};
 pub use calibrator::Calibrator;
 pub use status::{InsertReport, MapperStatus};
 
-/// A Gaussian born on a running map starts far below what a typical echo needs, so that it does not
-/// disturb what explains the echo already, and is raised by what it explains.
-const NEWBORN_STRENGTH: f32 = 0.02;
+/// A Gaussian spawned on a running map starts far below what a typical echo needs, so that it does not disturb what explains
+/// the echo already, and is raised by what it explains.
+const SPAWN_STRENGTH: f32 = 0.02;
 
 /// From posed pings to a map.
 #[derive(Debug)]
@@ -57,7 +57,7 @@ pub struct Mapper {
     gaussians: Gaussians,
     /// Pings of the slice that is being gathered, as they came.
     waiting: Vec<PosedPing>,
-    last_look: Option<Look>,
+    last_geometry: Option<PingGeometry>,
     /// Tiles that are being worked out.
     workout: Option<Workout>,
     /// Work allowed and not yet done; below zero what the last portion took too much.
@@ -101,7 +101,7 @@ impl Mapper {
             repeats: Repeats::default(),
             gaussians: Gaussians::default(),
             waiting: Vec::new(),
-            last_look: None,
+            last_geometry: None,
             workout: None,
             credit_pairs: 0,
             sequence: 0,
@@ -163,8 +163,8 @@ impl Mapper {
         Snapshot {
             epoch: 1,
             sequence: self.sequence,
-            time: newest.map_or(Timestamp::ZERO, |past| past.time),
-            through_ping: newest.map_or(0, |past| past.sequence),
+            time: newest.map_or(Timestamp::ZERO, |keyframe| keyframe.time),
+            through_ping: newest.map_or(0, |keyframe| keyframe.sequence),
             origin_m: self
                 .world
                 .as_ref()

@@ -3,14 +3,14 @@
 use std::collections::VecDeque;
 
 use crate::accumulate::evidence::TileIndex;
-use crate::parts::AtWork;
+use crate::features::AtWork;
 use crate::refine::expectation::Pace;
 
 /// A step looks at every so many-th ping.
 pub(crate) const INTERLEAVE: f64 = 8.0;
 /// The last assessment looks at every so many-th ping.
 const LAST_STRIDE: f64 = 3.0;
-/// Steps after which tails are let go.
+/// Steps after which side lobes are suppressed.
 const ROUND_STEPS: usize = 4;
 /// Strengths have converged after this many times as many steps as sort out candidates.
 const CONVERGED: usize = 2;
@@ -24,7 +24,7 @@ pub(crate) enum Action {
         interleave: f64,
         pace: Pace,
     },
-    DropTails,
+    SuppressSideLobes,
     /// What explains next to nothing goes.
     DropIdle,
     /// What stayed gives way to the candidates around it.
@@ -59,8 +59,8 @@ pub(crate) struct Due {
     pub(crate) is_live: bool,
 }
 
-/// Few looks sort out most candidates; the rest is worth all of them. From an even start strengths converge, on few
-/// places of a surface, before the surface is filled again.
+/// Few observations sort out most candidates; the rest is worth all of them. From an even start strengths converge, on
+/// few places of a surface, before the surface is filled again.
 pub(crate) fn actions(passes: usize, start: Start, at_work: AtWork) -> VecDeque<Action> {
     let mut actions = VecDeque::new();
     let moves = match start {
@@ -85,7 +85,7 @@ pub(crate) fn actions(passes: usize, start: Start, at_work: AtWork) -> VecDeque<
     if at_work.splitting {
         actions.push_back(Action::Split);
         steps(&mut actions, passes / 5, INTERLEAVE, Pace::Full);
-        actions.push_back(Action::DropTails);
+        actions.push_back(Action::SuppressSideLobes);
         actions.push_back(Action::Localise);
     }
     steps(&mut actions, passes / 8, INTERLEAVE, Pace::Full);
@@ -106,8 +106,8 @@ fn steps(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pa
     }));
 }
 
-/// Steps, with tails let go after every [`ROUND_STEPS`], and what is idle once candidates are sorted out: before, each
-/// explains little.
+/// Steps, with side lobes suppressed after every [`ROUND_STEPS`], and what is idle once candidates are sorted out:
+/// before, each explains little.
 fn rounds(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: Pace) {
     for step in 0..count {
         actions.push_back(Action::Strengthen {
@@ -119,7 +119,7 @@ fn rounds(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: P
             if interleave <= INTERLEAVE {
                 actions.push_back(Action::DropIdle);
             }
-            actions.push_back(Action::DropTails);
+            actions.push_back(Action::SuppressSideLobes);
         }
     }
 }
@@ -127,11 +127,11 @@ fn rounds(actions: &mut VecDeque<Action>, count: usize, interleave: f64, pace: P
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::parts::{Cues, MapCues, Parts, decide};
+    use crate::features::{Cues, Features, MapCues, decide};
 
     #[test]
     fn a_start_from_the_map_takes_fewer_steps_to_the_same_end() {
-        let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
+        let (at_work, _) = decide(&Features::default(), &Cues::default(), MapCues::default());
         let count = |start: Start| {
             let actions = actions(16, start, at_work);
             let is_step = |action: &&Action| matches!(action, Action::Strengthen { .. });

@@ -7,9 +7,9 @@ use serde::Serialize;
 pub struct InsertReport {
     /// Whether a slice of pings was taken in with this one.
     pub slice_taken_in: bool,
-    /// Gaussians born.
+    /// Gaussians spawned.
     pub added: u64,
-    /// Gaussians that darkness took.
+    /// Gaussians pruned since darkness spoke against them.
     pub pruned: u64,
     /// Gaussian–bin pairs of the work done with it.
     pub pairs: u64,
@@ -62,16 +62,17 @@ pub struct MapperStatus {
     /// The furthest that the unit should be set to hear, metres: beyond, voxels are coarser than the beam resolves there.
     /// `None` as long as that is not known, and where voxels are as configured.
     pub useful_range_m: Option<f32>,
-    /// Voxel looks done so far.
-    pub voxel_looks: u64,
+    /// Observations of voxels made so far.
+    #[serde(rename = "voxel_looks")]
+    pub voxel_observations: u64,
     /// Gaussian–bin pairs done so far.
     pub pairs: u64,
     /// Multiplicative steps made so far.
     pub iterations: u64,
     /// Mean power of the noise in the newest ping over the strongest echo, decibels.
     pub noise_db: f32,
-    /// Natural logarithm of how much likelier pings show ground than reverberation at a fixed range; `None` where
-    /// they show neither. The map asserts ground above 4.6.
+    /// Log likelihood ratio, nats, of pings as ground against reverberation at a fixed range; `None` where they show neither. The
+    /// map asserts ground above 4.6.
     pub ground_log_ratio: Option<f32>,
     /// Height of the water's surface in the world, metres, z up, where images in it are heard and left out.
     pub water_surface_m: Option<f64>,

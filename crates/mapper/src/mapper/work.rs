@@ -10,19 +10,19 @@ use super::intake::sources;
 use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::repeats::Repeats;
+use crate::features::{MapCues, decide};
 use crate::mapper::schedule::{Due, Start};
 use crate::mapper::workout::{Terms, Workout, keep};
-use crate::parts::{MapCues, decide};
 use crate::progress::Progress;
 use crate::seabed::Seabed;
 
-/// Tiles are due when this part of what they hold comes from looks that it was not worked out with: they were looked
-/// at a quarter as often again.
-const STALE_PART: f32 = 0.2;
-/// Tiles that were looked at so much more are worth working out again.
+/// Tiles are due when this fraction of what they hold comes from observations that it was not worked out with: a quarter more
+/// than it was.
+const STALE_FRACTION: f32 = 0.2;
+/// Tiles with so many times the observations are worth working out again.
 const GROWN: f32 = 1.05;
-/// Tiles that were looked at so many times as often as when they were last worked out anew are so again: starts
-/// from the map alone would make it ever sharper.
+/// Tiles with so many times the observations they had when they were last worked out anew are so again: starts from the map
+/// alone would make it ever sharper.
 const ANEW: f32 = 2.0;
 
 impl Mapper {
@@ -53,8 +53,8 @@ impl Mapper {
         self.status.pairs - before
     }
 
-    /// The end of the data: takes in what waits and works out all that was looked at since it last was, until
-    /// nothing is left to do.
+    /// The end of the data: takes in what waits and works out all that was observed since it last was, until nothing is left to
+    /// do.
     pub fn finish(&mut self) -> Snapshot {
         if !self.waiting.is_empty() {
             self.take_in_slice();
@@ -87,11 +87,15 @@ impl Mapper {
             return false;
         }
         self.repeats.set_sources(sources(&self.gaussians, |_| true));
-        for past in self.history.pings() {
+        for keyframe in self.history.pings() {
             self.progress.tell();
-            let intensity: Vec<f32> = past.profile.intensity.iter().collect();
-            self.repeats
-                .ask_for_surface(&past.look, &intensity, &past.profile, past.weight);
+            let intensity: Vec<f32> = keyframe.profile.intensity.iter().collect();
+            self.repeats.ask_for_surface(
+                &keyframe.geometry,
+                &intensity,
+                &keyframe.profile,
+                keyframe.weight,
+            );
         }
         self.repeats.surface_m().is_some()
     }
@@ -125,7 +129,7 @@ impl Mapper {
         let Some(world) = &mut self.world else { return };
         let (history, extent) = (&self.history, self.at_work.converged);
         let evidence = &mut world.evidence;
-        self.status.voxel_looks += self
+        self.status.voxel_observations += self
             .pool
             .install(|| evidence.integrate(history, most, extent));
     }
@@ -138,7 +142,7 @@ impl Mapper {
         }
         let (history, extent) = (&self.history, self.at_work.converged);
         let (evidence, progress): (&mut Evidence, _) = (&mut world.evidence, &self.progress);
-        self.status.voxel_looks += self
+        self.status.voxel_observations += self
             .pool
             .install(|| evidence.integrate_anew(history, extent, progress));
         evidence.doubt_all();
@@ -208,7 +212,7 @@ impl Mapper {
         pairs
     }
 
-    /// Which parts the dive so far asks for.
+    /// Which features the dive so far asks for.
     fn decide(&mut self) {
         let map = MapCues {
             voxel_m: self.world.as_ref().map_or(0.0, |w| w.evidence.voxel_m()),
@@ -220,25 +224,25 @@ impl Mapper {
     }
 }
 
-/// While the dive goes on: the tiles that were looked at more, once enough of what they hold is stale.
+/// While the dive goes on: the tiles with new observations, once enough of what they hold is stale.
 fn due(evidence: &Evidence) -> Option<Due> {
     let (mut tiles, mut held, mut stale) = (Vec::new(), 0.0, 0.0);
-    let (mut looks, mut even_looks, mut is_remembered) = (0.0, 0.0, true);
+    let (mut observations, mut even_observations, mut is_remembered) = (0.0, 0.0, true);
     for (index, tile) in evidence.tiles().iter().enumerate() {
-        if !(tile.looks > GROWN * tile.worked_looks) {
+        if !(tile.observations > GROWN * tile.worked_observations) {
             continue;
         }
         let blocks = tile.blocks.iter();
         let gaussians = blocks.map(|&block| evidence.block(block).gaussians.len());
         let gaussians = gaussians.sum::<usize>() as f32;
         held += gaussians;
-        stale += gaussians * (1.0 - tile.worked_looks / tile.looks);
-        looks += gaussians * tile.looks;
-        even_looks += gaussians * tile.even_looks;
-        is_remembered &= tile.forgotten_looks <= 0.0;
+        stale += gaussians * (1.0 - tile.worked_observations / tile.observations);
+        observations += gaussians * tile.observations;
+        even_observations += gaussians * tile.even_observations;
+        is_remembered &= tile.forgotten_observations <= 0.0;
         tiles.push(index as TileIndex);
     }
-    let start = match is_remembered && looks > ANEW * even_looks {
+    let start = match is_remembered && observations > ANEW * even_observations {
         true => Start::Even,
         false => Start::Map,
     };
@@ -248,11 +252,11 @@ fn due(evidence: &Evidence) -> Option<Due> {
         // What forgotten pings told cannot be done in full later.
         is_live: is_remembered,
     };
-    (stale > STALE_PART * held).then_some(due)
+    (stale > STALE_FRACTION * held).then_some(due)
 }
 
-/// At the end of the data: all that was looked at since it was worked out anew, or since it was worked out where
-/// only the map knows what forgotten pings told.
+/// At the end of the data: all that was observed since it was worked out anew, or since it was worked out where only the map
+/// knows what forgotten pings told.
 pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
     let of = |is_due: fn(&Tile) -> bool| -> Vec<TileIndex> {
         let tiles = evidence.tiles().iter().enumerate();
@@ -264,23 +268,31 @@ pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
         start,
         is_live: false,
     };
-    let anew = of(|tile| tile.forgotten_looks <= 0.0 && tile.looks > tile.even_looks);
+    let anew =
+        of(|tile| tile.forgotten_observations <= 0.0 && tile.observations > tile.even_observations);
     if !anew.is_empty() {
         return Some(in_full(anew, Start::Even));
     }
-    let more = of(|tile| tile.forgotten_looks > 0.0 && tile.looks > tile.worked_looks);
+    let more = of(|tile| {
+        tile.forgotten_observations > 0.0 && tile.observations > tile.worked_observations
+    });
     (!more.is_empty()).then(|| in_full(more, Start::Map))
 }
 
 fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats, progress: &Progress) {
-    history.pings_mut().par_iter_mut().for_each(|past| {
+    history.pings_mut().par_iter_mut().for_each(|keyframe| {
         progress.tell();
-        let past = Arc::make_mut(past);
-        let ground = seabed.backdrop(&past.look, past.brightness);
-        let intensity: Vec<f32> = past.profile.intensity.iter().collect();
-        past.profile.doubted = Box::default();
-        past.profile.judge(&intensity, &ground);
-        repeats.doubt(&past.look, &intensity, &ground, &mut past.profile);
+        let keyframe = Arc::make_mut(keyframe);
+        let ground = seabed.backdrop(&keyframe.geometry, keyframe.brightness);
+        let intensity: Vec<f32> = keyframe.profile.intensity.iter().collect();
+        keyframe.profile.doubted = Box::default();
+        keyframe.profile.judge(&intensity, &ground);
+        repeats.doubt(
+            &keyframe.geometry,
+            &intensity,
+            &ground,
+            &mut keyframe.profile,
+        );
     });
 }
 
@@ -293,7 +305,7 @@ mod tests {
 
     use super::*;
     use crate::MapperConfig;
-    use crate::accumulate::evidence::Horizon;
+    use crate::accumulate::evidence::SectorWidth;
     use crate::detect::posed;
     use crate::spawn::gaussians::Stage;
 
@@ -325,10 +337,10 @@ mod tests {
         for number in 0..40 {
             mapper.insert(&going_by(number, 0.0));
         }
-        // Where nothing speaks for a place any more although it was born there.
+        // Where nothing speaks for a place any more although it was spawned there.
         let evidence = &mut mapper.world.as_mut().unwrap().evidence;
         let index = evidence.tiles()[0].blocks[0];
-        let sums = evidence.of(evidence.block(index), Horizon::Eighths).0;
+        let sums = evidence.of(evidence.block(index), SectorWidth::Eighth).0;
         let voxel = (0..sums.len()).min_by(|&a, &b| sums[a].total_cmp(&sums[b]));
         let voxel = voxel.unwrap() as u16;
         let center_m = evidence.center_m(evidence.block(index).key, voxel.into());
@@ -454,9 +466,13 @@ mod tests {
         let sums = |mapper: &Mapper| {
             let evidence = &mapper.world.as_ref().unwrap().evidence;
             let blocks = evidence.tiles().iter().flat_map(|tile| &tile.blocks);
-            let of = |&index| evidence.of(evidence.block(index), Horizon::Eighths).0;
-            let looks: Vec<f32> = evidence.tiles().iter().map(|tile| tile.looks).collect();
-            (blocks.map(of).collect::<Vec<_>>(), looks)
+            let of = |&index| evidence.of(evidence.block(index), SectorWidth::Eighth).0;
+            let observations: Vec<f32> = evidence
+                .tiles()
+                .iter()
+                .map(|tile| tile.observations)
+                .collect();
+            (blocks.map(of).collect::<Vec<_>>(), observations)
         };
         let piece_by_piece = sums(&mapper);
         mapper.sum_up_anew();
@@ -566,20 +582,21 @@ mod tests {
     }
 
     #[test]
-    fn a_map_saves_looks_for_its_strengths_and_none_for_its_verdicts() {
+    fn a_map_saves_observations_for_its_strengths_and_none_for_its_verdicts() {
         let mapper = hovering(1600);
-        let thinnings = |start| workout_of_all(&mapper, start, true).thinnings();
+        let thinning_factors = |start| workout_of_all(&mapper, start, true).thinning_factors();
         let ((of_steps, of_verdicts), (_, of_even_verdicts)) =
-            (thinnings(Start::Map), thinnings(Start::Even));
+            (thinning_factors(Start::Map), thinning_factors(Start::Even));
         assert!(of_steps > 1.5 * of_verdicts, "{of_steps} {of_verdicts}");
         assert!((of_verdicts - of_even_verdicts).abs() < 0.2 * of_even_verdicts);
     }
 
     #[test]
     fn where_few_pings_see_each_place_a_step_takes_more_of_them() {
-        let thinnings_after =
-            |pings| workout_of_all(&hovering(pings), Start::Even, false).thinnings();
-        let [(few, few_of_verdicts), (more, _), (many, _)] = [100, 300, 1600].map(thinnings_after);
+        let thinning_factors_after =
+            |pings| workout_of_all(&hovering(pings), Start::Even, false).thinning_factors();
+        let [(few, few_of_verdicts), (more, _), (many, _)] =
+            [100, 300, 1600].map(thinning_factors_after);
         assert!(few < more && more < 1.0, "{few} {more}");
         assert!(many >= 1.0, "{many}");
         assert!(few_of_verdicts >= 1.0);

@@ -9,22 +9,22 @@ use std::cell::RefCell;
 use std::sync::Arc;
 
 use echosplat_acoustics::SymmetricMat3;
-use echosplat_acoustics::packed::Row;
+use echosplat_acoustics::packed::MatrixRow;
 use echosplat_model::glam::Vec3;
 use rayon::current_num_threads;
 use rayon::prelude::*;
 
 use crate::accumulate::evidence::Evidence;
-use crate::accumulate::history::Past;
-use crate::parts::AtWork;
+use crate::accumulate::history::Keyframe;
+use crate::features::AtWork;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
 use crate::refine::step::damped_step;
 use crate::refine::tally::{Sums, Tally};
 use crate::refine::visibility::{Against, Moments, Sight};
+use crate::spawn::directional_reflectivity::DirectionalReflectivity;
 use crate::spawn::gaussians::{Gaussians, Stage};
 use crate::spawn::kept::Kept;
-use crate::spawn::lobes::Lobes;
 
 const CHUNKS_AT_ONCE: usize = 8;
 /// A portion has at least so many, however many pairs they have: with one chunk one thread works and the others wait.
@@ -33,8 +33,8 @@ const LEAST_CHUNKS: usize = 2;
 const FULL_STEP: f32 = 0.5;
 /// A fast step over a full one: over-relaxed, below the 2 up to which it converges.
 const FAST: f32 = 1.8;
-/// Of what a pass tells of all sides, what it counts for each that it is like the mean of them. Looks along a surface
-/// face one of its sides by a few per cent, and what they leave over would make it many times the others.
+/// Of what a pass tells of all faces, what it counts for each that it is like their mean. Observations along a surface see
+/// one of its faces by a few per cent, and what they leave over would make it many times the others.
 const ALIKE: f32 = 0.005;
 /// Exponent for counts over that for gamma speckle.
 const COUNTS_STEP: f32 = 2.0;
@@ -53,14 +53,14 @@ pub(crate) trait Sum: Default + Clone + Send {
     const CHUNK: usize = 32;
 
     /// Adds what another chunk of pings found.
-    fn join(&mut self, part: &Self);
+    fn join(&mut self, other: &Self);
 }
 
 /// Sums over some pings, made a portion at a time: what one step of the estimation needs. However it is cut
 /// into portions, the sums are the same.
 #[derive(Debug)]
 pub(crate) struct Pass<T> {
-    pings: Vec<Arc<Past>>,
+    pings: Vec<Arc<Keyframe>>,
     field: Field,
     /// Pings gone through.
     done: usize,
@@ -77,7 +77,11 @@ thread_local! {
 
 impl<T: Sum + Sync> Pass<T> {
     /// Of the Gaussians as they are now.
-    pub(crate) fn over(pings: Vec<Arc<Past>>, evidence: &Evidence, gaussians: &Gaussians) -> Self {
+    pub(crate) fn over(
+        pings: Vec<Arc<Keyframe>>,
+        evidence: &Evidence,
+        gaussians: &Gaussians,
+    ) -> Self {
         Self {
             pings,
             field: Field::of(evidence, gaussians),
@@ -98,17 +102,17 @@ impl<T: Sum + Sync> Pass<T> {
         &mut self,
         scene: Scene<'_>,
         count: usize,
-        each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
+        each: impl Fn(&mut Tally<T>, &mut W, &Keyframe, &Sight) + Sync,
     ) -> u64 {
         let chunks = count.div_ceil(T::CHUNK).max(LEAST_CHUNKS);
         let end = (self.done + chunks * T::CHUNK).min(self.pings.len());
         let slot_count = scene.gaussians.slot_count();
-        let of_chunk = |most_seen: usize, chunk: &[Arc<Past>]| {
+        let of_chunk = |most_seen: usize, chunk: &[Arc<Keyframe>]| {
             let (mut tally, mut scratch) = (Tally::new(slot_count, most_seen), W::default());
             let (mut sight, mut pairs) = (SIGHT.take(), 0);
-            for past in chunk {
-                sight.look(past, scene, &self.field);
-                each(&mut tally, &mut scratch, past, &sight);
+            for keyframe in chunk {
+                sight.observe(keyframe, scene, &self.field);
+                each(&mut tally, &mut scratch, keyframe, &sight);
                 pairs += sight.pair_count();
             }
             SIGHT.set(sight);
@@ -123,7 +127,10 @@ impl<T: Sum + Sync> Pass<T> {
                 chunks.map(|chunk| of_chunk(most_seen, chunk)).collect();
             let seen = parts.iter().map(|(sums, _)| sums.len());
             self.most_seen = seen.fold(most_seen, usize::max);
-            pairs += parts.iter().map(|(_, of_part)| of_part).sum::<u64>();
+            pairs += parts
+                .iter()
+                .map(|(_, chunk_pairs)| chunk_pairs)
+                .sum::<u64>();
             join(&mut self.sums, &parts);
         }
         self.done = end;
@@ -151,17 +158,17 @@ fn join<T: Sum + Sync>(sums: &mut [T], parts: &[(Sums<T>, u64)]) {
     });
 }
 
-/// Numerator and denominator of the multiplicative step, per side.
+/// Numerator and denominator of the multiplicative step, per face.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct StepSums {
-    pull: Lobes,
-    pub(crate) weight: Lobes,
+    numerator: DirectionalReflectivity,
+    pub(crate) weight: DirectionalReflectivity,
 }
 
 impl Sum for StepSums {
-    fn join(&mut self, part: &Self) {
-        self.pull.add(&part.pull);
-        self.weight.add(&part.weight);
+    fn join(&mut self, other: &Self) {
+        self.numerator.add(&other.numerator);
+        self.weight.add(&other.weight);
     }
 }
 
@@ -169,19 +176,21 @@ impl Sum for StepSums {
 pub(crate) fn strengths_of_ping(
     tally: &mut Tally<StepSums>,
     against: &mut Vec<Against>,
-    past: &Past,
+    keyframe: &Keyframe,
     sight: &Sight,
 ) {
     sight.against_prediction(against);
     for (row, against) in sight.rows().iter().zip(against) {
         let towards = -row.splat.range_axis;
         let sums = tally.of(row.slot);
-        sums.pull.add_facing(towards, past.weight * against.pull);
-        sums.weight.add_facing(towards, past.weight * against.share);
+        sums.numerator
+            .add_facing(towards, keyframe.weight * against.numerator);
+        sums.weight
+            .add_facing(towards, keyframe.weight * against.share);
     }
 }
 
-/// How many bins' power each slot explained in some steps, parts of bins added up.
+/// How many bins' power each slot explained in some steps, fractions of bins added up.
 #[derive(Debug, Default)]
 pub(crate) struct Explained {
     /// By slot; none where no ping of these steps saw it.
@@ -229,53 +238,69 @@ pub(crate) fn maximise(
         Pace::Fast => FAST * full,
     };
     let strengths = gaussians.strength.par_iter_mut().with_min_len(1024);
-    let sides = strengths.zip(&mut gaussians.known).zip(&gaussians.stage);
-    let sides = sides.zip(&gaussians.part).zip(&gaussians.kept);
-    sides
-        .zip(sums)
-        .for_each(|(((((strength, known), stage), part), kept), sums)| {
+    let faces = strengths.zip(&mut gaussians.known).zip(&gaussians.stage);
+    let faces = faces.zip(&gaussians.child_share).zip(&gaussians.kept);
+    faces.zip(sums).for_each(
+        |(((((strength, known), stage), child_share), kept), sums)| {
             let StepSums {
-                mut pull,
+                mut numerator,
                 mut weight,
             } = *sums;
             if *stage == Stage::Background {
                 return;
             }
             if let Some(kept) = kept
-                && *part >= 1.0
+                && *child_share >= 1.0
             {
-                add_kept(&mut pull, &mut weight, kept, strength, stride, exponent);
+                add_kept(
+                    &mut numerator,
+                    &mut weight,
+                    kept,
+                    strength,
+                    stride,
+                    exponent,
+                );
             }
             if !at_work.specular {
-                let even = step(Vec3::splat(pull.sum()), Vec3::splat(weight.sum()), exponent);
+                let even = step(
+                    Vec3::splat(numerator.sum()),
+                    Vec3::splat(weight.sum()),
+                    exponent,
+                );
                 strength.scale(even.x);
                 return;
             }
-            add_alike(&mut pull, &mut weight, strength, exponent);
-            strength.ahead *= step(pull.ahead, weight.ahead, exponent);
-            strength.behind *= step(pull.behind, weight.behind, exponent);
+            add_alike(&mut numerator, &mut weight, strength, exponent);
+            strength.ahead *= step(numerator.ahead, weight.ahead, exponent);
+            strength.behind *= step(numerator.behind, weight.behind, exponent);
             known.ahead |= weight.ahead.cmpgt(Vec3::ZERO);
             known.behind |= weight.behind.cmpgt(Vec3::ZERO);
-        });
+        },
+    );
 }
 
 /// Adds what was kept to both sums of a step from `now`: alone it would bring the strength back to the kept one.
 fn add_kept(
-    pull: &mut Lobes,
-    weight: &mut Lobes,
+    numerator: &mut DirectionalReflectivity,
+    weight: &mut DirectionalReflectivity,
     kept: &Kept,
-    now: &Lobes,
+    now: &DirectionalReflectivity,
     stride: f32,
     exponent: f32,
 ) {
     let mut kept_weight = kept.weight;
     kept_weight.scale(stride.recip());
     weight.add(&kept_weight);
-    pull.add(&pull_to(&kept.strength, &kept_weight, now, exponent));
+    numerator.add(&numerator_to(&kept.strength, &kept_weight, now, exponent));
 }
 
-/// Adds to both sums that each side that was told of is like the mean of all, with the weight of [`ALIKE`].
-fn add_alike(pull: &mut Lobes, weight: &mut Lobes, now: &Lobes, exponent: f32) {
+/// Adds to both sums that each face that was told of is like the mean of all, with the weight of [`ALIKE`].
+fn add_alike(
+    numerator: &mut DirectionalReflectivity,
+    weight: &mut DirectionalReflectivity,
+    now: &DirectionalReflectivity,
+    exponent: f32,
+) {
     let all = weight.sum();
     let mean = (weight.ahead.dot(now.ahead) + weight.behind.dot(now.behind)) / all;
     if !mean.is_finite() {
@@ -283,60 +308,70 @@ fn add_alike(pull: &mut Lobes, weight: &mut Lobes, now: &Lobes, exponent: f32) {
     }
     let if_told =
         |told: Vec3| Vec3::select(told.cmpgt(Vec3::ZERO), Vec3::splat(ALIKE * all), Vec3::ZERO);
-    let alike = Lobes {
+    let alike = DirectionalReflectivity {
         ahead: if_told(weight.ahead),
         behind: if_told(weight.behind),
     };
     weight.add(&alike);
-    pull.add(&pull_to(&Lobes::even(mean), &alike, now, exponent));
+    numerator.add(&numerator_to(
+        &DirectionalReflectivity::even(mean),
+        &alike,
+        now,
+        exponent,
+    ));
 }
 
-/// The numerator that with the denominator `weight` would bring each side from `now` to `goal`.
-fn pull_to(goal: &Lobes, weight: &Lobes, now: &Lobes, exponent: f32) -> Lobes {
+/// The numerator that with the denominator `weight` would bring each face from `now` to `goal`.
+fn numerator_to(
+    goal: &DirectionalReflectivity,
+    weight: &DirectionalReflectivity,
+    now: &DirectionalReflectivity,
+    exponent: f32,
+) -> DirectionalReflectivity {
     let ratio = |goal: Vec3, now: Vec3| {
         (goal / now.max(Vec3::splat(f32::MIN_POSITIVE))).powf(exponent.recip())
     };
-    Lobes {
+    DirectionalReflectivity {
         ahead: weight.ahead * ratio(goal.ahead, now.ahead),
         behind: weight.behind * ratio(goal.behind, now.behind),
     }
 }
 
-/// The factors of three sides; a side that no ping of the pass saw keeps its strength.
-fn step(pull: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
-    let factor = |pull: f32, weight: f32| {
+/// The factors of three faces; a face that no ping of the pass saw keeps its strength.
+fn step(numerator: Vec3, weight: Vec3, exponent: f32) -> Vec3 {
+    let factor = |numerator: f32, weight: f32| {
         if weight <= 0.0 {
             return 1.0;
         }
-        let factor = (pull / weight).powf(exponent).clamp(0.05, 20.0);
+        let factor = (numerator / weight).powf(exponent).clamp(0.05, 20.0);
         if factor.is_finite() { factor } else { 1.0 }
     };
     Vec3::new(
-        factor(pull.x, weight.x),
-        factor(pull.y, weight.y),
-        factor(pull.z, weight.z),
+        factor(numerator.x, weight.x),
+        factor(numerator.y, weight.y),
+        factor(numerator.z, weight.z),
     )
 }
 
-/// Gradient and Fisher information of the log likelihood in the mean of one Gaussian, and what the gradient changes by were
-/// all echoes a metre nearer, 1/m².
+/// Score and Fisher information: gradient and expected curvature of the log likelihood by the mean of one Gaussian, and what
+/// the gradient changes by were all echoes a metre nearer, 1/m².
 #[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Pull {
+pub(crate) struct Score {
     pub(crate) gradient: Vec3,
     pub(crate) information: SymmetricMat3,
     pub(crate) nearer: Vec3,
 }
 
-impl Pull {
-    /// Adds a row of a ping: a mean moves its echo in range and across the beam.
-    pub(crate) fn add(&mut self, row: &Row, moments: &Moments, weight: f32) {
+impl Score {
+    /// Adds a row of the system matrix: a mean moves its echo in range and across the beam.
+    pub(crate) fn add(&mut self, row: &MatrixRow, moments: &Moments, weight: f32) {
         let splat = &row.splat;
         let lever = splat.azimuth_variance_rad2 * splat.lever_m;
         let across = splat.azimuth_axis * (-splat.azimuth_rad / lever);
         let along = splat.range_axis / splat.range_sigma_m;
         let [flat, tilt, bend] = moments.square.map(|sum| weight * sum);
-        let [pull, push] = moments.residual.map(|sum| weight * sum);
-        self.gradient += along * push + across * pull;
+        let [residual, slope] = moments.residual.map(|sum| weight * sum);
+        self.gradient += along * slope + across * residual;
         let (by_along, by_across) = (along * bend + across * tilt, along * tilt + across * flat);
         self.nearer -= by_along / splat.range_sigma_m;
         let information = &mut self.information;
@@ -349,45 +384,45 @@ impl Pull {
     }
 }
 
-impl Sum for Pull {
-    fn join(&mut self, part: &Self) {
-        self.gradient += part.gradient;
-        self.nearer += part.nearer;
-        self.information.join(&part.information);
+impl Sum for Score {
+    fn join(&mut self, other: &Self) {
+        self.gradient += other.gradient;
+        self.nearer += other.nearer;
+        self.information.join(&other.information);
     }
 }
 
 impl Sum for SymmetricMat3 {
-    fn join(&mut self, part: &Self) {
-        self.diagonal += part.diagonal;
-        self.mixed += part.mixed;
+    fn join(&mut self, other: &Self) {
+        self.diagonal += other.diagonal;
+        self.mixed += other.mixed;
     }
 }
 
 /// Adds what a ping says of each mean. Likelihood: gamma speckle, `∂ = (I − Î)/Î² · ∂Î`, information
 /// `(∂Î/Î)²`.
-pub(crate) fn pulls_of_ping(
-    tally: &mut Tally<Pull>,
+pub(crate) fn scores_of_ping(
+    tally: &mut Tally<Score>,
     moments: &mut Vec<Moments>,
-    past: &Past,
+    keyframe: &Keyframe,
     sight: &Sight,
 ) {
-    sight.moments(&past.look, moments);
+    sight.moments(&keyframe.geometry, moments);
     for (row, moments) in sight.rows().iter().zip(moments) {
-        tally.of(row.slot).add(row, moments, past.weight);
+        tally.of(row.slot).add(row, moments, keyframe.weight);
     }
 }
 
 /// Moves every mean by one damped step towards where its echoes are, at most `limit_m`, and never
 /// further than `leash_m` from its home. `prior_m` is how far a step is believed.
-pub(crate) fn localise(gaussians: &mut Gaussians, pulls: &[Pull], prior_m: f32, leash_m: f32) {
+pub(crate) fn localise(gaussians: &mut Gaussians, scores: &[Score], prior_m: f32, leash_m: f32) {
     let slots = gaussians
         .slots()
         .filter(|&slot| gaussians.is_worked_on(slot));
     let slots: Vec<usize> = slots.collect();
     for slot in slots {
-        let pull = &pulls[slot];
-        let Some(step) = damped_step(pull.gradient, &pull.information, prior_m) else {
+        let score = &scores[slot];
+        let Some(step) = damped_step(score.gradient, &score.information, prior_m) else {
             continue;
         };
         let home = gaussians.home_m[slot];
@@ -401,9 +436,9 @@ mod tests {
     use super::*;
     use crate::MapperConfig;
     use crate::accumulate::evidence::BlockIndex;
-    use crate::accumulate::history::{History, look_of, past_of, pose_blur};
+    use crate::accumulate::history::{History, geometry_of, keyframe_of, pose_blur};
     use crate::detect::profile::{Backdrop, Levels};
-    use crate::parts::{Cues, MapCues, Parts, decide};
+    use crate::features::{Cues, Features, MapCues, decide};
     use echosplat_model::glam::DVec3;
     use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
 
@@ -420,7 +455,7 @@ mod tests {
         }
     }
 
-    fn past(intensity: Vec<f32>, pose: Pose) -> Arc<Past> {
+    fn keyframe(intensity: Vec<f32>, pose: Pose) -> Arc<Keyframe> {
         let settings = PingSettings {
             range_start_m: 0.0,
             range_length_m: 10.0,
@@ -440,11 +475,11 @@ mod tests {
             jitter: None,
         };
         let (config, ground) = (config(), Backdrop::default());
-        let look = look_of(&posed, DVec3::ZERO, &config);
+        let geometry = geometry_of(&posed, DVec3::ZERO, &config);
         let profile =
             Levels::default().profile(&posed.ping, 0.05, &ground, Box::default(), &config);
-        Arc::new(past_of(
-            look,
+        Arc::new(keyframe_of(
+            geometry,
             pose_blur(&posed, &config),
             profile,
             1.0,
@@ -456,7 +491,7 @@ mod tests {
     /// What pings measure of Gaussians at these places and strengths, two from poses a metre apart.
     struct Trial {
         evidence: Evidence,
-        pings: Vec<Arc<Past>>,
+        pings: Vec<Arc<Keyframe>>,
         gaussians: Gaussians,
     }
 
@@ -468,27 +503,27 @@ mod tests {
         fn new(truth: &[(Vec3, f32)]) -> Self {
             let bright = poses().map(|pose| {
                 let mut intensity = vec![NOISE; 600];
-                let look = past(intensity.clone(), pose).look;
+                let geometry = keyframe(intensity.clone(), pose).geometry;
                 for &(at_m, strength) in truth {
-                    let splat = look
+                    let splat = geometry
                         .project(at_m, &SymmetricMat3::isotropic(SCALE_M))
                         .unwrap();
-                    let bins = look.bins_of(&splat);
+                    let bins = geometry.bins_of(&splat);
                     let mut energies = Vec::new();
-                    look.spread(&splat, bins.clone(), &mut energies);
+                    geometry.spread(&splat, bins.clone(), &mut energies);
                     for (bin, energy) in bins.zip(energies) {
                         intensity[bin] += strength * energy;
                     }
                 }
-                past(intensity, pose)
+                keyframe(intensity, pose)
             });
             let mut evidence = Evidence::new(0.05);
             let pings = bright.to_vec();
             let mut history = History::new(pings.len());
             pings
                 .iter()
-                .for_each(|past| history.push(Past::clone(past)));
-            evidence.integrate(&history, usize::MAX, crate::parts::Extent::All);
+                .for_each(|keyframe| history.push(Keyframe::clone(keyframe)));
+            evidence.integrate(&history, usize::MAX, crate::features::Extent::All);
             Self {
                 evidence,
                 pings,
@@ -510,7 +545,7 @@ mod tests {
         }
 
         fn scene(&self) -> Scene<'_> {
-            let (at_work, _) = decide(&Parts::default(), &Cues::default(), MapCues::default());
+            let (at_work, _) = decide(&Features::default(), &Cues::default(), MapCues::default());
             Scene {
                 evidence: &self.evidence,
                 gaussians: &self.gaussians,
@@ -521,7 +556,7 @@ mod tests {
 
         fn sums<T: Sum + Sync, W: Default>(
             &self,
-            each: impl Fn(&mut Tally<T>, &mut W, &Past, &Sight) + Sync,
+            each: impl Fn(&mut Tally<T>, &mut W, &Keyframe, &Sight) + Sync,
         ) -> Vec<T> {
             let mut pass = Pass::over(self.pings.clone(), &self.evidence, &self.gaussians);
             while !pass.is_done() {
@@ -540,9 +575,12 @@ mod tests {
         fn log_likelihood(&self) -> f64 {
             let field = Field::of(&self.evidence, &self.gaussians);
             let mut sight = Sight::default();
-            let of_ping = |past: &Arc<Past>| {
-                sight.look(past, self.scene(), &field);
-                let bins = sight.predicted.iter().zip(past.profile.intensity.iter());
+            let of_ping = |keyframe: &Arc<Keyframe>| {
+                sight.observe(keyframe, self.scene(), &field);
+                let bins = sight
+                    .predicted
+                    .iter()
+                    .zip(keyframe.profile.intensity.iter());
                 let bins = bins
                     .zip(&sight.bin_weight)
                     .map(|((&predicted, measured), &weight)| {
@@ -569,7 +607,7 @@ mod tests {
     }
 
     #[test]
-    fn a_step_makes_what_was_measured_likelier_and_an_empty_place_weaker() {
+    fn a_step_makes_what_was_measured_more_likely_and_an_empty_place_weaker() {
         let (there_m, empty_m) = (Vec3::new(6.0, 0.0, 0.4), Vec3::new(5.96, 0.0, 1.15));
         let mut trial = Trial::new(&[(there_m, STRENGTH)]);
         let (there, empty) = (
@@ -601,7 +639,8 @@ mod tests {
             let mut trial = Trial::new(&[(at_m, STRENGTH)]);
             let slot = trial.spawn(at_m, 2.0 * STRENGTH);
             let sums = trial.sums(strengths_of_ping)[slot];
-            let (mut weight, strength) = (sums.weight, Lobes::even(2.0 * STRENGTH));
+            let (mut weight, strength) =
+                (sums.weight, DirectionalReflectivity::even(2.0 * STRENGTH));
             weight.scale(times);
             trial.gaussians.kept[slot] = Some(Box::new(Kept {
                 strength,
@@ -619,19 +658,22 @@ mod tests {
     }
 
     #[test]
-    fn a_side_that_hardly_any_look_faces_is_like_the_others() {
-        let sides = |x: f32, y: f32| Lobes {
+    fn a_face_that_hardly_any_observation_sees_is_like_the_others() {
+        let faces = |x: f32, y: f32| DirectionalReflectivity {
             ahead: Vec3::new(x, y, 0.0),
             behind: Vec3::ZERO,
         };
-        let ends = |y_pull: f32, y_weight: f32| {
-            let mut now = Lobes::even(1.0);
+        let ends = |y_numerator: f32, y_weight: f32| {
+            let mut now = DirectionalReflectivity::even(1.0);
             for _ in 0..100 {
-                // What these looks alone would have: 1 towards x, √(pull/weight) towards y.
-                let mut weight = sides(100.0, y_weight);
-                let mut pull = sides(100.0 / now.ahead.x.powi(2), y_pull / now.ahead.y.powi(2));
-                add_alike(&mut pull, &mut weight, &now, FULL_STEP);
-                now.ahead *= step(pull.ahead, weight.ahead, FULL_STEP);
+                // What these observations alone would have: 1 towards x, √(numerator/weight) towards y.
+                let mut weight = faces(100.0, y_weight);
+                let mut numerator = faces(
+                    100.0 / now.ahead.x.powi(2),
+                    y_numerator / now.ahead.y.powi(2),
+                );
+                add_alike(&mut numerator, &mut weight, &now, FULL_STEP);
+                now.ahead *= step(numerator.ahead, weight.ahead, FULL_STEP);
             }
             now.ahead
         };
@@ -660,14 +702,14 @@ mod tests {
     }
 
     #[test]
-    fn the_pull_on_a_mean_is_the_slope_of_the_log_likelihood() {
+    fn the_score_of_a_mean_is_the_slope_of_the_log_likelihood() {
         // So that no residual reaches the bound it is held to.
         const FAINT: f32 = 1e-3 * STRENGTH;
         let at_m = Vec3::new(6.0, 0.0, 0.4);
         for off_m in [Vec3::new(0.01, 0.0, 0.0), Vec3::new(-0.008, 0.01, 0.0)] {
             let mut trial = Trial::new(&[(at_m, FAINT)]);
             let slot = trial.spawn(at_m + off_m, FAINT);
-            let pull = trial.sums(pulls_of_ping)[slot].gradient;
+            let score = trial.sums(scores_of_ping)[slot].gradient;
             for axis in [Vec3::X, Vec3::Y] {
                 const STEP_M: f32 = 2e-3;
                 let mut at = |by_m: f32| {
@@ -675,8 +717,8 @@ mod tests {
                     trial.log_likelihood()
                 };
                 let slope = (at(STEP_M) - at(-STEP_M)) / f64::from(2.0 * STEP_M);
-                let told = f64::from(pull.dot(axis));
-                let size = f64::from(pull.length());
+                let told = f64::from(score.dot(axis));
+                let size = f64::from(score.length());
                 assert!(
                     (told - slope).abs() < 0.1 * size,
                     "{axis}: {told} for {slope}"
@@ -690,7 +732,7 @@ mod tests {
         let at_m = Vec3::new(6.0, 0.0, 0.4);
         let mut trial = Trial::new(&[(at_m, STRENGTH)]);
         let slot = trial.spawn(at_m, STRENGTH);
-        let many: Vec<Arc<Past>> = trial
+        let many: Vec<Arc<Keyframe>> = trial
             .pings
             .iter()
             .cycle()
@@ -703,7 +745,7 @@ mod tests {
                 pass.advance(trial.scene(), portion, strengths_of_ping);
             }
             let sums = pass.finish().0;
-            sums[slot].pull.sum().to_bits()
+            sums[slot].numerator.sum().to_bits()
         };
         assert_eq!(sums(1), sums(1000));
     }

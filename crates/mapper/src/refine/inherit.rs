@@ -8,13 +8,13 @@ use foldhash::{HashMap, HashMapExt};
 use rayon::prelude::*;
 
 use crate::refine::places::Places;
+use crate::spawn::directional_reflectivity::DirectionalReflectivity;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::spawn::kept::Kept;
-use crate::spawn::lobes::Lobes;
 
-/// All other places begin with this part of the middle strength of the tiles: what tails have when they are let
-/// go, so that a few steps let go of them or raise them.
-const LEAST_PART: f32 = 0.05;
+/// All other places begin with this fraction of the middle strength of the tiles: what side lobes have when
+/// they are let go, so that a few steps let go of them or raise them.
+const LEAST_FRACTION: f32 = 0.05;
 
 /// Gives every candidate of `draft` the strength that the Gaussians `known` of `map` have at its place.
 pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], voxel_m: f32) {
@@ -31,7 +31,7 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
     let centers = candidates.iter().map(|&slot| (slot, draft.home_m[slot]));
     let places = Places::of(centers, voxel_m);
     for &slot in &candidates {
-        draft.strength[slot] = Lobes::default();
+        draft.strength[slot] = DirectionalReflectivity::default();
     }
     let shares = |&slot: &usize| match map.verdict[slot] {
         Verdict::Published(Standing::Confident) => places.shares(map.mean_m[slot]),
@@ -43,14 +43,14 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
     let shares: Vec<Vec<(usize, f32)>> = known.par_iter().map(shares).collect();
     for (&slot, shares) in known.iter().zip(shares) {
         let whole = whole_of(map, slot, voxel_m);
-        for (place, part) in shares {
+        for (place, fraction) in shares {
             let mut share = whole;
-            share.scale(part);
+            share.scale(fraction);
             draft.strength[place].add(&share);
         }
     }
     let mut kept: HashMap<usize, Vec<&Kept>> = HashMap::new();
-    let mut strength_of: HashMap<usize, Lobes> = HashMap::new();
+    let mut strength_of: HashMap<usize, DirectionalReflectivity> = HashMap::new();
     for slot in known {
         if let Some(told) = &map.kept[slot]
             && let Some(place) = places.at(map.home_m[slot])
@@ -62,8 +62,8 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
                 .add(&whole_of(map, slot, voxel_m));
         }
     }
-    for (place, parts) in kept {
-        let told = Kept::mean(parts.into_iter());
+    for (place, children) in kept {
+        let told = Kept::mean(children.into_iter());
         draft.kept[place] = told.map(|told| {
             Box::new(Kept {
                 strength: strength_of[&place],
@@ -71,10 +71,10 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
             })
         });
     }
-    let least = Vec3::splat(LEAST_PART * middle);
+    let least = Vec3::splat(LEAST_FRACTION * middle);
     for slot in candidates {
-        let Lobes { ahead, behind } = draft.strength[slot];
-        draft.strength[slot] = Lobes {
+        let DirectionalReflectivity { ahead, behind } = draft.strength[slot];
+        draft.strength[slot] = DirectionalReflectivity {
             ahead: ahead.max(least),
             behind: behind.max(least),
         };
@@ -82,7 +82,7 @@ pub(crate) fn inherit(draft: &mut Gaussians, map: &Gaussians, known: &[u32], vox
 }
 
 /// Strengths of a round Gaussian of one voxel that sends back as much.
-fn whole_of(map: &Gaussians, slot: usize, voxel_m: f32) -> Lobes {
+fn whole_of(map: &Gaussians, slot: usize, voxel_m: f32) -> DirectionalReflectivity {
     let mut whole = map.strength[slot];
     whole.scale(area_of(map, slot) / whole_area(voxel_m));
     whole
@@ -142,7 +142,10 @@ mod tests {
         );
         let sum: f32 = strengths[1..4].iter().sum();
         assert!((sum - 1.0).abs() < 1e-5, "{strengths:?}");
-        assert!((strengths[0] - LEAST_PART).abs() < 1e-6, "{strengths:?}");
+        assert!(
+            (strengths[0] - LEAST_FRACTION).abs() < 1e-6,
+            "{strengths:?}"
+        );
     }
 
     #[test]

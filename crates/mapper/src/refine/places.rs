@@ -49,8 +49,8 @@ impl Places {
         self.near(at_m).next().is_some()
     }
 
-    /// The places in this voxel and the 26 around it, each with its part of what is here. The parts add up to 1; the list
-    /// is empty where there is no place.
+    /// The places in this voxel and the 26 around it, each with its fraction of what is here. The fractions add up to 1;
+    /// the list is empty where there is no place.
     pub(crate) fn shares(&self, at_m: Vec3) -> Vec<(usize, f32)> {
         let mut shares: Vec<(usize, f32)> = self
             .near(at_m)
@@ -59,9 +59,9 @@ impl Places {
                 (place, (-0.5 * away * away).exp())
             })
             .collect();
-        let all: f32 = shares.iter().map(|(_, part)| part).sum();
-        for (_, part) in &mut shares {
-            *part /= all;
+        let all: f32 = shares.iter().map(|(_, fraction)| fraction).sum();
+        for (_, fraction) in &mut shares {
+            *fraction /= all;
         }
         shares
     }
@@ -79,10 +79,16 @@ mod tests {
     fn what_is_shared_is_whole_and_nearer_places_have_more() {
         let places = Places::of((0..5).map(|x| (x as usize, center_m(x))), 0.1);
         let shares = places.shares(center_m(2) + Vec3::X * 0.02);
-        let part: HashMap<usize, f32> = shares.iter().copied().collect();
-        assert_eq!(part.len(), 3);
-        assert!((part.values().sum::<f32>() - 1.0).abs() < 1e-6, "{part:?}");
-        assert!(part[&2] > part[&3] && part[&3] > part[&1], "{part:?}");
+        let fraction: HashMap<usize, f32> = shares.iter().copied().collect();
+        assert_eq!(fraction.len(), 3);
+        assert!(
+            (fraction.values().sum::<f32>() - 1.0).abs() < 1e-6,
+            "{fraction:?}"
+        );
+        assert!(
+            fraction[&2] > fraction[&3] && fraction[&3] > fraction[&1],
+            "{fraction:?}"
+        );
     }
 
     #[test]

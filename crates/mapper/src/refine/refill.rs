@@ -9,24 +9,24 @@ use echosplat_model::glam::Vec3;
 
 use crate::accumulate::evidence::BlockIndex;
 use crate::refine::places::Places;
+use crate::spawn::directional_reflectivity::{DirectionalReflectivity, Faces};
 use crate::spawn::gaussians::{Gaussians, Verdict};
-use crate::spawn::lobes::{Lobes, Sides};
 
 /// A place that a work-out began with: its centre, and its block and voxel.
 pub(crate) type Candidate = (Vec3, (BlockIndex, u16));
 
-/// Every Gaussian that is worked on gives way to the candidates around it, which share its strength and the sides it
+/// Every Gaussian that is worked on gives way to the candidates around it, which share its strength and the faces it
 /// is known from.
 pub(crate) fn refill(draft: &mut Gaussians, candidates: &[Candidate], voxel_m: f32) {
     let centers = candidates.iter().map(|&(center_m, _)| center_m);
     let places = Places::of(centers.enumerate(), voxel_m);
-    let mut got: Vec<Option<(Lobes, Sides)>> = vec![None; candidates.len()];
+    let mut got: Vec<Option<(DirectionalReflectivity, Faces)>> = vec![None; candidates.len()];
     let worked_on: Vec<usize> = draft.slots().filter(|&s| draft.is_worked_on(s)).collect();
     for slot in worked_on {
-        for (place, part) in places.shares(draft.mean_m[slot]) {
+        for (place, fraction) in places.shares(draft.mean_m[slot]) {
             let (strength, known) = got[place].get_or_insert_default();
             let mut share = draft.strength[slot];
-            share.scale(part);
+            share.scale(fraction);
             strength.add(&share);
             known.join(draft.known[slot]);
         }

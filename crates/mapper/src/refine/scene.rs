@@ -1,7 +1,7 @@
-//! What every look at the map starts from.
+//! What every pass over pings starts from.
 
 use crate::accumulate::evidence::Evidence;
-use crate::parts::AtWork;
+use crate::features::AtWork;
 use crate::spawn::gaussians::Gaussians;
 
 /// What a pass reads.
@@ -9,7 +9,7 @@ use crate::spawn::gaussians::Gaussians;
 pub(crate) struct Scene<'a> {
     pub(crate) evidence: &'a Evidence,
     pub(crate) gaussians: &'a Gaussians,
-    /// Whether looks are as blurred as their poses may be off.
+    /// Whether pings are as blurred as their poses may be off.
     pub(crate) is_blurred: bool,
     pub(crate) at_work: AtWork,
 }

@@ -7,8 +7,8 @@ use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::{Neighbours, Surroundings};
 
 /// Lays every published Gaussian along its neighbours: axes from the scatter of their means,
-/// weighted by strength, the shortest across the surface. `voxel_m` is the spacing they were born
-/// with. Keeps the energy each sends back when seen along its shortest axis.
+/// weighted by strength, the shortest across the surface. `voxel_m` is the spacing they were
+/// spawned with. Keeps the energy each sends back when seen along its shortest axis.
 pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     let published = |slot: usize| matches!(gaussians.verdict[slot], Verdict::Published(_));
     let neighbours = Neighbours::new(gaussians, 2.5 * voxel_m, published);

@@ -6,15 +6,15 @@
 
 use std::ops::Range;
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 use echosplat_acoustics::lanes::{self, LANES};
-use echosplat_acoustics::packed::{self, Row, View};
+use echosplat_acoustics::packed::{self, MatrixRow, View};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8};
 
-use crate::accumulate::history::Past;
+use crate::accumulate::history::Keyframe;
 use crate::detect::bin_state::BinState;
-use crate::parts::Extent;
+use crate::features::Extent;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
 
@@ -23,7 +23,7 @@ use crate::refine::scene::Scene;
 pub(crate) struct Sight {
     near: Vec<Range<usize>>,
     places: Vec<u32>,
-    rows: Vec<Row>,
+    rows: Vec<MatrixRow>,
     /// Per row and bin; each row's are filled up with zeros to eights.
     energies: Vec<f32>,
     pair_count: u64,
@@ -36,7 +36,7 @@ pub(crate) struct Sight {
     pub(crate) bin_weight: Vec<f32>,
     /// `w/Î` and `w·I/Î²` per bin, as counts `w` and `w·I/Î`: what a row's energies are summed with.
     share: Vec<f32>,
-    pull: Vec<f32>,
+    numerator: Vec<f32>,
 }
 
 /// Most that one bin says for or against an echo, since the model of it may be wrong.
@@ -52,11 +52,11 @@ const SHADOWED_WEIGHT: f32 = 0.15;
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Against {
     pub(crate) share: f32,
-    pub(crate) pull: f32,
+    pub(crate) numerator: f32,
 }
 
-/// Sums over the bins of a row, with `e = Î_row/Î` the row's part in a bin, `z` the bin's middle in
-/// sigmas from the row's mean, and `ε` what was measured over what was predicted, less 1.
+/// Sums over the bins of a row, with `e = Î_row/Î` the row's fraction of a bin, `z` the bin's middle in sigmas
+/// from the row's mean, and `ε` what was measured over what was predicted, less 1.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Moments {
     /// `Σ w e²`, `Σ w e² z`, `Σ w e² z²`.
@@ -66,25 +66,25 @@ pub(crate) struct Moments {
 }
 
 impl Sight {
-    /// Fills in what `past` sees of the scene.
-    pub(crate) fn look(&mut self, past: &Past, scene: Scene<'_>, field: &Field) {
-        let look = match scene.is_blurred {
-            true => past.blurred_look(),
-            false => past.look,
+    /// Fills in what `keyframe` sees of the scene.
+    pub(crate) fn observe(&mut self, keyframe: &Keyframe, scene: Scene<'_>, field: &Field) {
+        let geometry = match scene.is_blurred {
+            true => keyframe.blurred_geometry(),
+            false => keyframe.geometry,
         };
-        self.listen(past, scene);
-        let view = View::of(&look, scene.at_work.elevation);
-        field.in_fan(&past.fan, &mut self.near);
+        self.listen(keyframe, scene);
+        let view = View::of(&geometry, scene.at_work.elevation);
+        field.in_fan(&keyframe.fan, &mut self.near);
         dispatch!(Level::new(), simd => {
             self.find(simd, &view, field);
-            self.spread(simd, &look);
+            self.spread(simd, &geometry);
             self.compare(simd, scene.at_work.speckle);
         });
     }
 
     /// What the ping measured, and the noise it has to be told from.
-    fn listen(&mut self, past: &Past, scene: Scene<'_>) {
-        let profile = &past.profile;
+    fn listen(&mut self, keyframe: &Keyframe, scene: Scene<'_>) {
+        let profile = &keyframe.profile;
         let padded = (profile.intensity.len() + LANES).next_multiple_of(LANES);
         self.predicted.clear();
         self.background = profile.background;
@@ -118,7 +118,7 @@ impl Sight {
 
     /// Energies of all rows, and their sum.
     #[inline(always)]
-    fn spread<S: Simd>(&mut self, simd: S, look: &Look) {
+    fn spread<S: Simd>(&mut self, simd: S, geometry: &PingGeometry) {
         let mut end = 0;
         self.pair_count = 0;
         for row in &mut self.rows {
@@ -136,7 +136,7 @@ impl Sight {
                 &mut self.energies[from..from + padded],
                 &mut self.predicted[bins.start..bins.start + padded],
             );
-            look.spread_into(simd, &row.splat, bins, row.strength, into);
+            geometry.spread_into(simd, &row.splat, bins, row.strength, into);
         }
     }
 
@@ -144,17 +144,17 @@ impl Sight {
     fn compare<S: Simd>(&mut self, simd: S, is_speckled: bool) {
         let count = self.predicted.len();
         self.share.resize(count, 0.0);
-        self.pull.resize(count, 0.0);
+        self.numerator.resize(count, 0.0);
         let outputs = self
             .share
             .chunks_exact_mut(LANES)
-            .zip(self.pull.chunks_exact_mut(LANES));
+            .zip(self.numerator.chunks_exact_mut(LANES));
         let inputs = self
             .predicted
             .chunks_exact(LANES)
             .zip(self.bin_weight.chunks_exact(LANES));
         let inputs = inputs.zip(self.measured.chunks_exact(LANES));
-        for ((share, pull), ((predicted, weight), measured)) in outputs.zip(inputs) {
+        for ((share, numerator), ((predicted, weight), measured)) in outputs.zip(inputs) {
             let predicted = f32x8::from_slice(simd, predicted);
             let weight = f32x8::from_slice(simd, weight);
             let weighted = match is_speckled {
@@ -162,17 +162,17 @@ impl Sight {
                 false => weight,
             };
             weighted.store_slice(share);
-            let pulled = weighted * f32x8::from_slice(simd, measured) / predicted;
-            pulled.store_slice(pull);
+            let ratio = weighted * f32x8::from_slice(simd, measured) / predicted;
+            ratio.store_slice(numerator);
         }
     }
 
-    pub(crate) fn rows(&self) -> &[Row] {
+    pub(crate) fn rows(&self) -> &[MatrixRow] {
         &self.rows
     }
 
     /// Energy of a row per bin of `row.bins`, for strength 1.
-    pub(crate) fn energies(&self, row: &Row) -> &[f32] {
+    pub(crate) fn energies(&self, row: &MatrixRow) -> &[f32] {
         let from = row.energies_from as usize;
         &self.energies[from..from + row.bins.len()]
     }
@@ -187,50 +187,52 @@ impl Sight {
     fn against<S: Simd>(&self, simd: S, against: &mut Vec<Against>) {
         for row in &self.rows {
             let zero = f32x8::splat(simd, 0.0);
-            let (mut share, mut pull) = (zero, zero);
+            let (mut share, mut numerator) = (zero, zero);
             let (energies, bins) = self.eights(row);
             let shares = self.share[bins.clone()].chunks_exact(LANES);
-            let pulls = self.pull[bins].chunks_exact(LANES);
-            for (energy, (shares, pulls)) in energies.chunks_exact(LANES).zip(shares.zip(pulls)) {
+            let numerators = self.numerator[bins].chunks_exact(LANES);
+            for (energy, (shares, numerators)) in
+                energies.chunks_exact(LANES).zip(shares.zip(numerators))
+            {
                 let energy = f32x8::from_slice(simd, energy);
                 share = energy.mul_add(f32x8::from_slice(simd, shares), share);
-                pull = energy.mul_add(f32x8::from_slice(simd, pulls), pull);
+                numerator = energy.mul_add(f32x8::from_slice(simd, numerators), numerator);
             }
             against.push(Against {
                 share: share.reduce_sum(),
-                pull: pull.reduce_sum(),
+                numerator: numerator.reduce_sum(),
             });
         }
     }
 
     /// Energies of a row filled up to eights, and as many bins.
     #[inline(always)]
-    fn eights(&self, row: &Row) -> (&[f32], Range<usize>) {
+    fn eights(&self, row: &MatrixRow) -> (&[f32], Range<usize>) {
         let padded = row.bins.len().next_multiple_of(LANES);
         let (from, first) = (row.energies_from as usize, row.bins.start as usize);
         (&self.energies[from..from + padded], first..first + padded)
     }
 
-    /// Each row's moments, in the rows' order; `look` is any of the ping.
-    pub(crate) fn moments(&self, look: &Look, moments: &mut Vec<Moments>) {
+    /// Each row's moments, in the rows' order; `geometry` is any of the ping.
+    pub(crate) fn moments(&self, geometry: &PingGeometry, moments: &mut Vec<Moments>) {
         moments.clear();
         dispatch!(Level::new(), simd => {
             for row in &self.rows {
-                moments.push(self.moments_of(simd, look, row));
+                moments.push(self.moments_of(simd, geometry, row));
             }
         });
     }
 
     #[inline(always)]
-    fn moments_of<S: Simd>(&self, simd: S, look: &Look, row: &Row) -> Moments {
+    fn moments_of<S: Simd>(&self, simd: S, geometry: &PingGeometry, row: &MatrixRow) -> Moments {
         let numbers = lanes::lane_numbers(simd);
         let zero = f32x8::splat(simd, 0.0);
-        let [mut flat, mut tilt, mut bend, mut pull, mut push] = [zero; 5];
+        let [mut flat, mut tilt, mut bend, mut residual, mut slope] = [zero; 5];
         let (energies, bins) = self.eights(row);
         let by_sigma = 1.0 / row.splat.range_sigma_m;
-        let middle_m = look.range_start_m + look.bin_length_m * (bins.start as f32 + 0.5);
+        let middle_m = geometry.range_start_m + geometry.bin_length_m * (bins.start as f32 + 0.5);
         let mut first_z = (middle_m - row.splat.range_m) * by_sigma;
-        let step = look.bin_length_m * by_sigma;
+        let step = geometry.bin_length_m * by_sigma;
         let predicted = self.predicted[bins.clone()].chunks_exact(LANES);
         let weights = self.bin_weight[bins.clone()].chunks_exact(LANES);
         let measured = self.measured[bins].chunks_exact(LANES);
@@ -246,13 +248,13 @@ impl Sight {
             flat += square;
             tilt = square.mul_add(z, tilt);
             bend = (square * z).mul_add(z, bend);
-            pull += off;
-            push = off.mul_add(z, push);
+            residual += off;
+            slope = off.mul_add(z, slope);
             first_z += step * LANES as f32;
         }
         Moments {
             square: [flat.reduce_sum(), tilt.reduce_sum(), bend.reduce_sum()],
-            residual: [pull.reduce_sum(), push.reduce_sum()],
+            residual: [residual.reduce_sum(), slope.reduce_sum()],
         }
     }
 

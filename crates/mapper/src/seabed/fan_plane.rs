@@ -1,7 +1,7 @@
 //! The plane of a ping's fan over the ground.
 
 use echosplat_acoustics::lanes::{self, LANES};
-use echosplat_acoustics::{Beam, Look};
+use echosplat_acoustics::{Beam, PingGeometry};
 use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8};
@@ -50,8 +50,8 @@ impl FanEnergy {
             return 0.0;
         }
         let step = (position as usize).min(STEPS - 1);
-        let part = (position - step as f32).min(1.0);
-        self.below_rad[step] + part * (self.below_rad[step + 1] - self.below_rad[step])
+        let fraction = (position - step as f32).min(1.0);
+        self.below_rad[step] + fraction * (self.below_rad[step + 1] - self.below_rad[step])
     }
 }
 
@@ -68,13 +68,13 @@ pub(crate) struct FanPlane {
 }
 
 impl FanPlane {
-    pub(crate) fn of(look: &Look) -> Self {
-        let axes = look.pose.axes;
+    pub(crate) fn of(geometry: &PingGeometry) -> Self {
+        let axes = geometry.pose.axes;
         let along = axes.x_axis;
         // A sonar mounted upside down sees the same ground.
         let up = axes.z_axis * if axes.z_axis.z < 0.0 { -1.0 } else { 1.0 };
         Self {
-            position_m: look.pose.position_m,
+            position_m: geometry.pose.position_m,
             along,
             up,
             steepest: along.z.hypot(up.z),
@@ -132,7 +132,7 @@ impl FanPlane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_acoustics::LookPose;
+    use echosplat_acoustics::PingPose;
     use echosplat_model::glam::Mat3;
 
     #[test]
@@ -140,8 +140,8 @@ mod tests {
         let ranges_m: Vec<f32> = (1..60).map(|step| 0.17 * step as f32).collect();
         let mut told_rad = vec![0.0; ranges_m.len()];
         for (pitch, depth_m) in [(0.0, 0.2), (0.3, 2.0), (-0.7, 5.0)] {
-            let plane = FanPlane::of(&Look {
-                pose: LookPose {
+            let plane = FanPlane::of(&PingGeometry {
+                pose: PingPose {
                     position_m: Vec3::ZERO,
                     axes: Mat3::from_rotation_y(pitch),
                     drift_per_m: Vec3::ZERO,

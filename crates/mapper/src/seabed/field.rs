@@ -163,15 +163,15 @@ impl Field {
     pub(crate) fn height_m(&self, place_m: Vec2) -> f32 {
         let position = place_m / NODE_M;
         let low = position.floor();
-        let part = position - low;
+        let fraction = position - low;
         let low = low.as_ivec2();
         let at = |dx, dy| {
             self.node(low + IVec2::new(dx, dy))
                 .map_or(self.far_height_m, |node| node.height_m)
         };
-        let near = at(0, 0) + part.x * (at(1, 0) - at(0, 0));
-        let far = at(0, 1) + part.x * (at(1, 1) - at(0, 1));
-        near + part.y * (far - near)
+        let near = at(0, 0) + fraction.x * (at(1, 0) - at(0, 0));
+        let far = at(0, 1) + fraction.x * (at(1, 1) - at(0, 1));
+        near + fraction.y * (far - near)
     }
 
     /// Whether anything was measured within [`KNOWN_NODES`] of a place.

@@ -14,7 +14,7 @@ mod field;
 mod onset;
 mod proof;
 
-use echosplat_acoustics::{Beam, Look};
+use echosplat_acoustics::{Beam, PingGeometry};
 use echosplat_model::glam::{Quat, Vec2, Vec3};
 use echosplat_model::{Gaussian, GaussianId, Standing, Switch};
 
@@ -122,7 +122,7 @@ impl Seabed {
         self.shown >= LEAST_SHOWN && self.shown as f32 > LEAST_SHARE * self.able as f32
     }
 
-    /// Natural logarithm of how much likelier it is ground than reverberation, if it is there.
+    /// Log likelihood ratio, nats, of ground against reverberation, if it is there.
     pub(crate) fn log_ratio(&self) -> Option<f32> {
         self.is_there().then(|| self.proof.log_ratio())
     }
@@ -136,19 +136,19 @@ impl Seabed {
     pub(crate) fn brightness(&self) -> f32 {
         match self.shown < LEAST_SHOWN {
             true => 0.0,
-            false => self.falls[self.likeliest()].brightness.unwrap_or(0.0),
+            false => self.falls[self.most_likely()].brightness.unwrap_or(0.0),
         }
     }
 
     /// Index of the power of range that brightness falls by.
-    fn likeliest(&self) -> usize {
+    fn most_likely(&self) -> usize {
         let gains = self.falls.iter().map(|fall| fall.gain).enumerate();
         let best = gains.reduce(|best, other| if other.1 > best.1 { other } else { best });
         best.map_or(0, |(index, _)| index)
     }
 
     /// Learns from a ping.
-    pub(crate) fn listen(&mut self, look: &Look, intensity: &[f32], profile: &Profile) {
+    pub(crate) fn listen(&mut self, geometry: &PingGeometry, intensity: &[f32], profile: &Profile) {
         if self.switch == Switch::Off {
             return;
         }
@@ -160,11 +160,11 @@ impl Seabed {
         if !self.heard.is_multiple_of(stride) {
             return;
         }
-        let plane = FanPlane::of(look);
+        let plane = FanPlane::of(geometry);
         let (from, noise) = (profile.first_bin(), profile.noise);
-        let near_m = look.range_start_m + from as f32 * look.bin_length_m;
+        let near_m = geometry.range_start_m + from as f32 * geometry.bin_length_m;
         self.runs
-            .fill(intensity, from, noise, near_m, look.bin_length_m);
+            .fill(intensity, from, noise, near_m, geometry.bin_length_m);
         if !self.runs.can_tell(&plane, &self.fan) {
             return;
         }
@@ -193,11 +193,11 @@ impl Seabed {
         }
     }
 
-    /// The ground in the ping at hand, by the likeliest power of range; learns its brightness, and the power as long as
-    /// it is open.
+    /// The ground in the ping at hand, by the most likely power of range; learns its brightness, and the power as long as it is
+    /// open.
     fn onset(&mut self, plane: &FanPlane) -> Option<Onset> {
         let is_open = self.shown < LEAST_SHOWN;
-        let settled = self.likeliest();
+        let settled = self.most_likely();
         let mut onsets = [None; FALLS.len()];
         for (index, &power) in FALLS.iter().enumerate() {
             if !is_open && index != settled {
@@ -223,11 +223,11 @@ impl Seabed {
             }
             onsets[index] = Some(onset);
         }
-        onsets[self.likeliest()]
+        onsets[self.most_likely()]
     }
 
-    /// Power of the ground per bin of a look, by the brightness of its time, 0 for that of now.
-    pub(crate) fn backdrop(&self, look: &Look, brightness: f32) -> Backdrop {
+    /// Power of the ground per bin of a ping, by the brightness of its time, 0 for that of now.
+    pub(crate) fn backdrop(&self, geometry: &PingGeometry, brightness: f32) -> Backdrop {
         if !self.is_there() {
             return Backdrop::default();
         }
@@ -236,20 +236,20 @@ impl Seabed {
         } else {
             self.brightness()
         };
-        let fall = FALLS[self.likeliest()];
+        let fall = FALLS[self.most_likely()];
         let at = |range_m: f32| brightness * falling(range_m, fall);
         let mut backdrop = Backdrop {
-            expected: vec![0.0; look.bin_count as usize],
-            most: vec![0.0; look.bin_count as usize],
+            expected: vec![0.0; geometry.bin_count as usize],
+            most: vec![0.0; geometry.bin_count as usize],
         };
-        let stretches = self.stretches(look);
+        let stretches = self.stretches(geometry);
         for stretch in &stretches {
             let bins = &mut backdrop.expected[stretch.start..stretch.end];
             let power = at(stretch.range_m) * stretch.energy_rad / bins.len() as f32;
             bins.fill(power);
         }
         for stretch in &stretches {
-            let reach = (TOLERANCE_M / stretch.descent / look.bin_length_m) as usize;
+            let reach = (TOLERANCE_M / stretch.descent / geometry.bin_length_m) as usize;
             let end = (stretch.end + reach).min(backdrop.expected.len());
             let around = &backdrop.expected[stretch.start.saturating_sub(reach)..end];
             let near = around.iter().copied().fold(0.0, f32::max);
@@ -258,24 +258,24 @@ impl Seabed {
             } else {
                 0.0
             };
-            let turned_rad = steepest * look.bin_length_m / stretch.range_m;
+            let turned_rad = steepest * geometry.bin_length_m / stretch.range_m;
             let most = near + at(stretch.range_m) * turned_rad;
             backdrop.most[stretch.start..stretch.end].fill(most);
         }
         backdrop
     }
 
-    /// The ground as a look meets it, nearest first: seen where it stands above all that is nearer.
-    fn stretches(&self, look: &Look) -> Vec<Stretch> {
-        let plane = FanPlane::of(look);
-        let count = look.bin_count as usize;
+    /// The ground as a ping meets it, nearest first: seen where it stands above all that is nearer.
+    fn stretches(&self, geometry: &PingGeometry) -> Vec<Stretch> {
+        let plane = FanPlane::of(geometry);
+        let count = geometry.bin_count as usize;
         let bins = count.div_ceil(MOST_STRETCHES);
         let (mut elevation_rad, mut horizon_rad) = (self.fan.lowest_rad(), f32::MIN);
         let mut below_rad = 0.0;
         let mut stretches = Vec::with_capacity(count.div_ceil(bins));
         for start in (0..count).step_by(bins) {
             let end = (start + bins).min(count);
-            let far_m = look.range_start_m + end as f32 * look.bin_length_m;
+            let far_m = geometry.range_start_m + end as f32 * geometry.bin_length_m;
             for _ in 0..STEPS {
                 let at_m = plane.position_m + plane.direction(elevation_rad) * far_m;
                 let depth_m = plane.position_m.z - self.field.height_m(at_m.truncate());
@@ -288,7 +288,7 @@ impl Seabed {
             stretches.push(Stretch {
                 start,
                 end,
-                range_m: far_m - 0.5 * (end - start) as f32 * look.bin_length_m,
+                range_m: far_m - 0.5 * (end - start) as f32 * geometry.bin_length_m,
                 energy_rad: upto_rad - below_rad,
                 descent: (-direction.z).max(LEAST_DESCENT),
                 is_beyond_onset: upto_rad > 0.0,
@@ -316,7 +316,7 @@ impl Seabed {
         // Of what a radian of elevation holds, the beam across takes in this much solid angle.
         let solid_angle = std::f32::consts::TAU.sqrt() * self.beam_sigma_rad;
         let range_m = (self.log_range_sum / self.shown as f32).exp();
-        let here = self.brightness() * falling(range_m, FALLS[self.likeliest()]);
+        let here = self.brightness() * falling(range_m, FALLS[self.most_likely()]);
         let product = (here / solid_angle / unit).clamp(1e-12, 1.0);
         let scale_m = 0.2 * NODE_M;
         let asserted = self.field.measured().filter(|g| g.spread_m < MOST_SPREAD_M);

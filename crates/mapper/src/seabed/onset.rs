@@ -1,11 +1,10 @@
 //! The first bottom return of a ping: how far below the sensor the ground lies where the lower edge
 //! of the fan meets it.
 //!
-//! Flat ground `h` below the sensor lights every bin from `r₀ = h / sin(edge)` on, ever more faintly,
-//! until something shades it: by the fan's sensitivity over the elevations in a bin, times a power of
-//! range for spreading and grazing. For each `r₀` the gain in log likelihood over no ground at all is
-//! summed up to the best end; bins that hold something else count as little for one depth as for
-//! another.
+//! Flat ground `h` below the sensor lights every bin from `r₀ = h / sin(edge)` on, ever more faintly, until something
+//! occludes it: by the fan's sensitivity over the elevations in a bin, times a power of range for spreading and
+//! grazing. For each `r₀` the gain in log likelihood over no ground at all is summed up to the best end; bins that
+//! hold something else count as little for one depth as for another.
 //!
 //! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 0.5 ms; four times that for a
 //! dive's first onsets, which tell the power of range.
@@ -22,9 +21,9 @@ use super::fan_plane::{FanEnergy, FanPlane};
 
 /// A profile is looked at in about so many runs of bins.
 const RUNS: usize = 150;
-/// The nearest so many-th part of a ping tells its noise, if it is quieter than all.
-const NOISE_PART: usize = 3;
-/// Looks that a run averages, as the likelihood has it: few, since neighbouring bins share them.
+/// The nearest third of a ping tells its noise, if it is quieter than all: one over that fraction.
+const NOISE_DIVISOR: usize = 3;
+/// Number of looks that a run averages, as the likelihood has it: few, since neighbouring bins share them.
 const LOOKS: f32 = 4.0;
 /// `L ln L − ln Γ(L)`: the density of log power is `exp` of this plus `L (x − eˣ)`.
 const LOG_DENSITY: f32 = 3.753_4;
@@ -116,7 +115,7 @@ impl Runs {
         self.empty.clear();
         let open = intensity.get(from..).unwrap_or_default();
         // Ground that fills most of a ping leaves its nearest part to the noise.
-        let nearest = &open[..open.len() / NOISE_PART];
+        let nearest = &open[..open.len() / NOISE_DIVISOR];
         if !nearest.is_empty() {
             self.noise = mean_of_noise(&mut nearest.to_vec())
                 .min(noise)

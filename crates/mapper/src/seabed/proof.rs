@@ -14,7 +14,7 @@ const LEAST_ONSETS: u32 = 16;
 const MOST_OFF_M: f32 = 0.5;
 /// Neighbouring onsets share the vehicle's motion and part of their speckle.
 const ALIKE: f32 = 8.0;
-/// Natural logarithm of 100: so much likelier than reverberation.
+/// Natural logarithm of 100: the likelihood ratio of ground over reverberation.
 const ENOUGH: f32 = 4.6;
 /// Poses wander by some decimetres while a vehicle rests.
 const LEAST_BASELINE_M: f32 = 1.0;

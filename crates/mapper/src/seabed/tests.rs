@@ -1,5 +1,5 @@
 use super::*;
-use echosplat_acoustics::LookPose;
+use echosplat_acoustics::PingPose;
 use echosplat_model::glam::Mat3;
 use echosplat_model::{Ping, PingSettings, Timestamp};
 
@@ -11,9 +11,9 @@ const BIN_M: f32 = 0.0167;
 const NOISE: f32 = 1.0;
 const BRIGHTNESS: f32 = 5000.0;
 
-fn look(height_m: f32, x_m: f32) -> Look {
-    Look {
-        pose: LookPose {
+fn geometry(height_m: f32, x_m: f32) -> PingGeometry {
+    PingGeometry {
+        pose: PingPose {
             position_m: Vec3::new(x_m, 0.0, height_m),
             axes: Mat3::IDENTITY,
             drift_per_m: Vec3::ZERO,
@@ -82,8 +82,8 @@ fn dive_ringing(mut seabed: Seabed, until_m: f64, power: impl Fn(f32, usize) -> 
             false => power(height_m, bin),
         });
         profile.ring_until(until_m);
-        let look = look(height_m, 0.005 * index as f32);
-        seabed.listen(&look, &intensity, &profile);
+        let geometry = geometry(height_m, 0.005 * index as f32);
+        seabed.listen(&geometry, &intensity, &profile);
     }
     seabed
 }
@@ -98,7 +98,7 @@ fn flat_ground_is_found_at_its_height_and_explains_its_echoes() {
         assert!(gaussian.mean_m.z.abs() < 0.1, "{}", gaussian.mean_m);
         assert!((gaussian.rotation * Vec3::Z).z > 0.95);
     }
-    let backdrop = seabed.backdrop(&look(2.0, 1.0), 0.0);
+    let backdrop = seabed.backdrop(&geometry(2.0, 1.0), 0.0);
     for bin in [330, 400, 500] {
         let ratio = backdrop.expected[bin] / ground(2.0, bin);
         assert!((0.6..1.6).contains(&ratio), "bin {bin}: {ratio}");
@@ -189,13 +189,18 @@ fn a_structure_without_ground_is_no_ground() {
         }
     });
     assert!(!seabed.is_there());
-    assert!(seabed.backdrop(&look(2.0, 1.0), 0.0).expected.is_empty());
+    assert!(
+        seabed
+            .backdrop(&geometry(2.0, 1.0), 0.0)
+            .expected
+            .is_empty()
+    );
     assert!(seabed.published(1.0).is_empty());
 }
 
 #[test]
 fn a_sonar_mounted_upside_down_sees_the_same_ground() {
-    let upright = look(2.0, 0.0);
+    let upright = geometry(2.0, 0.0);
     let mut turned = upright;
     turned.pose.axes = Mat3::from_rotation_x(std::f32::consts::PI);
     let (a, b) = (FanPlane::of(&upright), FanPlane::of(&turned));

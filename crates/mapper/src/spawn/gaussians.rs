@@ -5,11 +5,11 @@ use echosplat_model::glam::{Mat3, Quat, Vec3};
 use echosplat_model::{GaussianId, Standing};
 
 use crate::accumulate::evidence::{BlockIndex, spare};
+use crate::spawn::directional_reflectivity::{DirectionalReflectivity, Faces};
 use crate::spawn::kept::Kept;
-use crate::spawn::lobes::{Lobes, Sides};
 
-/// Of places that the map says nothing for, this part has surface within 0.10 m by chance: those it holds lie about the
-/// structure.
+/// Of places that the map says nothing for, this fraction has surface within 0.10 m by chance: those it holds lie about
+/// the structure.
 pub(crate) const BY_CHANCE: f32 = 0.05;
 /// What the last assessment found of a Gaussian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -23,8 +23,8 @@ pub(crate) enum Verdict {
 /// How far a Gaussian has come.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Stage {
-    /// Born where evidence asked for it, and not looked at since.
-    Newborn,
+    /// Spawned where evidence asked for it, and not worked out since.
+    Spawned,
     /// Strength, place and verdict are worked out from pings.
     Worked,
     /// Held still beside those that are being worked out.
@@ -38,25 +38,25 @@ pub(crate) enum Stage {
 pub(crate) struct Gaussians {
     pub(crate) id: Vec<GaussianId>,
     pub(crate) alive: Vec<bool>,
-    /// Where it was born; it stays within a voxel of there.
+    /// Where it was spawned; it stays within a voxel of there.
     pub(crate) home_m: Vec<Vec3>,
     pub(crate) home: Vec<(BlockIndex, u16)>,
     pub(crate) mean_m: Vec<Vec3>,
     pub(crate) rotation: Vec<Quat>,
     pub(crate) scale_m: Vec<Vec3>,
     pub(crate) covariance_m2: Vec<SymmetricMat3>,
-    /// αρ towards each side, in the unit of the pings' intensity.
-    pub(crate) strength: Vec<Lobes>,
-    /// Sides that a ping has told the strength of; the others hold what they began with.
-    pub(crate) known: Vec<Sides>,
-    /// What part of a whole Gaussian it is: 1, or ⅛ after a split.
-    pub(crate) part: Vec<f32>,
+    /// αρ towards each face, in the unit of the pings' intensity.
+    pub(crate) strength: Vec<DirectionalReflectivity>,
+    /// Faces that a ping has told the strength of; the others hold what they began with.
+    pub(crate) known: Vec<Faces>,
+    /// Its share of the Gaussian it was split from: ⅛, or 1 if it was not split.
+    pub(crate) child_share: Vec<f32>,
     pub(crate) sigma_m: Vec<f32>,
     /// Of its position; see [`crate::classify::certainty`].
     pub(crate) position_covariance_m2: Vec<SymmetricMat3>,
     /// That there is surface beside it.
     pub(crate) probability: Vec<f32>,
-    /// That it is asserted where its looks fix it.
+    /// That it is asserted where its observations fix it.
     pub(crate) is_likely: Vec<bool>,
     pub(crate) verdict: Vec<Verdict>,
     pub(crate) stage: Vec<Stage>,
@@ -94,15 +94,15 @@ impl Gaussians {
         self.home[s] = home;
         self.mean_m[s] = home_m;
         self.set_shape(s, Quat::IDENTITY, Vec3::splat(scale_m));
-        self.strength[s] = Lobes::even(strength);
-        self.known[s] = Sides::default();
-        self.part[s] = 1.0;
+        self.strength[s] = DirectionalReflectivity::even(strength);
+        self.known[s] = Faces::default();
+        self.child_share[s] = 1.0;
         self.sigma_m[s] = f32::INFINITY;
         self.position_covariance_m2[s] = SymmetricMat3::isotropic(f32::INFINITY);
         self.probability[s] = BY_CHANCE;
         self.is_likely[s] = false;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
-        self.stage[s] = Stage::Newborn;
+        self.stage[s] = Stage::Spawned;
         self.kept[s] = None;
         slot
     }
@@ -117,7 +117,7 @@ impl Gaussians {
         self.covariance_m2[c] = other.covariance_m2[slot];
         self.strength[c] = other.strength[slot];
         self.known[c] = other.known[slot];
-        self.part[c] = other.part[slot];
+        self.child_share[c] = other.child_share[slot];
         self.sigma_m[c] = other.sigma_m[slot];
         self.position_covariance_m2[c] = other.position_covariance_m2[slot];
         self.probability[c] = other.probability[slot];
@@ -137,7 +137,7 @@ impl Gaussians {
         if !std::mem::take(&mut self.alive[slot as usize]) {
             return;
         }
-        self.strength[slot as usize] = Lobes::default();
+        self.strength[slot as usize] = DirectionalReflectivity::default();
         self.kept[slot as usize] = None;
         self.free.push(slot);
     }
@@ -194,7 +194,7 @@ impl Gaussians {
         self.covariance_m2.reserve_exact(count);
         self.strength.reserve_exact(count);
         self.known.reserve_exact(count);
-        self.part.reserve_exact(count);
+        self.child_share.reserve_exact(count);
         self.sigma_m.reserve_exact(count);
         self.position_covariance_m2.reserve_exact(count);
         self.probability.reserve_exact(count);
@@ -216,27 +216,30 @@ impl Gaussians {
         self.rotation.push(Quat::IDENTITY);
         self.scale_m.push(Vec3::ONE);
         self.covariance_m2.push(SymmetricMat3::default());
-        self.strength.push(Lobes::default());
-        self.known.push(Sides::default());
-        self.part.push(1.0);
+        self.strength.push(DirectionalReflectivity::default());
+        self.known.push(Faces::default());
+        self.child_share.push(1.0);
         self.sigma_m.push(f32::INFINITY);
         self.position_covariance_m2
             .push(SymmetricMat3::isotropic(f32::INFINITY));
         self.probability.push(0.0);
         self.is_likely.push(false);
         self.verdict.push(Verdict::ExplainedAway);
-        self.stage.push(Stage::Newborn);
+        self.stage.push(Stage::Spawned);
         self.kept.push(None);
         (self.id.len() - 1) as u32
     }
 
-    /// How much of what it covers a Gaussian adds: eight parts of one lie behind one another in two
-    /// layers.
+    /// How much of what it covers a Gaussian adds: eight children of one lie behind one another in two layers.
     pub(crate) fn layers(&self, slot: usize) -> f32 {
-        if self.part[slot] < 1.0 { 0.5 } else { 1.0 }
+        if self.child_share[slot] < 1.0 {
+            0.5
+        } else {
+            1.0
+        }
     }
 
-    /// Strength of a slot's strongest side, of those that are known.
+    /// Strength of a slot's strongest face, of those that are known.
     pub(crate) fn strongest(&self, slot: usize) -> f32 {
         self.strength[slot].strongest(self.known[slot])
     }

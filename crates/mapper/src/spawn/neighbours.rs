@@ -1,7 +1,6 @@
 //! Which Gaussians lie beside which.
 //!
-//! Cost: a sort of all, then for each cell of a grid one look at the 27 around it and a distance for
-//! each pair in them.
+//! Cost: a sort of all, then for each cell of a grid one pass over the 27 around it and a distance for each pair in them.
 
 use std::ops::Range;
 
@@ -138,11 +137,11 @@ impl Neighbours {
         found.flatten_iter().collect()
     }
 
-    /// Whether something within reach is so strong that they are at most `part` of it, of those Gaussians held that are
+    /// Whether something within reach is so strong that they are at most `fraction` of it, of those Gaussians held that are
     /// `asked` for, in a fixed order. What has no strength always is.
     pub(crate) fn outshone(
         &self,
-        part: f32,
+        fraction: f32,
         asked: impl Fn(usize) -> bool + Sync,
     ) -> Vec<(usize, bool)> {
         let of_cell = |cell: &Cell| {
@@ -156,10 +155,13 @@ impl Neighbours {
             // Most cells hold nothing that is strong enough.
             let around = self.around(cell.at);
             let beside: Vec<&Cell> = around
-                .filter(|cell| outshines(cell.strongest, weakest, part))
+                .filter(|cell| outshines(cell.strongest, weakest, fraction))
                 .collect();
-            let is_outshone =
-                |place: &Place| beside.iter().any(|cell| self.outshine(cell, place, part));
+            let is_outshone = |place: &Place| {
+                beside
+                    .iter()
+                    .any(|cell| self.outshine(cell, place, fraction))
+            };
             let found = members
                 .into_iter()
                 .map(|place| (place.slot as usize, is_outshone(place)));
@@ -169,11 +171,11 @@ impl Neighbours {
     }
 
     /// Whether the cell has something within reach that outshines the place.
-    fn outshine(&self, cell: &Cell, place: &Place, part: f32) -> bool {
+    fn outshine(&self, cell: &Cell, place: &Place, fraction: f32) -> bool {
         let reach_m2 = self.cell_m * self.cell_m;
-        outshines(cell.strongest, place.strength, part)
+        outshines(cell.strongest, place.strength, fraction)
             && self.members(cell).iter().any(|other| {
-                outshines(other.strength, place.strength, part)
+                outshines(other.strength, place.strength, fraction)
                     && other.mean_m.distance_squared(place.mean_m) <= reach_m2
             })
     }
@@ -197,9 +199,9 @@ impl Neighbours {
     }
 }
 
-/// Whether the weaker strength is at most `part` of the stronger; none at all always is.
-fn outshines(stronger: f32, weaker: f32, part: f32) -> bool {
-    !(weaker > part * stronger.max(f32::MIN_POSITIVE))
+/// Whether the weaker strength is at most `fraction` of the stronger; none at all always is.
+fn outshines(stronger: f32, weaker: f32, fraction: f32) -> bool {
+    !(weaker > fraction * stronger.max(f32::MIN_POSITIVE))
 }
 
 /// Cells in order of z, y, x.
@@ -253,7 +255,7 @@ mod tests {
             gaussians.spawn(Vec3::new(x, 0.0, 0.0), (0, 0), 0.1, strength);
         }
         let neighbours = Neighbours::new(&gaussians, 0.4, |_| true);
-        let outshone = |part: f32| neighbours.outshone(part, |slot| slot != 1);
+        let outshone = |fraction: f32| neighbours.outshone(fraction, |slot| slot != 1);
         let of = |so: [bool; 5]| [0, 2, 3, 4, 5].into_iter().zip(so).collect::<Vec<_>>();
         assert_eq!(outshone(0.4), of([true, false, true, false, true]));
         assert_eq!(outshone(0.05), of([false, false, false, false, true]));

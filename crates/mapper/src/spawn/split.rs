@@ -5,15 +5,17 @@ use echosplat_model::glam::{Quat, Vec3};
 
 use crate::spawn::gaussians::{Gaussians, Verdict};
 
-/// Of a Gaussian's strength for each of its eight parts: half as wide, each fills a quarter of
+/// Of a Gaussian's strength for each of its eight children: half as wide, each fills a quarter of
 /// the solid angle, so eight of them at half the strength send back as much.
-const PART_OF_STRENGTH: f32 = 0.5;
-/// What each of the eight is of a whole one, and knows of where the surface is.
-pub(crate) const PART: f32 = 0.125;
+const CHILD_STRENGTH_FRACTION: f32 = 0.5;
+/// A child's share of the Gaussian it was split from, and of what that knows of where the surface
+/// is.
+pub(crate) const CHILD_SHARE: f32 = 0.125;
 
 /// Splits every whole confident Gaussian into the eight corners of its voxel.
 pub(crate) fn split_confident(gaussians: &mut Gaussians, voxel_m: f32) {
-    let is_whole = |slot: &usize| gaussians.is_worked_on(*slot) && gaussians.part[*slot] >= 1.0;
+    let is_whole =
+        |slot: &usize| gaussians.is_worked_on(*slot) && gaussians.child_share[*slot] >= 1.0;
     let is_sure =
         |slot: &usize| gaussians.verdict[*slot] == Verdict::Published(Standing::Confident);
     let confident: Vec<usize> = gaussians.slots().filter(is_whole).filter(is_sure).collect();
@@ -26,21 +28,21 @@ fn split(gaussians: &mut Gaussians, slot: usize, quarter_m: f32) {
     let (home, mean_m) = (gaussians.home[slot], gaussians.mean_m[slot]);
     let mut strength = gaussians.strength[slot];
     let (known, kept) = (gaussians.known[slot], gaussians.kept[slot].clone());
-    strength.scale(PART_OF_STRENGTH);
+    strength.scale(CHILD_STRENGTH_FRACTION);
     for corner in 0..8_u32 {
         let at_m = mean_m + corner_of(corner) * quarter_m;
-        let part = match corner {
+        let child = match corner {
             0 => slot,
             _ => gaussians.spawn(at_m, home, quarter_m, 0.0) as usize,
         };
-        gaussians.mean_m[part] = at_m;
-        gaussians.home_m[part] = at_m;
-        gaussians.set_shape(part, Quat::IDENTITY, Vec3::splat(quarter_m));
-        gaussians.strength[part] = strength;
-        gaussians.known[part] = known;
-        gaussians.part[part] = PART;
-        gaussians.kept[part] = kept.clone();
-        gaussians.verdict[part] = Verdict::Published(Standing::Confident);
+        gaussians.mean_m[child] = at_m;
+        gaussians.home_m[child] = at_m;
+        gaussians.set_shape(child, Quat::IDENTITY, Vec3::splat(quarter_m));
+        gaussians.strength[child] = strength;
+        gaussians.known[child] = known;
+        gaussians.child_share[child] = CHILD_SHARE;
+        gaussians.kept[child] = kept.clone();
+        gaussians.verdict[child] = Verdict::Published(Standing::Confident);
     }
 }
 
@@ -53,13 +55,13 @@ fn corner_of(corner: u32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_acoustics::{Beam, Look, LookPose, SymmetricMat3};
+    use echosplat_acoustics::{Beam, PingGeometry, PingPose, SymmetricMat3};
     use echosplat_model::glam::Mat3;
 
     #[test]
-    fn eight_parts_send_back_what_the_whole_did() {
-        let look = Look {
-            pose: LookPose {
+    fn eight_children_send_back_what_the_whole_did() {
+        let geometry = PingGeometry {
+            pose: PingPose {
                 position_m: Vec3::ZERO,
                 axes: Mat3::IDENTITY,
                 drift_per_m: Vec3::ZERO,
@@ -73,15 +75,20 @@ mod tests {
             beam: Beam::default(),
         };
         let energy = |mean_m: Vec3, sigma_m: f32| {
-            let splat = look.project(mean_m, &SymmetricMat3::isotropic(sigma_m));
+            let splat = geometry.project(mean_m, &SymmetricMat3::isotropic(sigma_m));
             splat.unwrap().energy
         };
         let middle_m = Vec3::new(6.0, 0.01, 0.5);
-        let parts: f32 = (0..8)
-            .map(|corner| PART_OF_STRENGTH * energy(middle_m + corner_of(corner) * 0.0125, 0.0125))
+        let children: f32 = (0..8)
+            .map(|corner| {
+                CHILD_STRENGTH_FRACTION * energy(middle_m + corner_of(corner) * 0.0125, 0.0125)
+            })
             .sum();
         let whole = energy(middle_m, 0.025);
         // Together they are a little narrower than the whole, so the beam takes in more of them.
-        assert!((parts / whole - 1.0).abs() < 0.1, "{parts} of {whole}");
+        assert!(
+            (children / whole - 1.0).abs() < 0.1,
+            "{children} of {whole}"
+        );
     }
 }

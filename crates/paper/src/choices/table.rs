@@ -32,7 +32,7 @@ impl Choices {
             row(
                 "image unit",
                 "median over views of the brightest pixel".to_owned(),
-                "the paper states no normalisation; one unit for all views keeps their intensities comparable, and the median hears neither a glint nor the dark views",
+                "the paper states no normalisation; one unit for all views keeps their intensities comparable, and the median hears neither a specular return nor the dark views",
             ),
             row(
                 "image_power",

@@ -1,5 +1,5 @@
 //! What was seen where under one reading: the voxels along the arcs of all pings' ranges, and how
-//! often looks at each found it lit, by block of time.
+//! often observations of each found it lit, by block of time.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
@@ -16,8 +16,8 @@ pub(super) const BLOCKS: usize = 20;
 /// Blocks before and after the predicted one that are left out: what was seen a moment ago is seen
 /// again under any reading.
 const LEFT_OUT: usize = 1;
-/// Looks that every voxel is given at the rate of all cells, so that few say little.
-const PRIOR_LOOKS: f32 = 3.0;
+/// Observations that every voxel is given at the rate of all cells, so that few say little.
+const PRIOR_OBSERVATIONS: f32 = 3.0;
 /// Voxels reach so far in each direction.
 const MOST_VOXELS: i32 = 1 << 20;
 
@@ -51,34 +51,35 @@ impl Arcs {
     }
 }
 
-/// Looks at one voxel and how many found it lit, by block.
+/// Observations of one voxel and how many found it lit, by block.
 #[derive(Debug, Clone, Copy, Default)]
-struct Looks {
+struct Observations {
     all: [u8; BLOCKS],
     lit: [u8; BLOCKS],
 }
 
 /// One of them.
 #[derive(Debug, Clone, Copy)]
-struct Look {
+struct Observation {
     block: usize,
     is_lit: bool,
 }
 
-impl Looks {
-    fn add(&mut self, look: Look) {
+impl Observations {
+    fn add(&mut self, observation: Observation) {
         // A full count keeps its share.
-        if let Some(all) = self.all[look.block].checked_add(1) {
-            self.all[look.block] = all;
-            self.lit[look.block] += u8::from(look.is_lit);
+        if let Some(all) = self.all[observation.block].checked_add(1) {
+            self.all[observation.block] = all;
+            self.lit[observation.block] += u8::from(observation.is_lit);
         }
     }
 
-    /// All looks and those that were lit, of the blocks that may tell of `block`.
+    /// All observations and those that were lit, of the blocks that may tell of `block`.
     fn told(&self, block: usize) -> (f32, f32) {
-        let told = |looks: &[u8; BLOCKS]| {
-            let sum = |looks: &[u8]| looks.iter().copied().map(u32::from).sum::<u32>();
-            (sum(looks) - sum(&looks[left_out(block)])) as f32
+        let told = |observations: &[u8; BLOCKS]| {
+            let sum =
+                |observations: &[u8]| observations.iter().copied().map(u32::from).sum::<u32>();
+            (sum(observations) - sum(&observations[left_out(block)])) as f32
         };
         (told(&self.all), told(&self.lit))
     }
@@ -87,8 +88,8 @@ impl Looks {
 /// A window of pings under one reading: for each ping and cell, the voxels along its arc.
 pub(super) struct Evidence {
     blocks: Vec<usize>,
-    looks: Vec<Looks>,
-    /// Indices into `looks`, all cells' one after another.
+    observations: Vec<Observations>,
+    /// Indices into `observations`, all cells' one after another.
     along: Vec<u32>,
     /// Where those of ping `p`'s cell `c` begin, at `p · CELL_COUNT + c`, and the end of the last.
     starts: Vec<usize>,
@@ -100,7 +101,7 @@ impl Evidence {
         let count = lit.cells.len();
         let mut evidence = Self {
             blocks: (0..count).map(|ping| block_of(ping, count)).collect(),
-            looks: Vec::new(),
+            observations: Vec::new(),
             along: Vec::new(),
             starts: vec![0],
         };
@@ -111,11 +112,11 @@ impl Evidence {
             let rays = Rays::of(ping, pose, poses, lit.cell_m);
             for (arc, state) in arcs.0.iter().zip(&lit.cells[index]) {
                 if *state != Cell::Unknown {
-                    let look = Look {
+                    let observation = Observation {
                         block: evidence.blocks[index],
                         is_lit: *state == Cell::Lit,
                     };
-                    evidence.look(&rays, arc, look, &mut voxels);
+                    evidence.observe(&rays, arc, observation, &mut voxels);
                 }
                 evidence.starts.push(evidence.along.len());
             }
@@ -123,15 +124,21 @@ impl Evidence {
         evidence
     }
 
-    /// Looks at the voxels along an arc, and numbers those that are new.
-    fn look(&mut self, rays: &Rays, arc: &[[f64; 2]], look: Look, voxels: &mut Voxels) {
+    /// Observes the voxels along an arc, and numbers those that are new.
+    fn observe(
+        &mut self,
+        rays: &Rays,
+        arc: &[[f64; 2]],
+        observation: Observation,
+        voxels: &mut Voxels,
+    ) {
         for voxel in arc.iter().filter_map(|sample| rays.voxel(*sample)) {
-            let next = self.looks.len() as u32;
+            let next = self.observations.len() as u32;
             let voxel = voxels.number(voxel, next);
             if voxel == next {
-                self.looks.push(Looks::default());
+                self.observations.push(Observations::default());
             }
-            self.looks[voxel as usize].add(look);
+            self.observations[voxel as usize].add(observation);
             self.along.push(voxel);
         }
     }
@@ -142,10 +149,10 @@ impl Evidence {
         let along = &self.along[self.starts[place]..self.starts[place + 1]];
         let (mut known, mut greatest) = (0, None);
         for &voxel in along {
-            let (all, lit) = self.looks[voxel as usize].told(self.blocks[ping]);
+            let (all, lit) = self.observations[voxel as usize].told(self.blocks[ping]);
             known += usize::from(all > 0.0);
             if lit > 0.0 {
-                let share = (lit + PRIOR_LOOKS * lit_rate) / (all + PRIOR_LOOKS);
+                let share = (lit + PRIOR_OBSERVATIONS * lit_rate) / (all + PRIOR_OBSERVATIONS);
                 greatest = Some(share.max(greatest.unwrap_or(0.0)));
             }
         }
@@ -157,14 +164,14 @@ impl Evidence {
     }
 }
 
-/// What looks along an arc say of it.
+/// What observations along an arc say of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Said {
     /// Most of it was not seen.
     Nothing,
     /// Most of it was seen, and all of that dark.
     Dark,
-    /// Some of it was seen lit, the surest place in this share of looks.
+    /// Some of it was seen lit, the surest place in this share of observations.
     Lit(f32),
 }
 

@@ -1,9 +1,9 @@
 //! Whether poses can be what they are read as: told from the pings, without a truth.
 //!
-//! Under the right reading a place that one ping found lit is found lit by others that look at it
-//! from elsewhere; under a wrong one it is not. So each of a short list of readings is scored by how
-//! well a window's other pings predict which ranges of a ping are lit, and the one in use is wrong if
-//! another does far better on the same pings. Where nothing is seen twice, no reading says anything.
+//! Under the right reading a place that one ping found lit is found lit by others that observe it from
+//! elsewhere; under a wrong one it is not. So each of a short list of readings is scored by how well a
+//! window's other pings predict which ranges of a ping are lit, and the one in use is wrong if another
+//! does far better on the same pings. Where nothing is seen twice, no reading says anything.
 //!
 //! Pure: no threads, no clock, no randomness. Cost: 13 readings × 512 pings × about 1,800 samples of
 //! their arcs.
@@ -32,12 +32,12 @@ const MOST_PINGS: usize = 512;
 const LEAST_LIT_PINGS: usize = 60;
 /// Less than this and every reading is much the same, degrees.
 const LEAST_TURN_DEG: f64 = 45.0;
-/// Standard errors by which another reading has to be likelier.
+/// Likelihood gain that another reading has to have, standard errors.
 const TELLING_ERRORS: f64 = 4.0;
 /// As given explains less than this share of what the best does, if it cannot be.
 const LEAST_SHARE: f64 = 0.5;
 /// Attitudes compared for the turn.
-const TURN_LOOKS: usize = 64;
+const TURN_PINGS: usize = 64;
 
 /// A ping and where its vehicle was, as its poses were read.
 #[derive(Debug, Clone)]
@@ -62,9 +62,9 @@ impl VehiclePing {
 /// What a window of pings says of how its poses are read.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct FrameVerdict {
-    /// The likeliest reading.
+    /// The most likely reading.
     pub best: FrameReading,
-    /// How much likelier than by their ranges alone the reading in use makes cells lit and dark,
+    /// Likelihood gain of the reading in use over ranges alone, in telling lit cells from dark ones,
     /// natural logarithm per cell of range.
     pub gain_nats_per_bin_as_given: f64,
     /// The same of the best.
@@ -75,8 +75,8 @@ pub struct FrameVerdict {
     pub pings: u64,
     /// The widest angle between two attitudes of the vehicle.
     pub turned_deg: f64,
-    /// Whether the reading in use cannot be: the best is likelier by four standard errors than it, and
-    /// than ranges alone, and as given explains less than half of what the best does.
+    /// Whether the reading in use cannot be: the best has a likelihood gain of four standard errors
+    /// over it and over ranges alone, and as given explains less than half of what the best does.
     pub is_telling: bool,
 }
 
@@ -142,10 +142,10 @@ fn scores(
 fn verdict(scores: &[Scored], pings: u64, turned_deg: f64) -> FrameVerdict {
     // As given comes first and wins a draw.
     let given = &scores[0];
-    let likelier = |a: &Scored, b: &Scored| b.gain() > a.gain();
+    let more_likely = |a: &Scored, b: &Scored| b.gain() > a.gain();
     let best = scores
         .iter()
-        .fold(given, |a, b| if likelier(a, b) { b } else { a });
+        .fold(given, |a, b| if more_likely(a, b) { b } else { a });
     let beyond: [f64; BLOCKS] = std::array::from_fn(|i| best.by_block[i] - given.by_block[i]);
     let error = error_of_sum(&beyond);
     // Against the ranges alone too: a reading that explains nothing refutes nothing.
@@ -173,7 +173,7 @@ fn thinned(pings: &[VehiclePing]) -> Vec<VehiclePing> {
 }
 
 fn turned_deg(pings: &[VehiclePing]) -> f64 {
-    let every = pings.len().div_ceil(TURN_LOOKS).max(1);
+    let every = pings.len().div_ceil(TURN_PINGS).max(1);
     let attitudes = pings
         .iter()
         .step_by(every)

@@ -1,16 +1,16 @@
 //! How likely the lit and dark cells of each block of pings are by what the other blocks saw.
 //!
 //! Odds of a lit cell are those of its range in the blocks around, poses or not, times a factor for
-//! what looks along its arc say. Both are fitted on other blocks than the one that is judged, and
-//! where looks say nothing the factor is that without poses: a reading that says nothing gains
-//! nothing, whatever it makes of the poses.
+//! what observations along its arc say. Both are fitted on other blocks than the one that is
+//! judged, and where observations say nothing the factor is that without poses: a reading that says
+//! nothing gains nothing, whatever it makes of the poses.
 
 use super::evidence::{BLOCKS, Evidence, Said, block_of, left_out};
 use super::lit::{CELL_COUNT, Cell, LitPings};
 
-/// Edges between levels of the greatest share of lit looks along an arc.
+/// Edges between levels of the greatest share of lit observations along an arc.
 const SHARE_EDGES: [f32; 7] = [0.08, 0.15, 0.25, 0.37, 0.5, 0.65, 0.8];
-/// Of what looks say: nothing, dark, or lit at one of the shares.
+/// What observations say: nothing, dark, or lit at one of the shares.
 const SAID_LEVELS: usize = SHARE_EDGES.len() + 3;
 const NOTHING_SAID: usize = 0;
 const DARK_SAID: usize = 1;
@@ -18,8 +18,8 @@ const DARK_SAID: usize = 1;
 const BASE_LEVELS: usize = 20;
 const BASE_FIRST: f64 = -6.0;
 const BASE_STEP: f64 = 0.5;
-/// Looks at a range that are given to it at the rate of all ranges.
-const PRIOR_LOOKS: f64 = 5.0;
+/// Observations at a range that are given to it at the rate of all ranges.
+const PRIOR_OBSERVATIONS: f64 = 5.0;
 /// Steps of the fit of a factor, and the most that its logarithm may be.
 const FIT_STEPS: usize = 12;
 const MOST_FACTOR_LN: f64 = 6.0;
@@ -143,8 +143,8 @@ fn range_levels(by_range: &[[Count; CELL_COUNT]], block: usize, lit_rate: f64) -
     std::array::from_fn(|cell| {
         let near = cell.saturating_sub(1)..=(cell + 1).min(CELL_COUNT - 1);
         let mut sum = Count {
-            all: PRIOR_LOOKS,
-            lit: PRIOR_LOOKS * lit_rate,
+            all: PRIOR_OBSERVATIONS,
+            lit: PRIOR_OBSERVATIONS * lit_rate,
         };
         let told = by_range.iter().enumerate();
         for (other, counts) in told.filter(|(other, _)| !left_out(block).contains(other)) {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use echosplat_metrics::{MapPoints, certainty, evaluate, evaluate_mesh, mesh_places};
 use echosplat_model::PosedPing;
-use echosplat_prediction::held_back::{HeldBack, Pair, is_fitted_on, is_held_back, score};
+use echosplat_prediction::held_out::{HeldOut, Pair, is_fitted_on, is_held_out, score};
 use echosplat_prediction::{MapRenderer, blank_bins, pair_of};
 use echosplat_recording::ply::MapFile;
 use echosplat_report::table::{self, significant};
@@ -19,11 +19,11 @@ use crate::logs;
 use crate::thinned::Thinned;
 use crate::{logging, maps, truth};
 
-/// Most held-back pings scored, and most others the fit is made on.
+/// Most held-out pings scored, and most others the fit is made on.
 const MOST_PINGS: usize = 8192;
 
 /// # Errors
-/// If map, truth or log cannot be read, or no ping was held back.
+/// If map, truth or log cannot be read, or no ping was held out.
 pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
     let map = maps::read(&arguments.map)?;
     let mut said = Value::Object(Map::new());
@@ -124,7 +124,7 @@ fn rendered(
         let at_s = time.seconds_since(*first.get_or_insert(time));
         let sequence = posed.ping.sequence();
         let render = || render(&mut renderer, &posed, at_s, config);
-        if is_held_back(sequence, every) {
+        if is_held_out(sequence, every) {
             held.push(render);
         } else if is_fitted_on(sequence, every) {
             fit.push(render);
@@ -152,7 +152,7 @@ pub(super) fn render(
     }
 }
 
-fn score_of(pings: &RenderedPings, log: &Path, every: u64) -> anyhow::Result<HeldBack> {
+fn score_of(pings: &RenderedPings, log: &Path, every: u64) -> anyhow::Result<HeldOut> {
     let pairs = |all: &[Rendered]| all.iter().map(|one| one.pair.clone()).collect::<Vec<_>>();
     score(&pairs(&pings.fit), &pairs(&pings.held)).ok_or_else(|| {
         Usage::error(format!(
@@ -165,7 +165,7 @@ fn score_of(pings: &RenderedPings, log: &Path, every: u64) -> anyhow::Result<Hel
     })
 }
 
-fn picture(held: &[Rendered], found: &HeldBack) -> SonarImage {
+fn picture(held: &[Rendered], found: &HeldOut) -> SonarImage {
     let column = |one: &Rendered, intensity: Vec<f32>| Column {
         range_start_m: one.range_start_m,
         range_length_m: one.range_length_m,
@@ -198,8 +198,8 @@ fn picture(held: &[Rendered], found: &HeldBack) -> SonarImage {
     }
 }
 
-fn account(found: &HeldBack) -> String {
-    let HeldBack { map, constant, .. } = found;
+fn account(found: &HeldOut) -> String {
+    let HeldOut { map, constant, .. } = found;
     format!(
         "{} held-out pings, {} bins: {:+.4} nats per bin against a constant\n\
          the map: log likelihood {:.4} per bin ({} looks), L1 {}; gain {:.3}, noise floor {}\n\

@@ -152,7 +152,7 @@ impl Judge {
             dive_s: report.dive_s,
             compute_s: report.work.compute_s,
             pair_count: report.work.pairs,
-            voxel_looks: report.work.voxel_looks,
+            voxel_observations: report.work.voxel_observations,
             ping_count: report.pings_mapped,
             metrics,
         };
@@ -227,7 +227,7 @@ fn judge_all(
             dive_s: moment.dive_s,
             compute_s: moment.compute_s,
             pair_count: moment.pairs,
-            voxel_looks: moment.voxel_looks,
+            voxel_observations: moment.voxel_observations,
             ping_count: moment.pings,
             metrics: evaluate_raw(&MapPoints::from(&*observed.snapshot), truth),
         };

@@ -75,7 +75,7 @@ fn show_figures() -> OnStatus {
             prediction.filter(|found| said_s.replace(found.dive_s) != Some(found.dive_s))
         {
             tracing::info!(
-                "{:.0} s: {:+.4} nats per bin above a constant on {} held-back pings",
+                "{:.0} s: {:+.4} nats per bin above a constant on {} held-out pings",
                 found.dive_s,
                 found.gain_per_bin,
                 found.pings

@@ -4,9 +4,9 @@ use std::f64::consts::PI;
 use std::path::Path;
 use std::sync::Arc;
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 use echosplat_join::StampClock;
-use echosplat_mapper::look_of;
+use echosplat_mapper::geometry_of;
 use echosplat_model::{Ping, PingSettings, PosedPing, StampedPose, Timestamp, Twist};
 use echosplat_model::{Trajectory, TrajectoryLimits};
 use echosplat_pose::{PoseSource, PoseUrl};
@@ -48,9 +48,9 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<Finish> {
     let rendered: Vec<Vec<f32>> = views
         .iter()
         .map(|view| {
-            let mut look = look_of(&view.posed, renderer.origin_m(), &config.mapper);
-            blur(&mut look, arguments);
-            renderer.ping(&look).to_vec()
+            let mut geometry = geometry_of(&view.posed, renderer.origin_m(), &config.mapper);
+            blur(&mut geometry, arguments);
+            renderer.ping(&geometry).to_vec()
         })
         .collect();
     if let Some((path, format)) = &format {
@@ -74,10 +74,10 @@ fn configuration(arguments: &RenderArguments) -> anyhow::Result<Config> {
 }
 
 /// Adds what an uncertain pose would blur.
-fn blur(look: &mut Look, arguments: &RenderArguments) {
+fn blur(geometry: &mut PingGeometry, arguments: &RenderArguments) {
     let attitude_sigma_rad = arguments.attitude_sigma_deg.to_radians();
-    look.range_variance_m2 += arguments.position_sigma_m.powi(2) as f32;
-    look.azimuth_variance_rad2 += attitude_sigma_rad.powi(2) as f32;
+    geometry.range_variance_m2 += arguments.position_sigma_m.powi(2) as f32;
+    geometry.azimuth_variance_rad2 += attitude_sigma_rad.powi(2) as f32;
 }
 
 /// What the picture is written as.

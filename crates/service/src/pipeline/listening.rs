@@ -9,8 +9,8 @@ const BANDS: usize = 32;
 /// Times over which the newest and the former view are averaged, seconds.
 const NEWEST_S: f64 = 0.3;
 const FORMER_S: f64 = 3.0;
-/// One look scatters by 5.6 dB (an exponential power); the mean of a band's bins over 0.3 s by a
-/// tenth of that. What moves further than one look is another view.
+/// The power of one ping scatters by 5.6 dB (it is exponential); the mean of a band's bins over 0.3 s
+/// by a tenth of that. What moves further than one ping's scatter is another view.
 const CHANGE_DB: f64 = 5.6;
 /// The view counts as changing for so long after it was seen to, seconds.
 const KEPT_S: f64 = 1.0;

@@ -21,8 +21,8 @@ pub struct Moment {
     pub compute_s: f64,
     /// Gaussian–bin pairs so far.
     pub pairs: u64,
-    /// Voxel looks so far.
-    pub voxel_looks: u64,
+    /// Voxel observations so far.
+    pub voxel_observations: u64,
     /// Pings so far.
     pub pings: u64,
 }

@@ -13,7 +13,7 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_liveness::Heartbeat;
 use echosplat_mapper::MapperConfig;
 use echosplat_model::{PosedPing, Snapshot};
-use echosplat_prediction::held_back::{Pair, is_fitted_on, is_held_back, score};
+use echosplat_prediction::held_out::{Pair, is_fitted_on, is_held_out, score};
 use echosplat_prediction::{MapRenderer, pair_of};
 use serde::Serialize;
 
@@ -56,7 +56,7 @@ pub(crate) struct Prediction {
 }
 
 impl Prediction {
-    /// For every `every`-th ping held back, at least 1.
+    /// For every `every`-th ping held out, at least 1.
     ///
     /// # Errors
     /// If the thread cannot be started.
@@ -91,7 +91,7 @@ impl Prediction {
     /// Takes a ping if it is one of those that are predicted, or fitted on.
     pub(crate) fn ping(&self, posed: &PosedPing) {
         let sequence = posed.ping.sequence();
-        if is_held_back(sequence, self.every) || is_fitted_on(sequence, self.every) {
+        if is_held_out(sequence, self.every) || is_fitted_on(sequence, self.every) {
             self.tell(News::Ping(posed.clone()));
         }
     }
@@ -142,7 +142,7 @@ fn predict_all(
     let [mut held, mut fit] = [Thinned::new(MOST_PINGS), Thinned::new(MOST_PINGS)];
     for news in news {
         match news {
-            News::Ping(posed) => match is_held_back(posed.ping.sequence(), every) {
+            News::Ping(posed) => match is_held_out(posed.ping.sequence(), every) {
                 true => held.push(|| posed),
                 false => fit.push(|| posed),
             },

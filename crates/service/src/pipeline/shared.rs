@@ -40,7 +40,7 @@ pub struct MapperReport {
     /// Pings whose evidence is in the map.
     pub pings_mapped: u64,
     /// Pings kept from the map to judge it by.
-    pub(crate) pings_held_back: u64,
+    pub(crate) pings_held_out: u64,
     /// Pings before `--start`.
     pub(crate) pings_before_start: u64,
     /// Pings past `--end` or `--duration`, or after being told to stop.
@@ -70,11 +70,11 @@ pub struct MapperReport {
     pub(crate) listening: ListeningReport,
     /// Whether poses can be read as they are, once the dive has told.
     pub(crate) frames: Option<FrameVerdict>,
-    /// What the dive told of clock, mount, compass and speed of sound, by the newest look.
+    /// What the dive told of clock, mount, compass and speed of sound, by the newest estimate.
     pub(crate) calibration: Option<Found>,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
-    /// Parts that the dive so far does not need, and why.
+    /// Features that the dive so far does not need, and why.
     pub left_out: Vec<LeftOut>,
 }
 
@@ -85,8 +85,9 @@ pub struct Spent {
     pub compute_s: f64,
     /// Gaussian–bin pairs.
     pub pairs: u64,
-    /// Voxel looks.
-    pub voxel_looks: u64,
+    /// Voxel observations.
+    #[serde(rename = "voxel_looks")]
+    pub voxel_observations: u64,
 }
 
 /// The link to the sonar, as its driver tells of it.

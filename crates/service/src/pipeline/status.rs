@@ -103,7 +103,7 @@ impl Ledger {
         Self {
             received: sonar.pings_sent + sonar.pings_dropped,
             mapped: report.pings_mapped,
-            held_out: report.pings_held_back,
+            held_out: report.pings_held_out,
             without_pose: join.pings_without_pose() - join.pings_dropped_full,
             rejected: report.pings_rejected,
             not_wanted: report.pings_before_start + report.pings_after_end,
@@ -198,7 +198,7 @@ impl Status {
         json!({
             "pings_received": self.pings_received,
             "pings_mapped": self.report.pings_mapped,
-            "pings_held_back": self.report.pings_held_back,
+            "pings_held_back": self.report.pings_held_out,
             "pings_without_pose": self.report.poses.join.pings_without_pose(),
             "frames_bad": session.frames_bad,
             "bytes_skipped": session.bytes_skipped,
@@ -231,18 +231,18 @@ impl Status {
     pub(crate) fn account(&self) -> String {
         let without_pose = self.report.poses.join.pings_without_pose();
         let mapper = &self.report.mapper;
-        let held_back = match self.report.pings_held_back {
+        let held_out = match self.report.pings_held_out {
             0 => String::new(),
-            count => format!(", {count} held back"),
+            count => format!(", {count} held out"),
         };
         let prediction = self.report.prediction.map_or(String::new(), |found| {
             format!(
-                "\n{:+.4} nats per bin above a constant on {} held-back pings",
+                "\n{:+.4} nats per bin above a constant on {} held-out pings",
                 found.gain_per_bin, found.pings
             )
         });
         format!(
-            "{} pings received, {} mapped{held_back}, {without_pose} without a pose\n\
+            "{} pings received, {} mapped{held_out}, {without_pose} without a pose\n\
              {} damaged frames, {} bytes skipped\n\
              {} Gaussians, and {} ambiguous\n\
              {:.1} s of dive in {:.1} s, {:.1} s of computing, at most {:.0} MB of memory{prediction}",

@@ -10,7 +10,7 @@ use echosplat_driver::DriverEvent;
 use echosplat_liveness::Heartbeat;
 use echosplat_mapper::{Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing, Snapshot, Timestamp};
-use echosplat_prediction::held_back::is_held_back;
+use echosplat_prediction::held_out::is_held_out;
 
 use super::calibration;
 use super::earlier::EarlierMaps;
@@ -215,8 +215,8 @@ impl Worker {
         if let Some(frame_check) = &self.frame_check {
             frame_check.ping(posed);
         }
-        if is_held_back(posed.ping.sequence(), self.hold_back_every) {
-            return self.state.report.pings_held_back += 1;
+        if is_held_out(posed.ping.sequence(), self.hold_back_every) {
+            return self.state.report.pings_held_out += 1;
         }
         self.put_off_work(posed.ping.sequence());
         let inserted = {
@@ -232,7 +232,7 @@ impl Worker {
         self.publish_if_due(posed.ping.transmit_time(), inserted.slice_taken_in);
         self.note_published();
         if inserted.slice_taken_in {
-            self.calibration.look(&self.mapper);
+            self.calibration.advance(&self.mapper);
         }
     }
 
@@ -338,7 +338,7 @@ impl Worker {
             dive_s,
             compute_s: work.compute_s,
             pairs: work.pairs,
-            voxel_looks: work.voxel_looks,
+            voxel_observations: work.voxel_observations,
             pings: self.mapper.status().pings,
         };
         let snapshot = {
@@ -358,7 +358,7 @@ impl Worker {
         Spent {
             compute_s: thread_seconds() - self.state.observing_s,
             pairs: past.pairs + status.pairs,
-            voxel_looks: past.voxel_looks + status.voxel_looks,
+            voxel_observations: past.voxel_observations + status.voxel_observations,
         }
     }
 

@@ -37,7 +37,7 @@ impl EchoCopies {
         let copied = echoes.iter_mut().skip(whole);
         let mut before = 0.0;
         for (power, source) in copied.zip(&sources) {
-            // A shift by a part of a bin falls into two of them.
+            // A shift by a fraction of a bin falls into two of them.
             *power += factor * ((1.0 - share) * source + share * before);
             before = *source;
         }
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn a_part_of_a_bin_is_shared_by_two_and_the_energy_kept() {
+    fn a_fraction_of_a_bin_is_shared_by_two_and_the_energy_kept() {
         let mut echoes = vec![0.0; 100];
         echoes[10] = 1.0;
         let copies = EchoCopies {

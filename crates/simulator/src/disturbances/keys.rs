@@ -117,7 +117,7 @@ pub enum DisturbanceError {
         /// Most allowed.
         high: f64,
     },
-    /// Part of a whole.
+    /// Fraction of a whole.
     #[error("{name} is {value}; it must be a whole number")]
     Part {
         /// Which.

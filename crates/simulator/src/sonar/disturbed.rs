@@ -9,7 +9,7 @@ use super::simulated::SimulatedSonar;
 use crate::disturbances::Disturbances;
 use crate::random::{Purpose, Random};
 
-/// Nearer than this the transducer rings: its bins are not asked what part of them is clipped.
+/// Nearer than this the transducer rings: its bins are not asked what fraction of them is clipped.
 const BLANKING_M: f64 = 0.5;
 
 /// A ping as it reaches the end of the receiver.

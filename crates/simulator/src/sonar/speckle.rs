@@ -27,7 +27,7 @@ const SHIFT_M: f64 = 0.004;
 /// One sigma of the turn that does: that of the beam, which then holds other places.
 const TURN_RAD: f64 = crate::beam::AZIMUTH_SIGMA_RAD;
 
-/// The part of all pings' speckle that lasts from one to the next: a sum of waves over the sensor's
+/// The share of all pings' speckle that lasts from one to the next: a sum of waves over the sensor's
 /// place, attitude and time, so that it is a function of where the sensor is and not of other pings.
 pub(super) struct Speckle {
     waves: [Wave; WAVE_COUNT],
@@ -79,7 +79,7 @@ impl Speckle {
         }))
     }
 
-    /// Amplitude of an echo of mean power 1 in `bin`; `fresh` is the part that is this ping's alone.
+    /// Amplitude of an echo of mean power 1 in `bin`; `fresh` is the share that is this ping's alone.
     pub(super) fn amplitude(&self, bin: usize, phases: &Phases, fresh: DVec2) -> DVec2 {
         let amplitudes = &self.amplitudes[bin % BIN_COUNT];
         let waves = amplitudes.iter().zip(&phases.0);

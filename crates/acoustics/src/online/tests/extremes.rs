@@ -22,9 +22,14 @@ fn of(bodies: impl IntoIterator<Item = Parameters>) -> GaussianArrays {
     gaussians
 }
 
-fn assert_close(what: &str, options: OnlineOptions, look: &Look, gaussians: &GaussianArrays) {
-    let loss = weights(&mut Dice::new(11), look.bin_count);
-    let (forward, backward) = errors(Level::new(), options, look, gaussians, &loss);
+fn assert_close(
+    what: &str,
+    options: OnlineOptions,
+    geometry: &PingGeometry,
+    gaussians: &GaussianArrays,
+) {
+    let loss = weights(&mut Dice::new(11), geometry.bin_count);
+    let (forward, backward) = errors(Level::new(), options, geometry, gaussians, &loss);
     println!("{what}: forward {forward:e}, backward {backward:e}");
     assert!(forward < 1e-4, "{what}: forward {forward:e}");
     assert!(backward < 1e-3, "{what}: backward {backward:e}");
@@ -38,7 +43,7 @@ fn assert_finite(gradients: &GradientArrays) {
 
 #[test]
 fn covariances_of_condition_1e2_to_1e12() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let mut dice = Dice::new(1);
     for exponent in [2, 4, 6, 8, 10, 12] {
         let ratio = 10f32.powi(exponent).sqrt();
@@ -55,7 +60,7 @@ fn covariances_of_condition_1e2_to_1e12() {
             assert_close(
                 &format!("{shape} of condition 1e{exponent}"),
                 SHADOWING,
-                &look,
+                &geometry,
                 &gaussians,
             );
         }
@@ -66,25 +71,25 @@ fn covariances_of_condition_1e2_to_1e12() {
 /// reaches here as if it were near. Shifts that f64 and f32 both hold exactly give the same bits.
 #[test]
 fn far_origins_change_no_bit() {
-    let (mut look, mut gaussians) = sample::bench_scene(2);
-    look.pose.position_m = Vec3::new(0.5, -0.25, 0.125);
+    let (mut geometry, mut gaussians) = sample::bench_scene(2);
+    geometry.pose.position_m = Vec3::new(0.5, -0.25, 0.125);
     // Multiples of 2⁻²⁰ m are exact in f64 out to 10⁹ m.
     for number in gaussians.mean_m.iter_mut().flatten() {
         *number = (*number * 1_048_576.0).round() / 1_048_576.0;
     }
-    let near = render(SHADOWING, &look, &gaussians, &[1.0; 600]);
+    let near = render(SHADOWING, &geometry, &gaussians, &[1.0; 600]);
     for far in [1e5, 1e6, 1e7] {
         let origin = DVec3::new(far, -far, far);
         let reached = |m: Vec3| ((origin + m.as_dvec3()) - origin).as_vec3();
-        let (mut moved_look, mut moved) = (look, gaussians.clone());
-        moved_look.pose.position_m = reached(look.pose.position_m);
+        let (mut moved_geometry, mut moved) = (geometry, gaussians.clone());
+        moved_geometry.pose.position_m = reached(geometry.pose.position_m);
         for index in 0..moved.len() {
             let mut one = moved.get(index);
             one.mean_m = reached(one.mean_m);
             moved.set(index, one);
         }
         assert!(
-            render(SHADOWING, &moved_look, &moved, &[1.0; 600]) == near,
+            render(SHADOWING, &moved_geometry, &moved, &[1.0; 600]) == near,
             "{far}"
         );
     }
@@ -93,19 +98,19 @@ fn far_origins_change_no_bit() {
 /// In the map's own frame a kilometre from its origin f32 still resolves 0.06 mm.
 #[test]
 fn a_kilometre_from_the_maps_origin() {
-    let (mut look, near) = sample::bench_scene(3);
-    look.pose.position_m = Vec3::new(800.0, -600.0, 40.0);
+    let (mut geometry, near) = sample::bench_scene(3);
+    geometry.pose.position_m = Vec3::new(800.0, -600.0, 40.0);
     let bodies = (0..200).map(|index| {
         let mut one = near.get(index);
-        one.mean_m += look.pose.position_m;
+        one.mean_m += geometry.pose.position_m;
         one
     });
-    assert_close("a kilometre away", BARE, &look, &of(bodies));
+    assert_close("a kilometre away", BARE, &geometry, &of(bodies));
 }
 
 #[test]
 fn the_polar_axis_and_the_sensor_itself_give_nothing() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let tiny = [0.0, 1e-30, 1e-9, 1e-3];
     let mut bodies = Vec::new();
     for &a in &tiny {
@@ -119,14 +124,14 @@ fn the_polar_axis_and_the_sensor_itself_give_nothing() {
         }
     }
     let gaussians = of(bodies);
-    let (intensity, gradients) = render(SHADOWING, &look, &gaussians, &[1.0; 600]);
+    let (intensity, gradients) = render(SHADOWING, &geometry, &gaussians, &[1.0; 600]);
     assert_eq!(intensity, [0.0; 600]);
     assert_eq!(gradients, GradientArrays::zeros(gaussians.len()));
 }
 
 #[test]
 fn transmittance_through_1e5_gaussians_of_opacity_1e_minus_8() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let count = 100_000;
     let veil = |place: usize| Parameters {
         mean_m: Vec3::X * (3.0 + 3.0 * place as f32 / count as f32),
@@ -140,11 +145,11 @@ fn transmittance_through_1e5_gaussians_of_opacity_1e_minus_8() {
     };
     let gaussians = of((0..count).map(veil).chain([target]));
     let mut renderer = OnlineRenderer::new(SHADOWING);
-    renderer.forward(&look, &gaussians, &all(&gaussians));
+    renderer.forward(&geometry, &gaussians, &all(&gaussians));
     let found = renderer.rows().last().map(|row| row.transmittance).unwrap();
     let numbers = twin::numbers_of::<f64>(&gaussians);
     let cutoffs = twin::Cutoffs::default();
-    let rows = twin::forward(&look, &numbers, &all(&gaussians), true, &cutoffs).rows;
+    let rows = twin::forward(&geometry, &numbers, &all(&gaussians), true, &cutoffs).rows;
     let expected = rows.last().unwrap().transmittance;
     assert!(expected < 0.9999 && expected > 0.999, "{expected}");
     // 6·10⁻⁸ is one f32 step below 1: the loss of 8·10⁻⁴ is right to a few of those.
@@ -156,7 +161,7 @@ fn transmittance_through_1e5_gaussians_of_opacity_1e_minus_8() {
 
 #[test]
 fn transmittance_through_many_of_opacity_one_half() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let veil = |place: usize| Parameters {
         mean_m: Vec3::X * (3.0 + 0.005 * place as f32),
         log_scale: Vec3::new(0.01, 1.0, 1.0).map(f32::ln),
@@ -164,7 +169,7 @@ fn transmittance_through_many_of_opacity_one_half() {
     };
     let gaussians = of((0..400).map(veil));
     let mut renderer = OnlineRenderer::new(SHADOWING);
-    renderer.forward(&look, &gaussians, &all(&gaussians));
+    renderer.forward(&geometry, &gaussians, &all(&gaussians));
     for pair in renderer.rows().windows(2) {
         assert!(pair[1].transmittance <= pair[0].transmittance);
     }
@@ -179,7 +184,7 @@ fn transmittance_through_many_of_opacity_one_half() {
 
 #[test]
 fn backward_through_opacities_near_one() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     for logit in [4.0, 6.0, 6.9, 12.0] {
         let wall = |place: usize| Parameters {
             mean_m: Vec3::new(4.0 + 0.3 * place as f32, 0.01, 0.1 + 0.02 * place as f32),
@@ -191,7 +196,7 @@ fn backward_through_opacities_near_one() {
         assert_close(
             &format!("opacity logit {logit}"),
             SHADOWING,
-            &look,
+            &geometry,
             &gaussians,
         );
         assert!(gaussians.get(0).opacity() <= OPACITY_MAX);
@@ -200,7 +205,7 @@ fn backward_through_opacities_near_one() {
 
 #[test]
 fn what_ran_away_is_clamped_counted_and_finds_back() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let mut gaussians = of([
         Parameters {
             opacity_logit: 30.0,
@@ -219,7 +224,7 @@ fn what_ran_away_is_clamped_counted_and_finds_back() {
             ..plain()
         },
     ]);
-    let (intensity, gradients) = render(BARE, &look, &gaussians, &[1.0; 600]);
+    let (intensity, gradients) = render(BARE, &geometry, &gaussians, &[1.0; 600]);
     assert!(intensity.iter().all(|i| i.is_finite()));
     assert_finite(&gradients);
     let clamped = gaussians.clamp();
@@ -238,11 +243,11 @@ fn what_ran_away_is_clamped_counted_and_finds_back() {
             opacity_logit: logit,
             ..plain()
         }]);
-        let wanted = render(BARE, &look, &of([plain()]), &[]).0;
+        let wanted = render(BARE, &geometry, &of([plain()]), &[]).0;
         for _ in 0..200 {
-            let (found, _) = render(BARE, &look, &one, &[]);
+            let (found, _) = render(BARE, &geometry, &one, &[]);
             let loss: Vec<f32> = found.iter().zip(&wanted).map(|(f, w)| f - w).collect();
-            let (_, gradients) = render(BARE, &look, &one, &loss);
+            let (_, gradients) = render(BARE, &geometry, &one, &loss);
             let slope = gradients.opacity_logit[0];
             assert!(slope != 0.0);
             one.opacity_logit[0] -= 0.1 * slope.signum();
@@ -257,7 +262,7 @@ fn what_ran_away_is_clamped_counted_and_finds_back() {
 
 #[test]
 fn a_millimetre_and_a_hundred_metres_together() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let mut dice = Dice::new(5);
     let mut bodies: Vec<Parameters> = (0..50)
         .map(|_| sample::in_view(&mut dice, 3.0, 10.0, [0.001, 0.0011]))
@@ -268,27 +273,27 @@ fn a_millimetre_and_a_hundred_metres_together() {
         bodies.push(giant);
     }
     for options in [BARE, SHADOWING] {
-        assert_close("1 mm and 100 m", options, &look, &of(bodies.clone()));
+        assert_close("1 mm and 100 m", options, &geometry, &of(bodies.clone()));
     }
 }
 
 #[test]
 fn ten_thousand_in_one_place() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let faint = Parameters {
         opacity_logit: -8.0,
         ..plain()
     };
     let gaussians = of((0..10_000).map(|_| faint));
     for options in [BARE, SHADOWING] {
-        assert_close("10⁴ coincident", options, &look, &gaussians);
+        assert_close("10⁴ coincident", options, &geometry, &gaussians);
     }
 }
 
 /// Nothing that is not finite, or is the largest or smallest finite number, gets out again.
 #[test]
 fn poison_in_any_parameter() {
-    let look = sample::look();
+    let geometry = sample::geometry();
     let poisons = [
         f32::NAN,
         f32::INFINITY,
@@ -299,14 +304,14 @@ fn poison_in_any_parameter() {
         -1e-42,
     ];
     let healthy = of([plain()]);
-    let (alone, _) = render(SHADOWING, &look, &healthy, &[]);
+    let (alone, _) = render(SHADOWING, &geometry, &healthy, &[]);
     for options in [BARE, SHADOWING] {
         for poison in poisons {
             for number in 0..12 {
                 let mut sick = plain().to_array();
                 sick[number] = poison;
                 let gaussians = of([plain(), Parameters::from_array(sick)]);
-                let (intensity, gradients) = render(options, &look, &gaussians, &[1.0; 600]);
+                let (intensity, gradients) = render(options, &geometry, &gaussians, &[1.0; 600]);
                 assert!(
                     intensity.iter().all(|i| i.is_finite()),
                     "{poison} in {number}"
@@ -321,8 +326,8 @@ fn poison_in_any_parameter() {
 }
 
 #[test]
-fn poison_in_look_and_loss() {
-    let (look, gaussians) = sample::bench_scene(1);
+fn poison_in_geometry_and_loss() {
+    let (geometry, gaussians) = sample::bench_scene(1);
     for poison in [
         f32::NAN,
         f32::INFINITY,
@@ -331,7 +336,7 @@ fn poison_in_look_and_loss() {
         1e-42,
         0.0,
     ] {
-        let looks: [fn(&mut Look, f32); 11] = [
+        let geometries: [fn(&mut PingGeometry, f32); 11] = [
             |l, x| l.pose.position_m.y = x,
             |l, x| l.pose.axes.x_axis.z = x,
             |l, x| l.pose.drift_per_m.x = x,
@@ -344,8 +349,8 @@ fn poison_in_look_and_loss() {
             |l, x| l.beam.elevation_width_deg = x,
             |l, x| l.pose.axes.y_axis = Vec3::splat(x),
         ];
-        for (which, set) in looks.into_iter().enumerate() {
-            let mut sick = look;
+        for (which, set) in geometries.into_iter().enumerate() {
+            let mut sick = geometry;
             set(&mut sick, poison);
             let (intensity, gradients) = render(SHADOWING, &sick, &gaussians, &[1.0; 600]);
             assert!(
@@ -356,7 +361,7 @@ fn poison_in_look_and_loss() {
         }
         let mut loss = vec![1.0; 600];
         loss[300] = poison;
-        let (_, gradients) = render(SHADOWING, &look, &gaussians, &loss);
+        let (_, gradients) = render(SHADOWING, &geometry, &gaussians, &loss);
         assert_finite(&gradients);
     }
 }

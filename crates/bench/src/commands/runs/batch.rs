@@ -9,7 +9,7 @@ use echosplat_metrics::{MapPoints, Metrics, Truth, evaluate_raw};
 use echosplat_model::PosedPing;
 use echosplat_model::glam::DVec3;
 use echosplat_paper::{Choices, ImageError, Images, PaperMethod, support};
-use echosplat_prediction::held_back::HeldBack;
+use echosplat_prediction::held_out::HeldOut;
 use echosplat_simulator::SimulatedSonar;
 use rayon::prelude::*;
 
@@ -43,7 +43,7 @@ pub(super) fn outcome(spec: &Spec, sonar: &SimulatedSonar) -> anyhow::Result<Out
     let total = Work {
         compute_s: last.compute_s,
         pairs: last.pair_count,
-        voxel_looks: last.voxel_looks,
+        voxel_observations: last.voxel_observations,
     };
     Ok(Outcome {
         metrics: last.metrics,
@@ -53,7 +53,7 @@ pub(super) fn outcome(spec: &Spec, sonar: &SimulatedSonar) -> anyhow::Result<Out
         dive_s: last.dive_s,
         streamed: total,
         total,
-        held_back: made.held_back,
+        held_out: made.held_out,
         peak_memory_bytes: processor::peak_memory_bytes(),
         wall_s: 0.0,
         fingerprint: fingerprint(&points),
@@ -70,7 +70,7 @@ struct Made {
     samples: Vec<Sample>,
     last: Option<(Sample, MapPoints)>,
     met_budget: bool,
-    held_back: Option<HeldBack>,
+    held_out: Option<HeldOut>,
 }
 
 impl Made {
@@ -83,7 +83,7 @@ impl Made {
 /// A map of some pings.
 struct Map {
     points: MapPoints,
-    looks: u64,
+    voxel_observations: u64,
     /// Whether places found no room.
     is_cut: bool,
 }
@@ -92,13 +92,13 @@ fn supported(pings: &[PosedPing]) -> anyhow::Result<Map> {
     match support(pings, &Choices::default()) {
         Ok(found) => Ok(Map {
             points: MapPoints::new(found.origin_m, &found.gaussians),
-            looks: found.counts.arc_samples as u64,
+            voxel_observations: found.counts.arc_samples as u64,
             is_cut: found.counts.dropped_samples > 0,
         }),
         // Of nothing, nothing is known.
         Err(ImageError::Nothing { .. }) => Ok(Map {
             points: MapPoints::default(),
-            looks: 0,
+            voxel_observations: 0,
             is_cut: false,
         }),
         Err(error) => Err(error.into()),
@@ -109,7 +109,7 @@ fn carved(pings: &[PosedPing]) -> Map {
     let carved = Carving::default().carve(pings);
     Map {
         points: MapPoints::of_positions(carved.positions_m),
-        looks: carved.voxel_looks,
+        voxel_observations: carved.voxel_observations,
         is_cut: carved.dropped > 0,
     }
 }
@@ -141,7 +141,7 @@ impl Bench {
                 dive_s: self.dive_s(pings),
                 compute_s: clock.compute_s,
                 pair_count: 0,
-                voxel_looks: map.looks,
+                voxel_observations: map.voxel_observations,
                 ping_count: count as u64,
                 metrics: self.judge(&map.points),
             };
@@ -159,7 +159,7 @@ impl Bench {
             .collect();
         let mut clock = Clock::start();
         let mut method = PaperMethod::new(Images::from_pings(&self.pings, &choices)?, choices);
-        let looks = method.candidate_counts().arc_samples as u64;
+        let voxel_observations = method.candidate_counts().arc_samples as u64;
         let mut made = Made::default();
         while !method.is_done() {
             let report = method.run_epoch();
@@ -172,15 +172,15 @@ impl Bench {
                 dive_s: self.dive_s(&self.pings),
                 compute_s: clock.compute_s,
                 pair_count: method.pair_count(),
-                voxel_looks: looks,
+                voxel_observations,
                 ping_count: self.pings.len() as u64,
                 metrics: self.judge(&points),
             };
             made.add(&sample, points);
             clock.go_on();
         }
-        if spec.scores_held_back() {
-            made.held_back = held_out::score(sonar, &method.snapshot(), &Config::default())?;
+        if spec.scores_held_out() {
+            made.held_out = held_out::score(sonar, &method.snapshot(), &Config::default())?;
         }
         Ok(made)
     }

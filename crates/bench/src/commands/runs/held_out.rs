@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use echosplat_model::{Ping, Snapshot};
 use echosplat_pose::PoseSource;
-use echosplat_prediction::held_back::{HeldBack, Pair, score as score_pairs};
+use echosplat_prediction::held_out::{HeldOut, Pair, score as score_pairs};
 use echosplat_prediction::{MapRenderer, pair_of};
 use echosplat_simulator::SimulatedSonar;
 
@@ -24,7 +24,7 @@ pub(super) fn score(
     sonar: &SimulatedSonar,
     map: &Snapshot,
     config: &Config,
-) -> anyhow::Result<Option<HeldBack>> {
+) -> anyhow::Result<Option<HeldOut>> {
     let stride = (sonar.dive().pings() / PINGS).max(1);
     let indices = || (0..sonar.dive().pings()).step_by(stride);
     let own = indices().filter_map(|index| sonar.ping(index).to_ping().ok());

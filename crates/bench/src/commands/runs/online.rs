@@ -66,7 +66,7 @@ pub(super) fn outcome(
         dive_s: report.dive_s,
         streamed,
         total,
-        held_back: match spec.scores_held_back() {
+        held_out: match spec.scores_held_out() {
             true => held_out::score(sonar, &map, &config)?,
             false => None,
         },
@@ -87,7 +87,7 @@ fn met_budget(streamed: &Work, total: &Work, config: &Config) -> bool {
 
 fn left_out(said: &echosplat_mapper::LeftOut) -> LeftOut {
     LeftOut {
-        part: said.part.to_owned(),
+        feature: said.feature.to_owned(),
         why: said.why.clone(),
     }
 }
@@ -96,7 +96,7 @@ fn work(spent: &Spent) -> Work {
     Work {
         compute_s: spent.compute_s,
         pairs: spent.pairs,
-        voxel_looks: spent.voxel_looks,
+        voxel_observations: spent.voxel_observations,
     }
 }
 
@@ -177,7 +177,7 @@ fn sample(observed: &Observed, judge: impl Fn(&Snapshot) -> Metrics) -> Sample {
         dive_s: moment.dive_s,
         compute_s: moment.compute_s,
         pair_count: moment.pairs,
-        voxel_looks: moment.voxel_looks,
+        voxel_observations: moment.voxel_observations,
         ping_count: moment.pings,
         metrics: judge(&observed.snapshot),
     }

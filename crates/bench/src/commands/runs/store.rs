@@ -132,7 +132,7 @@ mod tests {
             dive_s: 0.0,
             streamed: Work::default(),
             total: Work::default(),
-            held_back: None,
+            held_out: None,
             peak_memory_bytes: 0,
             wall_s: 0.0,
             fingerprint: String::new(),

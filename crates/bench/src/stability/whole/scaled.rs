@@ -26,14 +26,14 @@ const POWERS: Label = Label {
 
 const SIZES: Label = Label {
     case: "whole mapper: sizes",
-    quantity: "pairs and voxel looks a ping, over those of the usual size; not a number where the map \
+    quantity: "pairs and voxel observations a ping, over those of the usual size; not a number where the map \
                holds one that is none",
     why: "Work is bounded by what is in the fan and not by metres.",
 };
 
 const CROWDS: Label = Label {
     case: "whole mapper: sizes",
-    quantity: "pairs and voxel looks a ping, over those of the usual dive; not a number where the map \
+    quantity: "pairs and voxel observations a ping, over those of the usual dive; not a number where the map \
                holds one that is none",
     why: "Late candidates are told of every remembered ping once; neither steps nor finish grow with \
           how often a place was looked at.",

@@ -226,9 +226,9 @@ impl Made {
         self
     }
 
-    /// Pairs and voxel looks.
+    /// Pairs and voxel observations.
     pub(super) fn work(&self) -> u64 {
-        self.status.pairs + self.status.voxel_looks
+        self.status.pairs + self.status.voxel_observations
     }
 
     /// Chamfer distance of what is asserted from the structure, metres.

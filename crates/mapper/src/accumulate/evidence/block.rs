@@ -1,4 +1,4 @@
-//! A cube of voxels, and what looks from each side say of it.
+//! A cube of voxels, and what observations from each azimuth sector say of it.
 
 use std::sync::Arc;
 
@@ -7,19 +7,19 @@ use echosplat_model::glam::{IVec3, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{Level, dispatch, f32x8, i32x8};
 
-use super::packed::SideSums;
-use super::side::{STEPS, Side, Totals};
+use super::packed::SectorSums;
+use super::sector::{STEPS, Sector, Totals};
 use super::{BLOCK_EDGE, VOXELS};
-use crate::accumulate::history::{History, Past};
+use crate::accumulate::history::{History, Keyframe};
 use crate::detect::bin_state::BinState;
-use crate::parts::Extent;
+use crate::features::Extent;
 
-/// Sides of a block that looks come from: eighths of the horizon, each from above and from below.
-const SIDES: usize = 16;
+/// Azimuth sectors of a block that observations come from: of 45° each, from above and from below.
+const SECTORS: usize = 16;
 
-/// Log likelihood ratio of a look on the beam's axis: an echo is seen from 95 % of looks at a
-/// surface, and from about 57 % at a place that is only asked about because some arc of it was
-/// lit: ln(0.95/0.57) and ln(0.05/0.43).
+/// Log likelihood ratio of an observation on the beam's axis: an echo is seen in 95 % of the observations of a
+/// surface, and from about 57 % at a place that is only asked about because some arc of it was lit:
+/// ln(0.95/0.57) and ln(0.05/0.43).
 const LIT: f32 = 0.5;
 const DARK: f32 = -2.15;
 /// Darkness behind an echo may be its shadow.
@@ -27,42 +27,44 @@ const SHADOWED: f32 = 0.15 * DARK;
 /// Rows further off than the beam's reach and this are passed over: a voxel's own spread, and what
 /// the sensor drifts until an echo.
 const ROW_MARGIN_VOXELS: f32 = 0.7;
-/// Beyond this many sigma from the axis a look says nothing clear.
-const LOOK_SIGMAS_SQUARED: f32 = 1.4;
-/// Of the fan's half-width, beyond which a look says nothing.
+/// Beyond this many sigma from the axis an observation says nothing clear.
+const OBSERVATION_SIGMAS_SQUARED: f32 = 1.4;
+/// Of the fan's half-width, beyond which an observation says nothing.
 const FAN_SHARE: f32 = 1.0;
-/// Places are found although the heading is off by this factor of variance: what a surface that
-/// glints shows but once must not be lost to one bad pose.
+/// Places are found although the heading is off by this factor of variance: what a surface with specular
+/// returns shows but once must not be lost to one bad pose.
 const POSE_DOUBT: f32 = 6.0;
-/// What a side that saw a place dark counts at most against what others saw.
+/// What an azimuth sector that saw a place dark counts at most against what others saw.
 const AGAINST_EIGHTH: f32 = -0.25;
 const AGAINST_QUARTER: f32 = -2.0;
-/// Each side of [`side_of`] by itself: what lies flat is seen from above or below alone.
-const EIGHTHS: [[usize; 1]; SIDES] = {
-    let mut eighths = [[0]; SIDES];
-    let mut side = 0;
-    while side < SIDES {
-        eighths[side] = [side];
-        side += 1;
+/// Each sector of [`sector_of`] by itself: what lies flat is seen from above or below alone.
+const EIGHTH_SECTORS: [[usize; 1]; SECTORS] = {
+    let mut sectors = [[0]; SECTORS];
+    let mut sector = 0;
+    while sector < SECTORS {
+        sectors[sector] = [sector];
+        sector += 1;
     }
-    eighths
+    sectors
 };
-/// The sides that make up quarters around the axes.
-const QUARTERS: [[usize; 4]; 4] = [[0, 2, 8, 10], [1, 3, 9, 11], [4, 5, 12, 13], [6, 7, 14, 15]];
+/// The sectors of 45° that make up those of 90° around the axes.
+const QUARTER_SECTORS: [[usize; 4]; 4] =
+    [[0, 2, 8, 10], [1, 3, 9, 11], [4, 5, 12, 13], [6, 7, 14, 15]];
 
-/// How finely sides are told apart.
+/// How finely azimuth sectors are told apart.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Horizon {
-    /// Where structures glint, each eighth of the horizon, above or below, may have seen something of its own.
-    Eighths,
-    /// Where echoes are smeared, darkness has to count for more.
-    Quarters,
+pub(crate) enum SectorWidth {
+    /// 45°: where specular returns are expected, each sector, above or below, may have seen something of its
+    /// own.
+    Eighth,
+    /// 90°: where echoes are smeared, darkness has to count for more.
+    Quarter,
 }
 
-/// A block whose best voxel is this deep in darkness from a side needs no more looks from there: it
-/// would take eight clear ones to bring it back to nothing.
+/// A block whose best voxel is this deep in darkness from an azimuth sector needs no more observations from
+/// there: it would take eight clear ones to bring it back to nothing.
 const SETTLED_EVIDENCE: f32 = -4.0;
-/// The same if every ping is looked at about once at most.
+/// The same if every ping is visited about once at most.
 const SOON_SETTLED_EVIDENCE: f32 = -3.0;
 
 /// Sums per voxel, z fastest: a fan stands upright on most vehicles, and is thin. A row of eight is then in it or not, as a
@@ -73,27 +75,27 @@ pub(crate) type Sums = [f32; VOXELS];
 pub(crate) struct Block {
     /// Position in units of blocks.
     pub(crate) key: IVec3,
-    /// What was seen from each side.
-    sides: [Side; SIDES],
-    /// Those that were looked from since [`Self::lay_away`], a bit each.
-    looked_from: u16,
-    /// Slots of the Gaussians born here, by voxel.
+    /// What was seen from each azimuth sector.
+    sectors: [Sector; SECTORS],
+    /// Those with observations since [`Self::lay_away`], a bit each.
+    observed_from: u16,
+    /// Slots of the Gaussians spawned here, by voxel.
     pub(crate) gaussians: Vec<(u16, u32)>,
     /// Voxels that were candidates when the block was last worked out and hold nothing, a bit each: none is
-    /// born there until then again.
-    pub(crate) barred: [u64; VOXELS / 64],
+    /// spawned there until then again.
+    pub(crate) suppressed: [u64; VOXELS / 64],
     /// No voxel has more evidence than this.
     pub(crate) most: f32,
-    /// Evidence of looks that are not in `sides` any more, where there are Gaussians.
+    /// Evidence of observations that are not in `sectors` any more, where there are Gaussians.
     left: Vec<(u16, f32)>,
 }
 
-/// The side a look comes from, by the direction towards its sensor.
-fn side_of(towards_m: Vec3) -> usize {
+/// The azimuth sector an observation comes from, by the direction towards its sensor.
+fn sector_of(towards_m: Vec3) -> usize {
     let (west, south, below) = (towards_m.x < 0.0, towards_m.y < 0.0, towards_m.z < 0.0);
     let is_steep = towards_m.y.abs() > towards_m.x.abs();
-    let eighth = usize::from(west) + 2 * usize::from(south) + 4 * usize::from(is_steep);
-    eighth + 8 * usize::from(below)
+    let sector = usize::from(west) + 2 * usize::from(south) + 4 * usize::from(is_steep);
+    sector + 8 * usize::from(below)
 }
 
 /// Of the sphere around a block.
@@ -111,14 +113,14 @@ impl Block {
 
     /// Forgets all evidence, and keeps its Gaussians.
     pub(super) fn forget(&mut self) {
-        self.sides = Default::default();
+        self.sectors = Default::default();
         self.left = Vec::new();
         self.most = 0.0;
     }
 
     /// Keeps evidence only of voxels that hold Gaussians.
     pub(super) fn leave(&mut self) {
-        let sums = self.evidence(Horizon::Quarters);
+        let sums = self.evidence(SectorWidth::Quarter);
         let mut voxels: Vec<u16> = self.gaussians.iter().map(|&(voxel, _)| voxel).collect();
         voxels.sort_unstable();
         voxels.dedup();
@@ -126,18 +128,18 @@ impl Block {
             .into_iter()
             .map(|voxel| (voxel, sums[usize::from(voxel)]));
         self.left = left.collect();
-        self.sides = Default::default();
+        self.sectors = Default::default();
         // The other voxels have none.
         self.most = self.most.max(0.0);
         self.gaussians.shrink_to_fit();
     }
 
-    /// Holds sides in fewer bytes that nobody looked from since it was asked to last.
+    /// Holds azimuth sectors in fewer bytes that had no observation since it was asked to last.
     pub(super) fn lay_away(&mut self) {
-        let looked_from = std::mem::take(&mut self.looked_from);
-        for (index, side) in self.sides.iter_mut().enumerate() {
-            if looked_from >> index & 1 == 0 {
-                side.lay_away();
+        let observed_from = std::mem::take(&mut self.observed_from);
+        for (index, sector) in self.sectors.iter_mut().enumerate() {
+            if observed_from >> index & 1 == 0 {
+                sector.lay_away();
             }
         }
     }
@@ -146,24 +148,25 @@ impl Block {
         (self.key.as_vec3() + 0.5) * (voxel_m * BLOCK_EDGE as f32)
     }
 
-    /// Adds the evidence of `pings` in their order, and lets go of sides settled to the `extent` of
-    /// looking on. Returns voxel looks done.
+    /// Adds the evidence of `pings` in their order, and lets go of azimuth sectors settled to the `extent` of
+    /// observing on. Returns voxel observations made.
     pub(super) fn integrate<'a>(
         &mut self,
-        pings: impl IntoIterator<Item = &'a Arc<Past>>,
+        pings: impl IntoIterator<Item = &'a Arc<Keyframe>>,
         voxel_m: f32,
         extent: Extent,
     ) -> u64 {
         let (center_m, radius_m) = (self.center_m(voxel_m), radius_m(voxel_m));
-        let (mut work, mut looked_from) = (0, [false; SIDES]);
-        for past in pings {
-            if past.fan.touches(center_m, radius_m) {
-                let side = side_of(past.look.pose.position_m - center_m);
-                looked_from[side] = true;
-                if let Some(sums) = self.sides[side].sums() {
-                    let glance = Glance::of(past, self.key, voxel_m);
-                    let (looks, most) = dispatch!(Level::new(), simd => glance.add(simd, sums));
-                    work += looks;
+        let (mut work, mut observed_from) = (0, [false; SECTORS]);
+        for keyframe in pings {
+            if keyframe.fan.touches(center_m, radius_m) {
+                let sector = sector_of(keyframe.geometry.pose.position_m - center_m);
+                observed_from[sector] = true;
+                if let Some(sums) = self.sectors[sector].sums() {
+                    let glance = Glance::of(keyframe, self.key, voxel_m);
+                    let (observations, most) =
+                        dispatch!(Level::new(), simd => glance.add(simd, sums));
+                    work += observations;
                     self.most += most;
                 }
             }
@@ -174,13 +177,13 @@ impl Block {
                 Extent::Useful => SETTLED_EVIDENCE,
                 Extent::None => SOON_SETTLED_EVIDENCE,
             };
-            for (index, side) in self.sides.iter_mut().enumerate() {
-                if looked_from[index] {
-                    if side.settle(below) {
+            for (index, sector) in self.sectors.iter_mut().enumerate() {
+                if observed_from[index] {
+                    if sector.settle(below) {
                         // It may have been darker than it counts from now on.
                         self.most = f32::INFINITY;
                     }
-                    self.looked_from |= 1 << index;
+                    self.observed_from |= 1 << index;
                 }
             }
         }
@@ -200,18 +203,18 @@ impl Block {
         self.integrate(near, voxel_m, extent)
     }
 
-    /// Evidence for each voxel over all sides; what one saw dark counts only so far.
-    pub(super) fn evidence(&self, sides: Horizon) -> Sums {
-        self.totals(sides).map(|total| total as f32 / STEPS)
+    /// Evidence for each voxel over all azimuth sectors; what one saw dark counts only so far.
+    pub(super) fn evidence(&self, width: SectorWidth) -> Sums {
+        self.totals(width).map(|total| total as f32 / STEPS)
     }
 
-    /// What sides say together, in steps: one that saw a place dark, since the structure hides itself
-    /// or glints elsewhere, contradicts the others only so far.
-    fn totals(&self, sides: Horizon) -> Totals {
+    /// What azimuth sectors say together, in steps: one that saw a place dark, since the structure hides
+    /// itself or has specular returns elsewhere, contradicts the others only so far.
+    fn totals(&self, width: SectorWidth) -> Totals {
         let mut totals = [0; VOXELS];
-        dispatch!(Level::new(), _simd => match sides {
-            Horizon::Eighths => self.add_sides(&mut totals, &EIGHTHS, AGAINST_EIGHTH),
-            Horizon::Quarters => self.add_sides(&mut totals, &QUARTERS, AGAINST_QUARTER),
+        dispatch!(Level::new(), _simd => match width {
+            SectorWidth::Eighth => self.add_sectors(&mut totals, &EIGHTH_SECTORS, AGAINST_EIGHTH),
+            SectorWidth::Quarter => self.add_sectors(&mut totals, &QUARTER_SECTORS, AGAINST_QUARTER),
         });
         for &(voxel, sum) in &self.left {
             totals[usize::from(voxel)] += (STEPS * sum) as i32;
@@ -220,16 +223,16 @@ impl Block {
     }
 
     #[inline(always)]
-    fn add_sides<const N: usize>(&self, totals: &mut Totals, groups: &[[usize; N]], least: f32) {
+    fn add_sectors<const N: usize>(&self, totals: &mut Totals, groups: &[[usize; N]], least: f32) {
         let least = (STEPS * least) as i32;
         for group in groups {
-            let is_unseen = |&side: &usize| matches!(self.sides[side], Side::Unseen);
+            let is_unseen = |&sector: &usize| matches!(self.sectors[sector], Sector::Unseen);
             if group.iter().all(is_unseen) {
                 continue;
             }
             let mut together = [0; VOXELS];
-            for &side in group {
-                self.sides[side].add_to(&mut together);
+            for &sector in group {
+                self.sectors[sector].add_to(&mut together);
             }
             for (total, together) in totals.iter_mut().zip(together) {
                 *total += together.max(least);
@@ -240,7 +243,7 @@ impl Block {
 
 /// One ping against one block.
 struct Glance<'a> {
-    past: &'a Past,
+    keyframe: &'a Keyframe,
     /// Centre of the first voxel in the beam's frame.
     first_m: Vec3,
     /// From voxel to voxel along each of the block's axes.
@@ -254,42 +257,43 @@ struct Glance<'a> {
 }
 
 impl<'a> Glance<'a> {
-    fn of(past: &'a Past, key: IVec3, voxel_m: f32) -> Self {
-        let look = &past.look;
-        let into_beam = look.pose.axes.transpose();
+    fn of(keyframe: &'a Keyframe, key: IVec3, voxel_m: f32) -> Self {
+        let geometry = &keyframe.geometry;
+        let into_beam = geometry.pose.axes.transpose();
         let first_m = ((key * BLOCK_EDGE).as_vec3() + 0.5) * voxel_m;
-        let sigma = look.beam.azimuth_sigma_rad();
+        let sigma = geometry.beam.azimuth_sigma_rad();
         Self {
-            past,
-            first_m: into_beam * (first_m - look.pose.position_m),
+            keyframe,
+            first_m: into_beam * (first_m - geometry.pose.position_m),
             steps_m: [into_beam.x_axis, into_beam.y_axis, into_beam.z_axis].map(|a| a * voxel_m),
             voxel_m,
-            edge: (FAN_SHARE * look.beam.elevation_half_width_rad())
+            edge: (FAN_SHARE * geometry.beam.elevation_half_width_rad())
                 .tan()
                 .powi(2),
             beam_variance: sigma * sigma
-                + look.azimuth_variance_rad2
-                + POSE_DOUBT * past.blur.azimuth_variance_rad2,
-            ratios: [0.0, DARK, LIT, SHADOWED].map(|ratio| ratio * past.weight),
+                + geometry.azimuth_variance_rad2
+                + POSE_DOUBT * keyframe.blur.azimuth_variance_rad2,
+            ratios: [0.0, DARK, LIT, SHADOWED].map(|ratio| ratio * keyframe.weight),
         }
     }
 
-    /// Adds the look to every voxel in its beam. Returns voxel looks done, and the most that was added to any.
+    /// Adds the observations of all voxels in the beam. Returns voxel observations made, and the most that was added
+    /// to any voxel.
     #[inline(always)]
-    fn add<S: Simd>(&self, simd: S, sums: &mut SideSums) -> (u64, f32) {
-        let look = &self.past.look;
+    fn add<S: Simd>(&self, simd: S, sums: &mut SectorSums) -> (u64, f32) {
+        let geometry = &self.keyframe.geometry;
         let [along_x, along_y, step] = self.steps_m;
         let voxel_variance_m2 = self.voxel_m * self.voxel_m / 12.0;
-        let (per_bin, start_m) = (1.0 / look.bin_length_m, look.range_start_m);
-        let [left, turn, roll] = look.pose.drift_per_m.to_array();
+        let (per_bin, start_m) = (1.0 / geometry.bin_length_m, geometry.range_start_m);
+        let [left, turn, roll] = geometry.pose.drift_per_m.to_array();
         let numbers = lanes::lane_numbers(simd);
         let (none, one) = (f32x8::splat(simd, 0.0), f32x8::splat(simd, 1.0));
         let [across_x, across_y, across_z] = step.to_array().map(|step| numbers * step);
-        let states = &self.past.profile.state;
-        let bin_count = look.bin_count as f32;
+        let states = &self.keyframe.profile.state;
+        let bin_count = geometry.bin_count as f32;
         // Beyond this the beam's middle says nothing of a row, its drift included.
         let margin_m = 3.5 * step.y.abs() + ROW_MARGIN_VOXELS * self.voxel_m;
-        let reach = (LOOK_SIGMAS_SQUARED * self.beam_variance).sqrt();
+        let reach = (OBSERVATION_SIGMAS_SQUARED * self.beam_variance).sqrt();
         let (mut work, mut most) = (0, none);
         for (row, sums) in sums.chunks_exact_mut(LANES).enumerate() {
             let start = self.first_m + along_x * (row / 8) as f32 + along_y * (row % 8) as f32;
@@ -302,10 +306,10 @@ impl<'a> Glance<'a> {
             let (x, y, z) = (across_x + start.x, across_y + start.y, across_z + start.z);
             let lever2 = x.mul_add(x, y * y);
             let range_m = z.mul_add(z, lever2).sqrt();
-            let late_m = range_m - look.pose.reference_range_m;
+            let late_m = range_m - geometry.pose.reference_range_m;
             let across_m = y - late_m * (x * turn - z * roll + left);
             let variance_m2 = lever2 * self.beam_variance + voxel_variance_m2;
-            let off = across_m * across_m / (variance_m2 * LOOK_SIGMAS_SQUARED);
+            let off = across_m * across_m / (variance_m2 * OBSERVATION_SIGMAS_SQUARED);
             let bin = (range_m - start_m) * per_bin;
             let seen = x.simd_gt(0.0)
                 & off.simd_lt(1.0)
@@ -315,8 +319,8 @@ impl<'a> Glance<'a> {
                 continue;
             }
             let clear = seen.select(one - off, none);
-            // As whole numbers all at once: one by one that took a third of the look. Beyond the last
-            // bin nothing is seen.
+            // As whole numbers all at once: one by one that took a third of the time. Beyond the last bin
+            // nothing is seen.
             let bins: i32x8<S> = bin.max(0.0).min(bin_count).to_int();
             let near = seen.select(bin, f32x8::splat(simd, bin_count)).reduce_min();
             let far = seen.select(bin, none).reduce_max().min(bin_count);
@@ -362,7 +366,7 @@ impl<'a> Glance<'a> {
 mod tests {
     use super::*;
     use crate::MapperConfig;
-    use crate::accumulate::history::{look_of, past_of, pose_blur};
+    use crate::accumulate::history::{geometry_of, keyframe_of, pose_blur};
     use crate::detect::posed;
     use crate::detect::profile::{Backdrop, Levels};
     use echosplat_model::Pose;
@@ -371,76 +375,76 @@ mod tests {
     #[test]
     fn what_is_left_remembers_the_places_of_its_gaussians() {
         let mut block = Block::new(IVec3::ZERO);
-        block.sides[0] = Side::Seen(Box::new([(STEPS * 20.0) as i16; VOXELS]));
+        block.sectors[0] = Sector::Seen(Box::new([(STEPS * 20.0) as i16; VOXELS]));
         block.gaussians = vec![(7, 0), (7, 1)];
         block.leave();
-        let evidence = block.evidence(Horizon::Eighths);
+        let evidence = block.evidence(SectorWidth::Eighth);
         assert!((evidence[7] - 20.0).abs() < 1e-3 && evidence[8].abs() < 1e-6);
-        block.sides[3] = Side::Seen(Box::new([STEPS as i16; VOXELS]));
-        assert!((block.evidence(Horizon::Quarters)[7] - 21.0).abs() < 1e-3);
+        block.sectors[3] = Sector::Seen(Box::new([STEPS as i16; VOXELS]));
+        assert!((block.evidence(SectorWidth::Quarter)[7] - 21.0).abs() < 1e-3);
     }
 
     #[test]
-    fn a_side_that_sees_nothing_contradicts_the_others_only_so_far() {
+    fn a_sector_that_sees_nothing_contradicts_the_others_only_so_far() {
         let mut block = Block::new(IVec3::ZERO);
-        let seen_as = |sum: f32| Side::Seen(Box::new([(STEPS * sum) as i16; VOXELS]));
-        let first = |block: &Block| block.evidence(Horizon::Quarters)[0];
-        block.sides[0] = seen_as(20.0);
-        block.sides[1] = seen_as(-50.0);
+        let seen_as = |sum: f32| Sector::Seen(Box::new([(STEPS * sum) as i16; VOXELS]));
+        let first = |block: &Block| block.evidence(SectorWidth::Quarter)[0];
+        block.sectors[0] = seen_as(20.0);
+        block.sectors[1] = seen_as(-50.0);
         assert!((first(&block) - 18.0).abs() < 1e-6);
-        let settled: Vec<usize> = (0..SIDES)
-            .filter(|&side| block.sides[side].settle(SETTLED_EVIDENCE))
+        let settled: Vec<usize> = (0..SECTORS)
+            .filter(|&sector| block.sectors[sector].settle(SETTLED_EVIDENCE))
             .collect();
         assert_eq!(settled, [1]);
-        let is_settled = |side: &Side| matches!(side, Side::Settled);
-        assert!(is_settled(&block.sides[1]) && !is_settled(&block.sides[0]));
+        let is_settled = |sector: &Sector| matches!(sector, Sector::Settled);
+        assert!(is_settled(&block.sectors[1]) && !is_settled(&block.sectors[0]));
         assert!((first(&block) - 18.0).abs() < 1e-6);
-        block.sides[0] = seen_as(1.0);
+        block.sectors[0] = seen_as(1.0);
         assert!(first(&block) < 0.0);
     }
 
     /// From the origin, towards 3 m where there may be an echo.
-    fn past(number: u32, is_lit: bool) -> Arc<Past> {
+    fn keyframe(number: u32, is_lit: bool) -> Arc<Keyframe> {
         let power = |bin: u32| if is_lit && bin == 150 { 1e4 } else { 1.0 };
         let pose = Pose::from_yaw_pitch_roll(0.002 * f64::from(number), 0.0, 0.0, DVec3::ZERO);
         let posed = posed(number, (0..300).map(power).collect(), pose);
         let config = MapperConfig::default();
-        let (look, blur) = (
-            look_of(&posed, DVec3::ZERO, &config),
+        let (geometry, blur) = (
+            geometry_of(&posed, DVec3::ZERO, &config),
             pose_blur(&posed, &config),
         );
         let (ground, bursts) = (Backdrop::default(), Box::default());
         let profile = Levels::default().profile(&posed.ping, 0.04, &ground, bursts, &config);
-        Arc::new(past_of(look, blur, profile, 1.0, 0.0, &posed))
+        Arc::new(keyframe_of(geometry, blur, profile, 1.0, 0.0, &posed))
     }
 
     /// What a ping says of a voxel's centre, told one by one.
-    fn said_of(past: &Past, center_m: Vec3, voxel_m: f32) -> f32 {
-        let look = &past.look;
+    fn said_of(keyframe: &Keyframe, center_m: Vec3, voxel_m: f32) -> f32 {
+        let geometry = &keyframe.geometry;
         let (q, late) = {
-            let still = look.pose.axes.transpose() * (center_m - look.pose.position_m);
-            (still, still.length() - look.pose.reference_range_m)
+            let still = geometry.pose.axes.transpose() * (center_m - geometry.pose.position_m);
+            (still, still.length() - geometry.pose.reference_range_m)
         };
-        let [left, turn, roll] = look.pose.drift_per_m.to_array();
+        let [left, turn, roll] = geometry.pose.drift_per_m.to_array();
         let across_m = q.y - late * (q.x * turn - q.z * roll + left);
         let lever2 = q.x * q.x + q.y * q.y;
-        let beam = look.beam.azimuth_sigma_rad().powi(2)
-            + look.azimuth_variance_rad2
-            + POSE_DOUBT * past.blur.azimuth_variance_rad2;
+        let beam = geometry.beam.azimuth_sigma_rad().powi(2)
+            + geometry.azimuth_variance_rad2
+            + POSE_DOUBT * keyframe.blur.azimuth_variance_rad2;
         let variance_m2 = lever2 * beam + voxel_m * voxel_m / 12.0;
-        let off = across_m * across_m / (variance_m2 * LOOK_SIGMAS_SQUARED);
-        let half_width = FAN_SHARE * look.beam.elevation_half_width_rad();
-        let bin = (q.length() - look.range_start_m) / look.bin_length_m;
+        let off = across_m * across_m / (variance_m2 * OBSERVATION_SIGMAS_SQUARED);
+        let half_width = FAN_SHARE * geometry.beam.elevation_half_width_rad();
+        let bin = (q.length() - geometry.range_start_m) / geometry.bin_length_m;
         if q.x <= 0.0 || off >= 1.0 || q.z.abs() >= lever2.sqrt() * half_width.tan() || bin < 0.0 {
             return 0.0;
         }
-        let ratio = match past.profile.state.at(bin as usize) {
+        let ratio = match keyframe.profile.state.at(bin as usize) {
             BinState::Blank => 0.0,
             BinState::Dark => DARK,
             BinState::Lit => LIT,
             BinState::Shadowed => SHADOWED,
         };
-        (1.0 - off) * ratio * past.weight
+        (1.0 - off) * ratio * keyframe.weight
     }
 
     #[test]
@@ -448,21 +452,21 @@ mod tests {
         // Far bins, and bins so short that those of eight voxels are far apart; level, and on its side.
         let (voxel_m, mut told) = (0.05, 0);
         for (shortened, roll) in [(1.0, 0.0), (0.1, 0.0), (0.1, 1.5)] {
-            let mut past = Past::clone(&past(20, true));
-            past.look.range_start_m = 3.0 - 3.0 * shortened;
-            past.look.bin_length_m *= shortened;
-            past.look.pose.axes *= Mat3::from_rotation_x(roll);
-            past.look.pose.drift_per_m = Vec3::new(1e-3, 2e-3, -1e-3);
-            let past = Arc::new(past);
+            let mut keyframe = Keyframe::clone(&keyframe(20, true));
+            keyframe.geometry.range_start_m = 3.0 - 3.0 * shortened;
+            keyframe.geometry.bin_length_m *= shortened;
+            keyframe.geometry.pose.axes *= Mat3::from_rotation_x(roll);
+            keyframe.geometry.pose.drift_per_m = Vec3::new(1e-3, 2e-3, -1e-3);
+            let keyframe = Arc::new(keyframe);
             for key in [[7, 0, 0], [7, 0, 1], [6, -1, -2], [7, 1, 0]].map(IVec3::from) {
                 let mut block = Block::new(key);
-                block.integrate([&past], voxel_m, Extent::All);
-                let sums = block.evidence(Horizon::Eighths);
+                block.integrate([&keyframe], voxel_m, Extent::All);
+                let sums = block.evidence(SectorWidth::Eighth);
                 for (voxel, sum) in sums.into_iter().enumerate() {
                     let [x, y, z] = [voxel / 64, voxel / 8 % 8, voxel % 8].map(|v| v as f32 + 0.5);
                     let center_m = (key * BLOCK_EDGE).as_vec3() + Vec3::new(x, y, z);
-                    let said = said_of(&past, center_m * voxel_m, voxel_m);
-                    // What one side says against is cut off.
+                    let said = said_of(&keyframe, center_m * voxel_m, voxel_m);
+                    // What one sector says against is cut off.
                     let said = said.max(AGAINST_EIGHTH);
                     assert!(
                         (sum - said).abs() < 2.0 / STEPS,
@@ -480,14 +484,14 @@ mod tests {
         let (voxel_m, mut counts) = (0.05, [0; 2]);
         let mut blocks = [6, 7, 8].map(|x| Block::new(IVec3::new(x, 0, 0)));
         for number in 0..120 {
-            let past = past(number, number % 40 < 10);
+            let keyframe = keyframe(number, number % 40 < 10);
             for block in &mut blocks {
                 let before = block.most;
-                block.integrate([&past], voxel_m, Extent::Useful);
-                let evidence = block.evidence(Horizon::Quarters).into_iter();
+                block.integrate([&keyframe], voxel_m, Extent::Useful);
+                let evidence = block.evidence(SectorWidth::Quarter).into_iter();
                 let most = evidence.fold(f32::MIN, f32::max);
                 assert!(block.most >= most, "{} {most}", block.most);
-                // One look adds no more than that of a voxel on the beam's axis.
+                // One observation adds no more than that of a voxel on the beam's axis.
                 let is_settled = block.most == f32::INFINITY;
                 assert!(is_settled || block.most <= before + LIT, "{}", block.most);
                 counts[usize::from(is_settled)] += 1;
@@ -502,42 +506,43 @@ mod tests {
         let mut block = Block::new(IVec3::ZERO);
         let sums = |factor: i16| std::array::from_fn(|voxel| factor * (voxel as i16 % 100 - 60));
         for (index, factor) in [(0, 3), (4, -50), (9, 7)] {
-            block.sides[index] = Side::Seen(Box::new(sums(factor)));
+            block.sectors[index] = Sector::Seen(Box::new(sums(factor)));
         }
-        block.looked_from = 1 << 4;
-        let said = |block: &Block| [Horizon::Eighths, Horizon::Quarters].map(|h| block.totals(h));
+        block.observed_from = 1 << 4;
+        let said =
+            |block: &Block| [SectorWidth::Eighth, SectorWidth::Quarter].map(|h| block.totals(h));
         let before = said(&block);
         let packed = |block: &Block| {
             block
-                .sides
+                .sectors
                 .iter()
-                .filter(|s| matches!(s, Side::Packed(_)))
+                .filter(|s| matches!(s, Sector::Packed(_)))
                 .count()
         };
         block.lay_away();
         assert_eq!((packed(&block), said(&block)), (2, before));
         block.lay_away();
         assert_eq!((packed(&block), said(&block)), (3, before));
-        assert_eq!(block.sides[4].sums(), Some(&mut sums(-50)));
+        assert_eq!(block.sectors[4].sums(), Some(&mut sums(-50)));
         assert_eq!((packed(&block), said(&block)), (2, before));
     }
 
     #[test]
-    fn looks_come_from_the_side_their_sensor_is_on() {
-        let towards = |side: i32| {
-            let bearing_rad = f64::from(side % 8) * std::f64::consts::FRAC_PI_4 + 0.1;
-            side_of(Vec3::new(
+    fn observations_count_in_the_sector_their_sensor_is_in() {
+        let towards = |sector: i32| {
+            let bearing_rad = f64::from(sector % 8) * std::f64::consts::FRAC_PI_4 + 0.1;
+            sector_of(Vec3::new(
                 bearing_rad.cos() as f32,
                 bearing_rad.sin() as f32,
-                if side < 8 { 0.2 } else { -0.2 },
+                if sector < 8 { 0.2 } else { -0.2 },
             ))
         };
-        let mut sides: Vec<usize> = (0..SIDES as i32).map(towards).collect();
-        sides.sort_unstable();
-        assert!(sides.into_iter().eq(0..SIDES));
+        let mut sectors: Vec<usize> = (0..SECTORS as i32).map(towards).collect();
+        sectors.sort_unstable();
+        assert!(sectors.into_iter().eq(0..SECTORS));
         // Groups leave out none and count none twice.
-        let mut grouped: Vec<usize> = QUARTERS.into_iter().flatten().collect();
+        let mut grouped: Vec<usize> = QUARTER_SECTORS.into_iter().flatten().collect();
         grouped.sort_unstable();
-        assert!(grouped.into_iter().eq(0..SIDES));
+        assert!(grouped.into_iter().eq(0..SECTORS));
     }
 }

@@ -1,39 +1,40 @@
 //! Evidence of presence per place: a sparse grid of voxels around whatever was ever lit.
 //!
-//! Each look adds a log likelihood ratio to every voxel in its beam: for an echo at the voxel's
-//! range, against darkness there. Looks are weighted by what they say that the one before did
-//! not, so that the sum counts views rather than pings.
+//! Each ping adds a log likelihood ratio, its observation, to every voxel in its beam: for an echo at the voxel's range,
+//! against darkness there. Observations are weighted by what they say that the ping before did not, so that the sum
+//! counts views rather than pings.
 //!
-//! Cost: pings/s × blocks in the slice (about 150 at 10 m and 5 cm voxels) × 512 voxels, of
-//! which rows off the beam are passed over: 58,000 voxel looks a ping on the fence's survey.
+//! Cost: pings/s × blocks in the slice (about 150 at 10 m and 5 cm voxels) × 512 voxels, of which rows off the beam are
+//! passed over: 58,000 voxel observations a ping on the fence's survey.
 
 mod block;
 mod packed;
-mod side;
+mod sector;
 
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use echosplat_acoustics::Look;
+use echosplat_acoustics::PingGeometry;
 use echosplat_model::glam::{IVec3, Vec3};
 use foldhash::{HashMap, HashMapExt};
 use rayon::prelude::*;
 
 use crate::accumulate::fan::Reach;
-use crate::accumulate::history::{History, Past};
-use crate::parts::Extent;
+use crate::accumulate::history::{History, Keyframe};
+use crate::features::Extent;
 use crate::progress::Progress;
-pub(crate) use block::{Block, Horizon, Sums};
+pub(crate) use block::{Block, SectorWidth, Sums};
 
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
 pub(crate) const BLOCK_EDGE: i32 = 8;
 pub(crate) const VOXELS: usize = 512;
 const TILE_EDGE: i32 = 8;
-/// Blocks that each slice lays away what nobody looked at of: few, so that sides are not taken up again the next moment.
+/// Blocks of which each slice lays away what had no observations: few, so that azimuth sectors are not taken up again the
+/// next moment.
 const LAID_AWAY: usize = 16;
-/// Of what there is, the part that there is room for more: twice as much would leave half of the memory of a large map
+/// What there is over this is the room for more: twice as much room would leave half of the memory of a large map
 /// unused.
-const SPARE_PART: usize = 8;
+const SPARE_DIVISOR: usize = 8;
 const LEAST_SPARE: usize = 64;
 /// Index of a block in [`Evidence`].
 pub(crate) type BlockIndex = u32;
@@ -42,7 +43,7 @@ pub(crate) type TileIndex = u32;
 
 /// Room for so many more once `count` of something fill theirs.
 pub(crate) fn spare(count: usize) -> usize {
-    count / SPARE_PART + LEAST_SPARE
+    count / SPARE_DIVISOR + LEAST_SPARE
 }
 
 /// A cube of blocks, which is worked out as a whole.
@@ -50,14 +51,14 @@ pub(crate) fn spare(count: usize) -> usize {
 pub(crate) struct Tile {
     pub(crate) center_m: Vec3,
     pub(crate) blocks: Vec<BlockIndex>,
-    /// Independent looks at it of all pings that heard anything.
-    pub(crate) looks: f32,
-    /// Of these looks, those of forgotten pings.
-    pub(crate) forgotten_looks: f32,
-    /// Looks there had been when its Gaussians were last worked out.
-    pub(crate) worked_looks: f32,
-    /// Looks there had been when they were last worked out anew, not from the map.
-    pub(crate) even_looks: f32,
+    /// Independent observations of it by all pings that heard anything.
+    pub(crate) observations: f32,
+    /// Of these observations, those of forgotten pings.
+    pub(crate) forgotten_observations: f32,
+    /// Observations there had been when its Gaussians were last worked out.
+    pub(crate) worked_observations: f32,
+    /// Observations there had been when they were last worked out anew, not from the map.
+    pub(crate) even_observations: f32,
     /// Remembered pings with echoes that may see it.
     remembered_pings: u32,
     /// Whether it keeps only what its Gaussians need.
@@ -65,20 +66,20 @@ pub(crate) struct Tile {
 }
 
 impl Tile {
-    /// Counts the looks of some pings; whether any may see it.
-    fn count_looks<'a>(
+    /// Counts the observations of some pings; whether any may see it.
+    fn count_observations<'a>(
         &mut self,
-        pings: impl IntoIterator<Item = &'a Arc<Past>>,
+        pings: impl IntoIterator<Item = &'a Arc<Keyframe>>,
         radius_m: f32,
     ) -> bool {
         let mut is_near = false;
-        for past in pings {
-            if !past.fan.touches(self.center_m, radius_m) {
+        for keyframe in pings {
+            if !keyframe.fan.touches(self.center_m, radius_m) {
                 continue;
             }
             is_near = true;
-            if !past.profile.echoes.is_empty() {
-                self.looks += past.weight;
+            if !keyframe.profile.echoes.is_empty() {
+                self.observations += keyframe.weight;
                 self.remembered_pings += 1;
                 self.is_left = false;
             }
@@ -101,7 +102,7 @@ pub(crate) struct Evidence {
     tile_at: HashMap<IVec3, usize>,
     /// Indices of blocks that are no more.
     free: Vec<BlockIndex>,
-    /// The next of the blocks that is asked to lay away sides, in turn.
+    /// The next of the blocks that is asked to lay away azimuth sectors, in turn.
     next_laid_away: usize,
     /// Remembered pings that it was told of, the oldest ones.
     told_pings: usize,
@@ -139,9 +140,9 @@ impl Evidence {
         &mut self.blocks[index as usize]
     }
 
-    /// Evidence for each voxel of a block over all sides, and the most of any.
-    pub(crate) fn of(&self, block: &Block, sides: Horizon) -> (Sums, f32) {
-        let sums = block.evidence(sides);
+    /// Evidence for each voxel of a block over all azimuth sectors, and the most of any.
+    pub(crate) fn of(&self, block: &Block, width: SectorWidth) -> (Sums, f32) {
+        let sums = block.evidence(width);
         (sums, sums.into_iter().fold(f32::MIN, f32::max))
     }
 
@@ -161,9 +162,9 @@ impl Evidence {
         history.pings().len() - self.told_pings
     }
 
-    /// Takes in a slice of looks, at most so many of those it was not told of yet: new blocks along their lit arcs, which
-    /// are told of every ping before as well, and evidence in the blocks there were. Returns voxel
-    /// looks done, the work.
+    /// Takes in a slice of pings, at most so many of those it was not told of yet: new blocks along their lit arcs, which
+    /// are told of every ping before as well, and evidence in the blocks there were. Returns voxel observations made, the
+    /// work.
     pub(crate) fn integrate(&mut self, history: &History, most: usize, extent: Extent) -> u64 {
         let slice_start = self.told_pings;
         self.told_pings += most.min(self.untold_pings(history));
@@ -172,7 +173,7 @@ impl Evidence {
         let known = self.tiles.len();
         let wanted = self.wanted(slice).into_iter();
         let fresh: BTreeSet<BlockIndex> = wanted.map(|key| self.create(key)).collect();
-        self.count_looks(known, history, slice_start);
+        self.count_observations(known, history, slice_start);
         let mut near = self.near(slice);
         near.extend(&fresh);
         near.sort_unstable();
@@ -185,17 +186,18 @@ impl Evidence {
             false => block.integrate(slice, voxel_m, extent),
         };
         let blocks = blocks.into_par_iter().with_min_len(16);
-        let looks: Vec<u64> = blocks.map(tell).collect();
-        let told = near.into_iter().zip(&looks);
+        let observations: Vec<u64> = blocks.map(tell).collect();
+        let told = near.into_iter().zip(&observations);
         self.touched.extend(
-            told.filter(|(_, looks)| **looks > 0)
+            told.filter(|(_, observations)| **observations > 0)
                 .map(|(index, _)| index),
         );
         self.lay_away();
-        looks.iter().sum()
+        observations.iter().sum()
     }
 
-    /// Some of the blocks in turn hold sides in fewer bytes that were not looked from since it was their turn last.
+    /// Some of the blocks in turn hold azimuth sectors in fewer bytes that had no observation since it was their turn
+    /// last.
     fn lay_away(&mut self) {
         let count = self.blocks.len();
         for _ in 0..LAID_AWAY.min(count) {
@@ -204,7 +206,7 @@ impl Evidence {
         }
     }
 
-    /// Forgets all evidence and takes in every ping again. Returns voxel looks done.
+    /// Forgets all evidence and takes in every ping again. Returns voxel observations made.
     pub(crate) fn integrate_anew(
         &mut self,
         history: &History,
@@ -217,34 +219,34 @@ impl Evidence {
         }
         self.told_pings = history.pings().len();
         let (voxel_m, told_pings) = (self.voxel_m, self.told_pings);
-        self.count_looks(known, history, told_pings);
+        self.count_observations(known, history, told_pings);
         self.touched.extend(0..self.blocks.len() as BlockIndex);
         let blocks = self.blocks.par_iter_mut().with_min_len(16);
         blocks
             .map(|block| {
                 progress.tell();
                 block.forget();
-                let looks = block.integrate_all(history, told_pings, voxel_m, extent);
-                // Once for what was looked from, and once for good.
+                let observations = block.integrate_all(history, told_pings, voxel_m, extent);
+                // Once for sectors with observations, and once for good.
                 block.lay_away();
                 block.lay_away();
-                looks
+                observations
             })
             .sum()
     }
 
-    /// Forgets what all looks said and keeps the Gaussians: nothing can be worked out any more.
-    pub(crate) fn forget_looks(&mut self) {
+    /// Forgets what all observations said and keeps the Gaussians: nothing can be worked out any more.
+    pub(crate) fn forget_observations(&mut self) {
         self.blocks.iter_mut().for_each(Block::forget);
     }
 
-    /// Blocks that any look of the slice may see, through the tiles, which count their looks.
-    fn near(&mut self, slice: &[Arc<Past>]) -> Vec<BlockIndex> {
+    /// Blocks that any ping of the slice may see, through the tiles, which count their observations.
+    fn near(&mut self, slice: &[Arc<Keyframe>]) -> Vec<BlockIndex> {
         let radius_m = self.tile_radius_m();
         let mut near = Vec::new();
-        let reach = Reach::of(slice.iter().map(|past| &past.fan));
+        let reach = Reach::of(slice.iter().map(|keyframe| &keyframe.fan));
         for tile in &mut self.tiles {
-            if reach.touches(tile.center_m, radius_m) && tile.count_looks(slice, radius_m) {
+            if reach.touches(tile.center_m, radius_m) && tile.count_observations(slice, radius_m) {
                 near.extend(&tile.blocks);
             }
         }
@@ -252,27 +254,27 @@ impl Evidence {
     }
 
     /// Counts what the first `count` pings saw of tiles that are new, from `first` on.
-    fn count_looks(&mut self, first: usize, history: &History, count: usize) {
+    fn count_observations(&mut self, first: usize, history: &History, count: usize) {
         let radius_m = self.tile_radius_m();
         for tile in &mut self.tiles[first..] {
-            tile.count_looks(history.near(count, tile.center_m, radius_m), radius_m);
+            tile.count_observations(history.near(count, tile.center_m, radius_m), radius_m);
         }
     }
 
     /// Pings that are no longer remembered; it was told of them.
-    pub(crate) fn forget(&mut self, pings: &[Arc<Past>]) {
+    pub(crate) fn forget(&mut self, pings: &[Arc<Keyframe>]) {
         self.told_pings -= pings.len();
         let radius_m = self.tile_radius_m();
-        let has_echoes = |past: &&Arc<Past>| !past.profile.echoes.is_empty();
-        let pings: Vec<&Arc<Past>> = pings.iter().filter(has_echoes).collect();
-        let reach = Reach::of(pings.iter().map(|past| &past.fan));
+        let has_echoes = |keyframe: &&Arc<Keyframe>| !keyframe.profile.echoes.is_empty();
+        let pings: Vec<&Arc<Keyframe>> = pings.iter().filter(has_echoes).collect();
+        let reach = Reach::of(pings.iter().map(|keyframe| &keyframe.fan));
         for tile in &mut self.tiles {
             if !reach.touches(tile.center_m, radius_m) {
                 continue;
             }
-            for past in &pings {
-                if past.fan.touches(tile.center_m, radius_m) {
-                    tile.forgotten_looks += past.weight;
+            for keyframe in &pings {
+                if keyframe.fan.touches(tile.center_m, radius_m) {
+                    tile.forgotten_observations += keyframe.weight;
                     tile.remembered_pings = tile.remembered_pings.saturating_sub(1);
                 }
             }
@@ -280,11 +282,11 @@ impl Evidence {
     }
 
     /// Slots of the Gaussians of all tiles that any of the pings may see, in order.
-    pub(crate) fn gaussians_seen_by(&self, pings: &[Arc<Past>]) -> Vec<u32> {
+    pub(crate) fn gaussians_seen_by(&self, pings: &[Arc<Keyframe>]) -> Vec<u32> {
         let radius_m = self.tile_radius_m();
-        let reach = Reach::of(pings.iter().map(|past| &past.fan));
+        let reach = Reach::of(pings.iter().map(|keyframe| &keyframe.fan));
         let is_seen = |tile: &&Tile| {
-            let touches = |past: &Arc<Past>| past.fan.touches(tile.center_m, radius_m);
+            let touches = |keyframe: &Arc<Keyframe>| keyframe.fan.touches(tile.center_m, radius_m);
             reach.touches(tile.center_m, radius_m) && pings.iter().any(touches)
         };
         let blocks = self.tiles.iter().filter(is_seen).flat_map(|t| &t.blocks);
@@ -335,8 +337,8 @@ impl Evidence {
     /// Makes every tile be worked out again.
     pub(crate) fn doubt_all(&mut self) {
         for tile in &mut self.tiles {
-            tile.worked_looks = 0.0;
-            tile.even_looks = 0.0;
+            tile.worked_observations = 0.0;
+            tile.even_observations = 0.0;
         }
     }
 
@@ -360,17 +362,19 @@ impl Evidence {
     }
 
     /// Blocks that the lit arcs of a slice pass through and that do not exist, in order.
-    fn wanted(&self, slice: &[Arc<Past>]) -> BTreeSet<[i32; 3]> {
+    fn wanted(&self, slice: &[Arc<Keyframe>]) -> BTreeSet<[i32; 3]> {
         let block_m = self.voxel_m * BLOCK_EDGE as f32;
         let mut wanted = BTreeSet::new();
-        for past in slice {
-            for &(start, end) in &past.profile.echoes {
-                let steps =
-                    ((end - start) as f32 * past.look.bin_length_m / (0.5 * block_m)).ceil();
+        for keyframe in slice {
+            for &(start, end) in &keyframe.profile.echoes {
+                let steps = ((end - start) as f32 * keyframe.geometry.bin_length_m
+                    / (0.5 * block_m))
+                    .ceil();
                 for step in 0..=steps as u32 {
                     let bin = start as f32 + (end - start) as f32 * step as f32 / steps.max(1.0);
-                    let range_m = past.look.range_start_m + bin * past.look.bin_length_m;
-                    arc_points(&past.look, range_m, 0.5 * block_m, |point_m| {
+                    let range_m =
+                        keyframe.geometry.range_start_m + bin * keyframe.geometry.bin_length_m;
+                    arc_points(&keyframe.geometry, range_m, 0.5 * block_m, |point_m| {
                         let key = (point_m / block_m).floor().as_ivec3();
                         if !self.block_at.contains_key(&key) {
                             wanted.insert([key.z, key.y, key.x]);
@@ -401,12 +405,12 @@ impl Evidence {
             self.tiles.push(Tile {
                 center_m: (tile_key.as_vec3() + 0.5) * tile_m,
                 blocks: Vec::new(),
-                looks: 0.0,
-                forgotten_looks: 0.0,
+                observations: 0.0,
+                forgotten_observations: 0.0,
                 remembered_pings: 0,
                 is_left: false,
-                worked_looks: 0.0,
-                even_looks: 0.0,
+                worked_observations: 0.0,
+                even_observations: 0.0,
             });
             self.tiles.len() - 1
         });
@@ -418,17 +422,17 @@ impl Evidence {
 
 /// Points on the arc at `range_m`, a beam's width to both sides included, at most `step_m` apart
 /// along it.
-fn arc_points(look: &Look, range_m: f32, step_m: f32, mut each: impl FnMut(Vec3)) {
-    let half = look.beam.elevation_half_width_rad();
+fn arc_points(geometry: &PingGeometry, range_m: f32, step_m: f32, mut each: impl FnMut(Vec3)) {
+    let half = geometry.beam.elevation_half_width_rad();
     let steps = (2.0 * half * range_m / step_m).ceil().max(1.0) as u32;
-    let side_m = look.beam.azimuth_sigma_rad() * range_m;
-    let axes = look.pose.axes;
+    let side_m = geometry.beam.azimuth_sigma_rad() * range_m;
+    let axes = geometry.pose.axes;
     for step in 0..=steps {
         let elevation = half * (2.0 * step as f32 / steps as f32 - 1.0);
         let (sin, cos) = elevation.sin_cos();
         for side in [-side_m, 0.0, side_m] {
             let q = Vec3::new(range_m * cos, side, range_m * sin);
-            each(look.pose.position_m + axes * q);
+            each(geometry.pose.position_m + axes * q);
         }
     }
 }

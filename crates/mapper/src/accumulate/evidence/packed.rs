@@ -1,4 +1,4 @@
-//! The sums of a side in about half the bytes, exactly, while nobody looks from there.
+//! The sums of an azimuth sector in about half the bytes, exactly, while no observation comes from there.
 //!
 //! A row is its least sum and what the others are above it, in as few bits as the greatest needs; of rows that are
 //! all 0 nothing is held.
@@ -7,9 +7,9 @@ use echosplat_acoustics::lanes::LANES;
 
 use super::VOXELS;
 
-/// Sums of one side per voxel, z fastest, in steps of 1/64 up to 512: small, since there are many, and exact enough
-/// for looks of ½.
-pub(super) type SideSums = [i16; VOXELS];
+/// Sums of one azimuth sector per voxel, z fastest, in steps of 1/64 up to 512: small, since there are many, and
+/// exact enough for observations of ½.
+pub(super) type SectorSums = [i16; VOXELS];
 
 /// A row is read as one number of so many bytes.
 const READ: usize = size_of::<u128>();
@@ -19,7 +19,7 @@ const READ: usize = size_of::<u128>();
 pub(super) struct Packed(Box<[u8]>);
 
 impl Packed {
-    pub(super) fn of(sums: &SideSums) -> Self {
+    pub(super) fn of(sums: &SectorSums) -> Self {
         let (mut rows, mut bytes) = (0_u64, vec![0; size_of::<u64>()]);
         for (index, row) in sums.chunks_exact(LANES).enumerate() {
             if row.iter().all(|&sum| sum == 0) {
@@ -43,7 +43,7 @@ impl Packed {
     }
 
     #[inline(always)]
-    pub(super) fn unpack(&self) -> SideSums {
+    pub(super) fn unpack(&self) -> SectorSums {
         let mut sums = [0; VOXELS];
         let (rows, mut bytes) = self.0.split_at(size_of::<u64>());
         let mut rows = rows
@@ -110,7 +110,7 @@ mod tests {
         let sums = std::array::from_fn(|voxel| -900 - 10 * (voxel % 8) as i16);
         let packed = Packed::of(&sums);
         assert!(
-            packed.0.len() < size_of::<SideSums>() * 3 / 4,
+            packed.0.len() < size_of::<SectorSums>() * 3 / 4,
             "{}",
             packed.0.len()
         );

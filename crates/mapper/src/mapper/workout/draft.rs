@@ -4,43 +4,46 @@ use echosplat_model::{Standing, Switch};
 use rayon::prelude::*;
 
 use super::{Mask, Terms, Workout, is, set};
-use crate::accumulate::evidence::{BlockIndex, Horizon, TileIndex};
+use crate::accumulate::evidence::{BlockIndex, SectorWidth, TileIndex};
 use crate::accumulate::fan::Reach;
+use crate::features::LeftOut;
 use crate::mapper::schedule::Start;
-use crate::parts::LeftOut;
 use crate::refine::places::Places;
-use crate::spawn::births;
+use crate::spawn::from_evidence;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::world::World;
 
 /// What all Gaussians start with, alike, of the strength that a typical echo needs.
 const EVEN_STRENGTH: f32 = 0.2;
-/// A place that few looks lit, since it glints, is asked for less evidence.
-const SPAWN_PART_OF_GLINTS: f32 = 0.667;
-/// With more candidates than this, all that any side saw dark is doubted in full.
+/// Less evidence is asked of a place that few observations lit, since its returns are specular.
+const SPAWN_FRACTION_OF_SPECULAR: f32 = 0.667;
+/// With more candidates than this, all that any azimuth sector saw dark is doubted in full.
 const MOST_PLACES: usize = 400_000;
-/// Where forgotten pings made this part of the looks, what is confident is held as it is: the others alone would
-/// find its place less well.
-const HELD_PART: f32 = 0.3;
+/// Where forgotten pings made this fraction of the observations, what is confident is held as it is: the others alone
+/// would find its place less well.
+const HELD_FRACTION: f32 = 0.3;
 
 impl Workout {
-    /// Every place of the tiles with enough evidence, all alike. With `skips_barred`, what the last work-out let go is
+    /// Every place of the tiles with enough evidence, all alike. With `skips_suppressed`, what the last work-out let go is
     /// left out unless the map has something within a voxel of it.
     pub(super) fn take_candidates(
         &mut self,
         world: &World,
         map: &Gaussians,
         tiles: &[TileIndex],
-        skips_barred: bool,
+        skips_suppressed: bool,
         terms: Terms<'_>,
         left_out: &mut Vec<LeftOut>,
     ) {
         let evidence = &world.evidence;
         let spawn = terms.config.spawn_evidence;
-        let places = |horizon: Horizon, enough: f32| -> Vec<(BlockIndex, Vec<u16>)> {
+        let places = |width: SectorWidth, enough: f32| -> Vec<(BlockIndex, Vec<u16>)> {
             let of_block = |&index: &BlockIndex| {
                 let block = evidence.block(index);
-                (index, births::candidates(evidence, block, horizon, enough))
+                (
+                    index,
+                    from_evidence::candidates(evidence, block, width, enough),
+                )
             };
             let of_tile = |&tile: &TileIndex| {
                 let blocks = evidence.tiles()[tile as usize].blocks.par_iter();
@@ -48,18 +51,20 @@ impl Workout {
             };
             tiles.par_iter().flat_map(of_tile).collect()
         };
-        let mut found = match terms.at_work.glints {
-            true => places(Horizon::Eighths, SPAWN_PART_OF_GLINTS * spawn),
-            false => places(Horizon::Quarters, spawn),
+        let mut found = match terms.at_work.specular_returns {
+            true => places(SectorWidth::Eighth, SPAWN_FRACTION_OF_SPECULAR * spawn),
+            false => places(SectorWidth::Quarter, spawn),
         };
         let mut count: usize = found.iter().map(|(_, voxels)| voxels.len()).sum();
-        if terms.at_work.glints && count > MOST_PLACES && terms.config.parts.glints == Switch::Auto
+        if terms.at_work.specular_returns
+            && count > MOST_PLACES
+            && terms.config.parts.glints == Switch::Auto
         {
-            left_out.push(LeftOut::glints_of_crowd(count));
-            found = places(Horizon::Quarters, spawn);
+            left_out.push(LeftOut::specular_returns_of_crowd(count));
+            found = places(SectorWidth::Quarter, spawn);
             count = found.iter().map(|(_, voxels)| voxels.len()).sum();
         }
-        let known = skips_barred.then(|| {
+        let known = skips_suppressed.then(|| {
             let held = found.iter();
             let held = held.flat_map(|&(index, _)| evidence.block(index).gaussians.iter());
             let slots = held.map(|&(_, slot)| slot as usize);
@@ -69,7 +74,7 @@ impl Workout {
         let passed_over = |(index, voxels): &(BlockIndex, Vec<u16>)| {
             let (block, mut mask) = (evidence.block(*index), Mask::default());
             let Some(known) = &known else { return mask };
-            for &voxel in voxels.iter().filter(|&&voxel| is(&block.barred, voxel)) {
+            for &voxel in voxels.iter().filter(|&&voxel| is(&block.suppressed, voxel)) {
                 if !known.any_near(evidence.center_m(block.key, voxel.into())) {
                     set(&mut mask, voxel);
                 }
@@ -109,7 +114,9 @@ impl Workout {
     fn hold(&mut self, world: &World, map: &Gaussians, index: BlockIndex) -> Mask {
         let mut held = Mask::default();
         let tile = &world.evidence.tiles()[world.evidence.tile_of(index) as usize];
-        if self.start == Start::Even || tile.forgotten_looks < HELD_PART * tile.looks {
+        if self.start == Start::Even
+            || tile.forgotten_observations < HELD_FRACTION * tile.observations
+        {
             return held;
         }
         for &(voxel, slot) in &world.evidence.block(index).gaussians {
@@ -127,14 +134,17 @@ impl Workout {
     pub(super) fn take_background(&mut self, world: &World, map: &Gaussians, tiles: &[TileIndex]) {
         let evidence = &world.evidence;
         let radius_m = evidence.tile_radius_m();
-        let reach = Reach::of(self.pings.iter().map(|past| &past.fan));
+        let reach = Reach::of(self.pings.iter().map(|keyframe| &keyframe.fan));
         for (index, tile) in evidence.tiles().iter().enumerate() {
             let is_seen = || {
                 let mut pings = self.pings.iter();
                 reach.touches(tile.center_m, radius_m)
-                    && pings.any(|past| past.fan.touches(tile.center_m, radius_m))
+                    && pings.any(|keyframe| keyframe.fan.touches(tile.center_m, radius_m))
             };
-            if tile.worked_looks <= 0.0 || tiles.contains(&(index as TileIndex)) || !is_seen() {
+            if tile.worked_observations <= 0.0
+                || tiles.contains(&(index as TileIndex))
+                || !is_seen()
+            {
                 continue;
             }
             for &block in &tile.blocks {

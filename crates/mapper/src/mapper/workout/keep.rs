@@ -3,8 +3,8 @@
 use std::sync::Arc;
 
 use super::Terms;
-use crate::accumulate::history::Past;
-use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping};
+use crate::accumulate::history::Keyframe;
+use crate::classify::assess::{Desk, Rule, VerdictThresholds, findings_of_ping};
 use crate::refine::expectation::{Pass, strengths_of_ping};
 use crate::refine::inherit::{area_of, whole_area};
 use crate::refine::scene::Scene;
@@ -17,7 +17,7 @@ use crate::world::World;
 pub(crate) fn keep(
     world: &World,
     map: &mut Gaussians,
-    pings: &[Arc<Past>],
+    pings: &[Arc<Keyframe>],
     terms: Terms<'_>,
 ) -> u64 {
     // In the map's order, so that sums are those of the whole map.
@@ -33,21 +33,24 @@ pub(crate) fn keep(
     let mut pass = Pass::over(pings.to_vec(), &world.evidence, seen);
     pass.advance(scene(seen, false), count, strengths_of_ping);
     let (sums, pairs, _) = pass.finish();
-    let rule = Rule::of(&scene(map, true), Demand::of(terms.config, terms.at_work));
+    let rule = Rule::of(
+        &scene(map, true),
+        VerdictThresholds::of(terms.config, terms.at_work),
+    );
     let mut pass = Pass::over(pings.to_vec(), &world.evidence, seen);
-    let each = |tally: &mut _, desk: &mut Desk, past: &_, sight: &_| {
-        findings_of_ping(tally, desk, past, sight, seen, rule);
+    let each = |tally: &mut _, desk: &mut Desk, keyframe: &_, sight: &_| {
+        findings_of_ping(tally, desk, keyframe, sight, seen, rule);
     };
     pass.advance(scene(seen, true), count, each);
     let (findings, more_pairs, _) = pass.finish();
     let whole = whole_area(world.evidence.voxel_m());
     for ((slot, sums), finding) in slots.into_iter().zip(&sums).zip(&findings) {
         let slot = slot as usize;
-        let is_told = sums.weight.sum() > 0.0 || finding.account.looks > 0.0;
+        let is_told = sums.weight.sum() > 0.0 || finding.statistics.observations > 0.0;
         if map.stage[slot] == Stage::Worked && is_told {
-            let (area, part) = (area_of(map, slot) / whole, map.part[slot]);
+            let (area, child_share) = (area_of(map, slot) / whole, map.child_share[slot]);
             let kept = map.kept[slot].get_or_insert_default();
-            kept.add(sums.weight, finding, area, part);
+            kept.add(sums.weight, finding, area, child_share);
         }
     }
     pairs + more_pairs

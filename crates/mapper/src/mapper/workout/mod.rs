@@ -4,8 +4,8 @@
 //! The one process of estimation. Work is done in portions, on a draft; the map shows the tiles as they were until
 //! the draft is done.
 //!
-//! Cost: about nine looks at each ping that sees the tiles, four of them at few Gaussians; four where it starts from the
-//! map, fewer where more would say nothing new, up to eight times as many where few pings see each place.
+//! Cost: about nine visits to each ping that sees the tiles, four of them at few Gaussians; four where it starts from the map,
+//! fewer where more would say nothing new, up to eight times as many where few pings see each place.
 
 mod draft;
 mod keep;
@@ -21,12 +21,14 @@ use crate::MapperConfig;
 use crate::accumulate::evidence::{BlockIndex, TileIndex, VOXELS};
 use crate::accumulate::fan::Reach;
 use crate::accumulate::finding::Finding;
-use crate::accumulate::history::{History, Past, every};
-use crate::classify::assess::{Demand, Desk, Rule, findings_of_ping, idle, judge, tails};
+use crate::accumulate::history::{History, Keyframe, every};
+use crate::classify::assess::{
+    Desk, Rule, VerdictThresholds, findings_of_ping, idle, judge, side_lobes,
+};
+use crate::features::{AtWork, Extent, LeftOut};
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
-use crate::parts::{AtWork, Extent, LeftOut};
 use crate::refine::expectation::{
-    Explained, Pace, Pass, Pull, StepSums, localise, maximise, pulls_of_ping, strengths_of_ping,
+    Explained, Pace, Pass, Score, StepSums, localise, maximise, scores_of_ping, strengths_of_ping,
 };
 use crate::refine::inherit::inherit;
 use crate::refine::refill::{Candidate, refill};
@@ -38,24 +40,24 @@ use crate::spawn::split::split_confident;
 use crate::world::World;
 pub(crate) use keep::keep;
 
-/// Candidates below this part of their strongest neighbour are not worth further work.
-const TAIL_PART: f32 = 0.05;
-/// While the dive goes on the steps of a work-out take at most this part of the pairs that its pings allowed, since what
+/// Candidates below this fraction of their strongest neighbour are its side lobes, not worth further work.
+const SIDE_LOBE_FRACTION: f32 = 0.05;
+/// While the dive goes on the steps of a work-out take at most this fraction of the pairs that its pings allowed, since what
 /// it shows is as old when it is done.
 const LAG: f64 = 0.25;
-/// Looks made at each ping, all steps together, by how many Gaussians there are then.
-const LOOKS_PER_PING: f64 = 7.5;
+/// Visits to each ping, all steps together, by how many Gaussians there are then.
+const VISITS_PER_PING: f64 = 7.5;
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new to a step.
 const ENOUGH_PAIRS: f64 = 6_000.0;
-/// Pairs of each Gaussian that a step has at least, if there are so many: some two dozen looks of a dozen bins. Speckle leaves
-/// a step of fewer more than a fifth, and what is moved to and fro by that much is smeared along its arcs.
+/// Pairs of each Gaussian that a step has at least, if there are so many: some two dozen observations of a dozen bins. Speckle
+/// leaves a step of fewer more than a fifth, and what is moved to and fro by that much is smeared along its arcs.
 const LEAST_PAIRS_OF_STEP: f64 = 300.0;
-/// The part of them that a step needs which starts from the map, since the map knows the rest.
+/// The fraction of them that a step from the map needs, since the map knows the rest.
 const ENOUGH_FROM_MAP: f64 = 0.125;
 /// Pairs of each Gaussian beyond which more pings say nothing new to its verdict; the map knows nothing of that.
 const ENOUGH_PAIRS_OF_VERDICTS: f64 = 12_000.0;
-/// So many times fewer looks see every ping about once over all steps.
-const NEVER_TWICE: f64 = LOOKS_PER_PING;
+/// With this thinning factor all steps together visit every ping about once.
+const NEVER_TWICE: f64 = VISITS_PER_PING;
 /// Steps of offset from one step to the next.
 const OFFSET_STRIDE: f64 = 5.0;
 /// Pings that tell how many pairs each has.
@@ -65,7 +67,7 @@ const PORTION_PAIRS: f64 = 2e6;
 
 /// A pair of an assessment takes as long as so many of a step.
 const PAIRS_OF_A_FINDING: u64 = 2;
-/// What looks around every Gaussian and at no ping takes as long as so many pairs of each: beginning and ending a
+/// Work that needs the neighbours of every Gaussian and no ping takes as long as so many pairs of each: beginning and ending a
 /// work-out, filling again, verdicts, shapes. Letting go of some takes far less and is not counted.
 const PAIRS_OF_A_CHANGE: u64 = 50;
 
@@ -109,7 +111,7 @@ fn set(mask: &mut Mask, voxel: u16) {
 #[derive(Debug)]
 enum Doing {
     Strengthen(Pass<StepSums>, f32, Pace),
-    Localise(Pass<Pull>),
+    Localise(Pass<Score>),
     Assess(Pass<Finding>, Rule, f32),
     Judge(Vec<Finding>, f32),
 }
@@ -117,17 +119,17 @@ enum Doing {
 /// Some tiles while they are worked out.
 #[derive(Debug)]
 pub(crate) struct Workout {
-    /// Tiles, and how often each had been looked at.
+    /// Tiles, and how many observations each had.
     tiles: Vec<(TileIndex, f32)>,
     start: Start,
     /// Blocks in them, and the voxels that are worked out: candidates, and what was one before.
     blocks: Vec<(BlockIndex, Mask)>,
     /// Until the draft is filled again from them.
     candidates: Vec<Candidate>,
-    pings: Vec<Arc<Past>>,
+    pings: Vec<Arc<Keyframe>>,
     draft: Gaussians,
     at_work: AtWork,
-    demand: Demand,
+    thresholds: VerdictThresholds,
     most_pairs: f64,
     /// The same were there no need to be done soon.
     most_pairs_in_full: f64,
@@ -135,10 +137,10 @@ pub(crate) struct Workout {
     pairs_per_ping: f64,
     actions: VecDeque<Action>,
     doing: Option<Doing>,
-    /// What each slot explained since tails were last let go.
+    /// What each slot explained since side lobes were last suppressed.
     explained: Explained,
     iterations: u64,
-    /// Whether it looks less often than it would if there were time.
+    /// Whether it visits fewer pings than it would if there were time.
     is_hurried: bool,
 }
 
@@ -181,18 +183,19 @@ impl Workout {
             .iter()
             .map(|&tile| evidence.tiles()[tile as usize].center_m)
             .collect();
-        let sees = |past: &&&Arc<Past>| {
-            let is_of_use = terms.at_work.empty == Extent::All || !past.profile.echoes.is_empty();
+        let sees = |keyframe: &&&Arc<Keyframe>| {
+            let is_of_use =
+                terms.at_work.empty == Extent::All || !keyframe.profile.echoes.is_empty();
             is_of_use
                 && centers_m
                     .iter()
-                    .any(|&at_m| past.fan.touches(at_m, radius_m))
+                    .any(|&at_m| keyframe.fan.touches(at_m, radius_m))
         };
         let reaches = |reach: &Reach| centers_m.iter().any(|&at_m| reach.touches(at_m, radius_m));
         let remembered = history.within_reach(history.pings().len(), reaches);
-        let remembered: Vec<&Arc<Past>> = remembered.collect();
+        let remembered: Vec<&Arc<Keyframe>> = remembered.collect();
         let pings = remembered.par_iter().filter(sees);
-        let pings: Vec<Arc<Past>> = pings.map(|&past| Arc::clone(past)).collect();
+        let pings: Vec<Arc<Keyframe>> = pings.map(|&keyframe| Arc::clone(keyframe)).collect();
         let mut workout = Self {
             tiles: Vec::new(),
             start,
@@ -200,7 +203,7 @@ impl Workout {
             candidates: Vec::new(),
             draft: Gaussians::default(),
             at_work: terms.at_work,
-            demand: Demand::of(terms.config, terms.at_work),
+            thresholds: VerdictThresholds::of(terms.config, terms.at_work),
             most_pairs: most_pairs(terms.config, is_live, pings.len()),
             most_pairs_in_full: terms.config.workout_pairs as f64,
             pings,
@@ -212,8 +215,8 @@ impl Workout {
             iterations: 0,
             is_hurried: false,
         };
-        let skips_barred = is_live && start == Start::Map;
-        workout.take_candidates(world, map, &tiles, skips_barred, terms, left_out);
+        let skips_suppressed = is_live && start == Start::Map;
+        workout.take_candidates(world, map, &tiles, skips_suppressed, terms, left_out);
         match start {
             Start::Even => {
                 let draft = &workout.draft;
@@ -228,19 +231,19 @@ impl Workout {
             }
         }
         workout.take_background(world, map, &tiles);
-        let looks = |tile: TileIndex| (tile, evidence.tiles()[tile as usize].looks);
-        workout.tiles = tiles.into_iter().map(looks).collect();
+        let observations = |tile: TileIndex| (tile, evidence.tiles()[tile as usize].observations);
+        workout.tiles = tiles.into_iter().map(observations).collect();
         workout.count_pairs(world);
-        workout.is_hurried =
-            workout.thinning(workout.most_pairs) > workout.thinning(workout.most_pairs_in_full);
+        workout.is_hurried = workout.thinning_factor(workout.most_pairs)
+            > workout.thinning_factor(workout.most_pairs_in_full);
         if workout.is_hurried {
-            workout.demand = workout.demand.in_haste();
+            workout.thresholds = workout.thresholds.in_haste();
         }
         workout
     }
 
     fn count_pairs(&mut self, world: &World) {
-        let sample: Vec<Arc<Past>> = self
+        let sample: Vec<Arc<Keyframe>> = self
             .pings
             .iter()
             .step_by(self.pings.len() / SAMPLE + 1)
@@ -267,15 +270,15 @@ impl Workout {
         !self.actions.iter().any(is_assessment)
     }
 
-    /// How many times fewer looks a step needs than every [`INTERLEAVE`]-th; below 1 where they are few.
-    fn thinning(&self, most_pairs: f64) -> f64 {
-        let part = match self.start {
+    /// Thinning factor of a step: it takes one ping in so many of every [`INTERLEAVE`]-th; below 1 where there are few.
+    fn thinning_factor(&self, most_pairs: f64) -> f64 {
+        let fraction = match self.start {
             Start::Even => 1.0,
             Start::Map => ENOUGH_FROM_MAP,
         };
-        let least = self.pairs_of_each() / (INTERLEAVE * part * LEAST_PAIRS_OF_STEP);
+        let least = self.pairs_of_each() / (INTERLEAVE * fraction * LEAST_PAIRS_OF_STEP);
         let least = least.clamp(INTERLEAVE.recip(), 1.0);
-        self.thinning_to(most_pairs, part * ENOUGH_PAIRS, least)
+        self.thinning_factor_to(most_pairs, fraction * ENOUGH_PAIRS, least)
     }
 
     /// Pairs of each Gaussian in one pass over all pings.
@@ -286,21 +289,21 @@ impl Workout {
 
     /// The same for the last assessment, at least 1: the map knows nothing of verdicts, and they are worth more work than
     /// pings allow.
-    fn thinning_of_verdicts(&self) -> f64 {
-        self.thinning_to(self.most_pairs_in_full, ENOUGH_PAIRS_OF_VERDICTS, 1.0)
+    fn thinning_factor_of_verdicts(&self) -> f64 {
+        self.thinning_factor_to(self.most_pairs_in_full, ENOUGH_PAIRS_OF_VERDICTS, 1.0)
     }
 
-    /// How many times fewer looks do, at least `least`: to stay within the work allowed, and since what has been seen
-    /// often enough, by pairs of each Gaussian, gains nothing.
-    fn thinning_to(&self, most_pairs: f64, enough_pairs: f64, least: f64) -> f64 {
+    /// Thinning factor, at least `least`: to stay within the work allowed, and since what has been seen often enough, by pairs
+    /// of each Gaussian, gains nothing.
+    fn thinning_factor_to(&self, most_pairs: f64, enough_pairs: f64, least: f64) -> f64 {
         let pings = self.pings.len() as f64;
-        let within_work = LOOKS_PER_PING * pings * self.pairs_per_ping / most_pairs;
+        let within_work = VISITS_PER_PING * pings * self.pairs_per_ping / most_pairs;
         let enough = match self.at_work.converged {
             Extent::All => 0.0,
             Extent::Useful => self.pairs_of_each() / enough_pairs,
             Extent::None => NEVER_TWICE,
         };
-        // At least some dozens of looks a step, however crowded the map.
+        // At least some dozens of pings a step, however crowded the map.
         let most = (pings / (64.0 * INTERLEAVE)).max(1.0);
         within_work.max(enough).clamp(least, most)
     }
@@ -315,10 +318,13 @@ impl Workout {
         slots.filter(|&slot| self.draft.is_worked_on(slot)).count()
     }
 
-    /// How many times fewer looks steps and verdicts need.
+    /// Thinning factors of steps and of verdicts.
     #[cfg(test)]
-    pub(crate) fn thinnings(&self) -> (f64, f64) {
-        (self.thinning(self.most_pairs), self.thinning_of_verdicts())
+    pub(crate) fn thinning_factors(&self) -> (f64, f64) {
+        (
+            self.thinning_factor(self.most_pairs),
+            self.thinning_factor_of_verdicts(),
+        )
     }
 
     /// Whether nothing is left to do.
@@ -342,7 +348,7 @@ impl Workout {
         }
     }
 
-    /// Pairs that take as long as a look around every Gaussian.
+    /// Pairs that take as long as a search around every Gaussian.
     pub(crate) fn change_pairs(&self) -> u64 {
         PAIRS_OF_A_CHANGE * self.draft.alive_count() as u64
     }
@@ -355,32 +361,32 @@ impl Workout {
                 interleave,
                 pace,
             } => {
-                let interleave = interleave * self.thinning(self.most_pairs);
+                let interleave = interleave * self.thinning_factor(self.most_pairs);
                 // A stride through the offsets keeps neighbouring steps on different sweeps.
                 let pings = over((step as f64 * OFFSET_STRIDE) % interleave, interleave);
                 let pass = Pass::over(pings, &world.evidence, &self.draft);
                 self.doing = Some(Doing::Strengthen(pass, interleave as f32, pace));
             }
             Action::Localise => {
-                let stride = (2.0 * self.thinning(self.most_pairs)).max(1.0);
+                let stride = (2.0 * self.thinning_factor(self.most_pairs)).max(1.0);
                 let pings = over(0.0, stride);
                 let pass = Pass::over(pings, &world.evidence, &self.draft);
                 self.doing = Some(Doing::Localise(pass));
             }
             Action::Assess { stride } => {
-                let thinning = match self.is_last_assessment() {
-                    true => self.thinning_of_verdicts(),
-                    false => self.thinning(self.most_pairs).max(1.0),
+                let thinning_factor = match self.is_last_assessment() {
+                    true => self.thinning_factor_of_verdicts(),
+                    false => self.thinning_factor(self.most_pairs).max(1.0),
                 };
-                let stride = stride * thinning;
+                let stride = stride * thinning_factor;
                 let pass = Pass::over(over(0.0, stride), &world.evidence, &self.draft);
-                let rule = Rule::of(&self.scene(world, true), self.demand);
+                let rule = Rule::of(&self.scene(world, true), self.thresholds);
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
             }
-            Action::DropTails => {
+            Action::SuppressSideLobes => {
                 self.explained = Explained::default();
                 self.change(|draft, voxel_m| {
-                    draft.remove_all(&tails(draft, voxel_m, TAIL_PART));
+                    draft.remove_all(&side_lobes(draft, voxel_m, SIDE_LOBE_FRACTION));
                 });
             }
             Action::DropIdle => {
@@ -409,8 +415,8 @@ impl Workout {
             Doing::Strengthen(mut pass, stride, pace) => {
                 let pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
                 if pass.is_done() {
-                    let (sums, all, looks) = pass.finish();
-                    self.worked(all, looks);
+                    let (sums, all, pings) = pass.finish();
+                    self.worked(all, pings);
                     self.explained.add(&self.draft, &sums, stride);
                     maximise(&mut self.draft, &sums, stride, pace, self.at_work);
                     self.iterations += 1;
@@ -420,11 +426,11 @@ impl Workout {
                 Effort::of(pairs)
             }
             Doing::Localise(mut pass) => {
-                let pairs = pass.advance(self.scene(world, false), count, pulls_of_ping);
+                let pairs = pass.advance(self.scene(world, false), count, scores_of_ping);
                 if pass.is_done() {
-                    let (pulls, all, looks) = pass.finish();
-                    self.worked(all, looks);
-                    localise(&mut self.draft, &pulls, 0.5 * self.voxel_m, self.voxel_m);
+                    let (scores, all, pings) = pass.finish();
+                    self.worked(all, pings);
+                    localise(&mut self.draft, &scores, 0.5 * self.voxel_m, self.voxel_m);
                 } else {
                     self.doing = Some(Doing::Localise(pass));
                 }
@@ -432,8 +438,8 @@ impl Workout {
             }
             Doing::Assess(mut pass, rule, stride) => {
                 let draft = &self.draft;
-                let each = |tally: &mut _, desk: &mut Desk, past: &_, sight: &_| {
-                    findings_of_ping(tally, desk, past, sight, draft, rule);
+                let each = |tally: &mut _, desk: &mut Desk, keyframe: &_, sight: &_| {
+                    findings_of_ping(tally, desk, keyframe, sight, draft, rule);
                 };
                 let count = count.div_ceil(PAIRS_OF_A_FINDING as usize);
                 let pairs = pass.advance(self.scene(world, true), count, each);
@@ -453,9 +459,9 @@ impl Workout {
         }
     }
 
-    fn worked(&mut self, pairs: u64, looks: usize) {
-        if looks > 0 {
-            self.pairs_per_ping = pairs as f64 / looks as f64;
+    fn worked(&mut self, pairs: u64, pings: usize) {
+        if pings > 0 {
+            self.pairs_per_ping = pairs as f64 / pings as f64;
         }
     }
 
@@ -466,11 +472,11 @@ impl Workout {
         for (slot, finding) in findings.iter_mut().enumerate() {
             *finding = finding.times(stride);
             if let Some(kept) = &self.draft.kept[slot] {
-                finding.add(&kept.finding_of(self.draft.part[slot]));
+                finding.add(&kept.finding_of(self.draft.child_share[slot]));
             }
         }
         let finding_of = |slot: usize| is_worked_on[slot].then(|| findings[slot]);
-        judge(&mut self.draft, finding_of, self.voxel_m, self.demand);
+        judge(&mut self.draft, finding_of, self.voxel_m, self.thresholds);
         // Nothing is seen through the ground.
         for slot in 0..self.draft.slot_count() {
             if self.draft.alive[slot] && seabed.hides(self.draft.mean_m[slot]) {

@@ -11,9 +11,9 @@ use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::spawn::kept::Kept;
 use crate::world::World;
 
-/// What was worked out anew in haste counts as if it had been looked at a little less, so that the end of the data does it
-/// in full, were it never looked at again.
-const HURRIED_PART: f32 = 0.99;
+/// What was worked out anew in haste counts as if it had a few observations less, so that the end of the data does it in
+/// full, were it never observed again.
+const HURRIED_FRACTION: f32 = 0.99;
 
 impl Workout {
     /// Puts the draft in the map's place. Ids stay with their places, or at least with their blocks. Returns the
@@ -41,12 +41,14 @@ impl Workout {
                 }
                 is_news
             });
-            block.barred = *mask;
+            block.suppressed = *mask;
             let mut homeless = Vec::new();
             for (&(_, voxel), slots) in found.range((*index, 0)..=(*index, u16::MAX)) {
-                block.barred[usize::from(voxel) / 64] &= !(1 << (voxel % 64));
+                block.suppressed[usize::from(voxel) / 64] &= !(1 << (voxel % 64));
                 // As it is now: pings may have been forgotten since the draft began.
-                let told = kept.get(&voxel).and_then(|parts| Kept::mean(parts.iter()));
+                let told = kept
+                    .get(&voxel)
+                    .and_then(|children| Kept::mean(children.iter()));
                 for &slot in slots {
                     let placed = map.adopt(draft, slot, Stage::Worked);
                     map.kept[placed as usize] = told.map(Box::new);
@@ -62,13 +64,13 @@ impl Workout {
                 map.id[placed as usize] = id;
             }
         }
-        for &(tile, looks) in &self.tiles {
+        for &(tile, observations) in &self.tiles {
             let tile = world.evidence.tile_mut(tile);
-            tile.worked_looks = looks;
+            tile.worked_observations = observations;
             if self.start == Start::Even {
-                tile.even_looks = match self.is_hurried {
-                    true => HURRIED_PART * looks,
-                    false => looks,
+                tile.even_observations = match self.is_hurried {
+                    true => HURRIED_FRACTION * observations,
+                    false => observations,
                 };
             }
         }

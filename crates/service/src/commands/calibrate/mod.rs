@@ -1,9 +1,8 @@
 //! `echosplat calibrate LOG`: whether time offset and mount fit the dive, and what fits better.
 //!
-//! The dive is mapped anew with one of them shifted; the map wins that makes pings likeliest that
-//! were kept from it. What a dive does not tell, such as the roll where the sonar never rolls, is said to
-//! be open. What is left, compass and speed of sound above all, is then asked of the map with what fits and of others beside it,
-//! as while a dive goes on.
+//! The dive is mapped anew with one of them shifted; the map wins that makes those pings most likely that were kept from it.
+//! What a dive does not tell, such as the roll where the sonar never rolls, is said to be open. What is left, compass and speed
+//! of sound above all, is then asked of the map with what fits and of others beside it, as while a dive goes on.
 //!
 //! Cost: four to eight maps of at most 6,144 pings for each of them, and again if one was off.
 

@@ -9,7 +9,7 @@ use echosplat_join::ArrivedPose;
 use echosplat_mapper::{Calibration, Calibrator, Mapper, MapperConfig};
 use echosplat_model::{Ping, PosedPing};
 use echosplat_pose::PoseSource;
-use echosplat_prediction::held_back::{Pair, score};
+use echosplat_prediction::held_out::{Pair, score};
 use echosplat_prediction::{MapRenderer, pair_of};
 use serde::Serialize;
 
@@ -24,11 +24,11 @@ use crate::thinned::Thinned;
 const MOST_PINGS: usize = 6144;
 /// One of so many is kept from the map, and one of the map's own is fitted on.
 const HOLD_BACK: usize = 10;
-/// Fewest held-back pings that say anything.
+/// Fewest held-out pings that say anything.
 const LEAST_HELD: usize = 30;
 /// Work of a finish, pairs: enough to rank maps.
 const WORKOUT_PAIRS: u64 = 300_000_000;
-/// Standard errors by which something has to be likelier.
+/// Least likelihood gain that something has to have, standard errors.
 const TELLING_ERRORS: f64 = 4.0;
 /// How often the search goes twice as far out, and how often in between.
 const STEPS_OUT: usize = 3;
@@ -40,7 +40,7 @@ const STEPS_IN: usize = 2;
 pub(super) enum Verdict {
     /// As it is set.
     Fits,
-    /// Another value makes the dive likelier.
+    /// Another value makes the dive more likely.
     Off,
     /// Maps with other values are as likely.
     Open,
@@ -59,13 +59,13 @@ enum Role {
     Mapped,
     /// Mapped, and the renderer's gain and floor are fitted on it.
     Fitted,
-    HeldBack,
+    HeldOut,
 }
 
 fn role(index: usize) -> Role {
     match index % HOLD_BACK {
         4 => Role::Fitted,
-        9 => Role::HeldBack,
+        9 => Role::HeldOut,
         _ => Role::Mapped,
     }
 }
@@ -74,7 +74,7 @@ fn role(index: usize) -> Role {
 #[derive(Debug, Clone)]
 pub(super) struct Trial {
     pub(super) config: Config,
-    /// Log likelihood per bin of each held-back ping, by its number.
+    /// Log likelihood per bin of each held-out ping, by its number.
     pings: Vec<(u64, f64)>,
 }
 
@@ -126,24 +126,24 @@ impl Dive {
             parts: config.mapper.parts.for_comparison(),
             ..config.mapper.clone()
         })?;
-        for ping in posed.iter().filter(|p| role(p) != Some(Role::HeldBack)) {
+        for ping in posed.iter().filter(|p| role(p) != Some(Role::HeldOut)) {
             mapper.insert(ping);
         }
         let map = mapper.finish();
         let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
         let mut pair = |ping: &PosedPing| pair_of(&mut renderer, ping, &config.mapper);
         let fit: Vec<Pair> = of_role(Role::Fitted).map(&mut pair).collect();
-        let held: Vec<Pair> = of_role(Role::HeldBack).map(&mut pair).collect();
+        let held: Vec<Pair> = of_role(Role::HeldOut).map(&mut pair).collect();
         let found = score(&fit, &held).filter(|found| found.ping_count >= LEAST_HELD as u64);
         let Some(found) = found else {
             return Err(Usage::error(format!(
-                "of {} pings {} have a pose and can be held back; at least {LEAST_HELD} must, \
+                "of {} pings {} have a pose and can be held out; at least {LEAST_HELD} must, \
                  and something be heard",
                 self.pings.len(),
                 held.len()
             )));
         };
-        let numbers = of_role(Role::HeldBack).map(|ping| ping.ping.sequence());
+        let numbers = of_role(Role::HeldOut).map(|ping| ping.ping.sequence());
         let likelihoods = held.iter().map(|pair| found.log_likelihood_per_bin(pair));
         Ok(Trial {
             config: config.clone(),
@@ -202,7 +202,7 @@ impl Dive {
     }
 }
 
-/// Index of the likeliest.
+/// Index of the most likely.
 fn best_of(tried: &[(f64, Trial)], from: &Trial) -> usize {
     let gains = tried.iter().map(|(_, trial)| gain(trial, from).0);
     let best = gains.enumerate().max_by(|a, b| a.1.total_cmp(&b.1));
@@ -214,8 +214,8 @@ fn insert(tried: &mut Vec<(f64, Trial)>, shift: f64, trial: Trial) {
     tried.insert(at, (shift, trial));
 }
 
-/// How much likelier `trial` makes the pings than `other`, per bin, and the standard error of that
-/// over the pings that both have.
+/// Likelihood gain of `trial` over `other`, nats per bin, and the standard error of that over the
+/// pings that both have.
 fn gain(trial: &Trial, other: &Trial) -> (f64, f64) {
     let before: HashMap<u64, f64> = other.pings.iter().copied().collect();
     let gains = trial.pings.iter();
@@ -267,8 +267,8 @@ mod tests {
     }
 
     #[test]
-    fn held_back_and_fitted_pings_are_as_many() {
+    fn held_out_and_fitted_pings_are_as_many() {
         let count = |wanted| (0..100).filter(|&index| role(index) == wanted).count();
-        assert_eq!([count(Role::Fitted), count(Role::HeldBack)], [10, 10]);
+        assert_eq!([count(Role::Fitted), count(Role::HeldOut)], [10, 10]);
     }
 }

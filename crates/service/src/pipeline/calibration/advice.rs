@@ -193,7 +193,7 @@ mod tests {
             compass_sine_deg: zero,
             compass_cosine_deg: zero,
             landmarks: 100,
-            looks: 1000,
+            observations: 1000,
         }
     }
 

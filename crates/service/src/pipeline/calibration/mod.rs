@@ -17,17 +17,17 @@ use crate::pipeline::Pace;
 use crate::processor;
 pub(crate) use advice::{Advice, Settings};
 
-/// Pings of the first look, two minutes at 40 a second: less tells next to nothing of small errors.
+/// Pings of the first estimate, two minutes at 40 a second: less tells next to nothing of small errors.
 const FIRST_PINGS: u64 = 4800;
 /// The next is due at so many times as many.
 const GROWN: u64 = 3;
-/// A look that is under way when a log ends is waited for so long.
+/// An estimate that is under way when a log ends is waited for so long.
 const LAST: Duration = Duration::from_secs(60);
 const THREAD_NAME: &str = "calibration";
 const NOT_LOOKED_AT: &str = "clock and mount are not looked at";
 
-/// What a look's thread ends with.
-type Looked = Result<Option<Calibration>, ConfigError>;
+/// What an estimate's thread ends with.
+type Estimated = Result<Option<Calibration>, ConfigError>;
 
 /// What was found, and what to set.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -45,9 +45,9 @@ pub(crate) struct Found {
 pub(crate) struct Watch {
     settings: Settings,
     gives_way: bool,
-    /// Pings at which the next look is due; `None` for never.
+    /// Pings at which the next estimate is due; `None` for never.
     next_pings: Option<u64>,
-    under_way: Option<(u64, JoinHandle<Looked>)>,
+    under_way: Option<(u64, JoinHandle<Estimated>)>,
     found: Option<Found>,
 }
 
@@ -64,7 +64,7 @@ impl Watch {
         }
     }
 
-    /// Never looks.
+    /// Never estimates anything.
     pub(crate) fn off(config: &Config) -> Self {
         Self {
             settings: Settings::of(config),
@@ -75,8 +75,8 @@ impl Watch {
         }
     }
 
-    /// Begins a look if one is due, and takes what the last one found. Never waits.
-    pub(crate) fn look(&mut self, mapper: &Mapper) {
+    /// Begins an estimate if one is due, and takes what the last one found. Never waits.
+    pub(crate) fn advance(&mut self, mapper: &Mapper) {
         self.take_found();
         let pings = mapper.status().pings;
         if self.under_way.is_some() || self.next_pings.is_none_or(|next| pings < next) {
@@ -119,7 +119,7 @@ impl Watch {
         }
     }
 
-    /// What the newest look found.
+    /// What the newest estimate found.
     pub(crate) fn found(&self) -> Option<Found> {
         self.found.clone()
     }
@@ -131,7 +131,7 @@ impl Watch {
         self.next_pings = self.next_pings.map(|_| FIRST_PINGS);
     }
 
-    /// Waits for a look that is under way.
+    /// Waits for an estimate that is under way.
     pub(crate) fn wait(&mut self) {
         let deadline = Instant::now() + LAST;
         while self.under_way.is_some() && Instant::now() < deadline {

@@ -13,7 +13,7 @@ use crate::pipeline::status::Status;
 const SAME_S: f64 = 1.0;
 /// Before so many pings it may be the link's beginning.
 const SLOW_AFTER: u64 = 5;
-/// Fewer than this part of the pings asked for are too few.
+/// Fewer than this fraction of the pings asked for are too few.
 const SLOW_SHARE: f64 = 0.4;
 /// Pings may fail to come for so many intervals.
 const INTERVALS: f64 = 5.0;

@@ -1,15 +1,14 @@
-//! Parts of the mapper that a scene may not need, and what of the running dive decides.
+//! Features of the mapper that a scene may not need, and what of the running dive decides.
 //!
-//! Cost: a few sums per ping. A decision may change as the dive goes on, and every part that is
-//! left out says why.
+//! Cost: a few sums per ping. A decision may change as the dive goes on, and every feature that is left out says why.
 
 use echosplat_model::Switch;
 use serde::{Deserialize, Serialize};
 
-/// The optional parts.
+/// The optional features.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
-pub struct Parts {
+pub struct Features {
     /// What surfaces hide behind them is doubted.
     pub occlusion: Switch,
     /// The fan's sensitivity over elevation is part of the measurement; without it, it is even up
@@ -19,26 +18,26 @@ pub struct Parts {
     pub anisotropy: Switch,
     /// Echoes scatter as gamma speckle; without it, as counts do: faint ones matter less.
     pub speckle: Switch,
-    /// Strength towards each of six sides; without it, one for all.
+    /// Directional reflectivity: a strength towards each of the six faces of a cube; without it, one for all directions.
     pub specular: Switch,
-    /// Candidates are weighed as if each eighth of the horizon had seen something of its own, since structures
-    /// glint; without it, quarters, and their darkness counts for more.
+    /// Specular returns are expected: candidates are weighed as if each azimuth sector of 45° had seen something of its
+    /// own. Without it, sectors of 90°, and their darkness counts for more.
     pub glints: Switch,
     /// What is confident is split in eight.
     pub splitting: Switch,
-    /// What has been seen often enough is looked at further; with auto only where it helps.
+    /// What has been seen often enough is observed further; with auto only where it helps.
     pub converged: Switch,
     /// Pings that say nearly nothing that the one before did not are taken in too; off leaves out
     /// all that are not independent.
     pub redundant: Switch,
-    /// Pings without an echo are looked at for strengths too; off leaves out every dark bin.
+    /// Pings without an echo count for strengths too; off leaves out every dark bin.
     pub empty: Switch,
     /// Ground is a layer of its own that explains its echoes; with auto the map asserts it once its onset was seen
     /// to follow the vehicle's height and tilt. Without it, ground is a structure like any other.
     pub seabed: Switch,
 }
 
-impl Parts {
+impl Features {
     /// Names of all.
     pub const NAMES: [&'static str; 11] = [
         "occlusion",
@@ -54,8 +53,8 @@ impl Parts {
         "seabed",
     ];
 
-    /// Of maps that are compared with one another: places that few looks lit are left out of all unless switched on, since
-    /// a crowd of candidates would leave them out of one map and not of the next.
+    /// Of maps that are compared with one another: places that few observations lit are left out of all unless switched on,
+    /// since a crowd of candidates would leave them out of one map and not of the next.
     #[must_use]
     pub fn for_comparison(self) -> Self {
         let glints = match self.glints {
@@ -66,21 +65,24 @@ impl Parts {
     }
 }
 
-/// A part that is not at work though it may be, and why.
+/// A feature that is not at work though it may be, and why.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct LeftOut {
-    /// One of [`Parts::NAMES`].
-    pub part: &'static str,
+    /// One of [`Features::NAMES`].
+    #[serde(rename = "part")]
+    pub feature: &'static str,
     /// With the figure that decided.
     pub why: String,
 }
 
 impl LeftOut {
-    /// Glints are not reckoned with where so many places would be candidates.
-    pub(crate) fn glints_of_crowd(places: usize) -> Self {
+    /// Specular returns are not expected where so many places would be candidates.
+    pub(crate) fn specular_returns_of_crowd(places: usize) -> Self {
         Self {
-            part: "glints",
-            why: format!("{places} places would be candidates: darkness from every side counts"),
+            feature: "glints",
+            why: format!(
+                "{places} places would be candidates: darkness from every azimuth sector counts"
+            ),
         }
     }
 }
@@ -93,18 +95,18 @@ pub(crate) struct AtWork {
     pub(crate) anisotropy: bool,
     pub(crate) speckle: bool,
     pub(crate) specular: bool,
-    pub(crate) glints: bool,
+    pub(crate) specular_returns: bool,
     pub(crate) splitting: bool,
-    /// Whether poses jitter so much that echoes are smeared; no part, but other parts go by it.
+    /// Whether poses jitter so much that echoes are smeared; no feature, but features depend on it.
     pub(crate) smeared: bool,
-    /// Whether another sonar's pulses were heard, which leave false places at random; no part either.
+    /// Whether another sonar's pulses were heard, which leave false places at random; no feature either.
     pub(crate) interfered: bool,
     pub(crate) converged: Extent,
     pub(crate) redundant: Extent,
     pub(crate) empty: Extent,
 }
 
-/// How far a part goes that is not just there or not.
+/// How far a feature goes that is more than on or off.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) enum Extent {
     All,
@@ -126,11 +128,11 @@ impl From<Switch> for Extent {
 const ALONE: f32 = 1.05;
 /// Pings before anything is decided.
 const LEAST_PINGS: f32 = 64.0;
-/// Share of looks from one side beyond which a structure has no other.
-const ONE_SIDED: f32 = 0.98;
+/// Share of observations from one azimuth sector beyond which a structure was seen from nowhere else.
+const ONE_SECTOR: f32 = 0.98;
 /// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
 const BLURRED_VOXELS: f32 = 0.8;
-/// Poses that jitter by so many voxels smear echoes: darkness from every side is needed to tell.
+/// Poses that jitter by so many voxels smear echoes: darkness from every azimuth sector is needed to tell.
 const SMEARED_VOXELS: f32 = 1.0;
 /// Bins a ping that another sonar's pulses fill, from which on there is one: where there is none, noise and echoes pass for
 /// at most 0.003.
@@ -145,7 +147,7 @@ pub(crate) struct Cues {
     /// Pings with an echo, and runs of echoes in them.
     echoing: f32,
     runs: f32,
-    /// Looks towards each quarter of the horizon.
+    /// Observations towards each azimuth sector of 90°.
     towards: [f32; 4],
     /// What poses leave open at the range of echoes, metres, mean of late.
     blur_m: f32,
@@ -158,10 +160,10 @@ pub(crate) struct Cues {
 pub(crate) struct Cue {
     /// Runs of echoes.
     pub(crate) runs: usize,
-    /// Independent look, 0 to 1.
+    /// How independent an observation it is, 0 to 1.
     pub(crate) weight: f32,
-    /// Quarter of the horizon it looks towards.
-    pub(crate) quarter: usize,
+    /// Azimuth sector of 90° it looks towards.
+    pub(crate) sector: usize,
     pub(crate) blur_m: f32,
     pub(crate) jitter_m: f32,
 }
@@ -174,7 +176,7 @@ impl Cues {
         if cue.runs > 0 {
             self.echoing += 1.0;
             self.runs += cue.runs as f32;
-            self.towards[cue.quarter] += cue.weight;
+            self.towards[cue.sector] += cue.weight;
         }
         let of_late = |before: &mut f32, now: f32| {
             let from = if *before > 0.0 { *before } else { now };
@@ -188,7 +190,7 @@ impl Cues {
         self.runs / self.echoing.max(1.0)
     }
 
-    fn most_sided(&self) -> f32 {
+    fn most_in_one_sector(&self) -> f32 {
         let all: f32 = self.towards.iter().sum();
         self.towards.iter().copied().fold(0.0, f32::max) / all.max(f32::MIN_POSITIVE)
     }
@@ -207,89 +209,94 @@ pub(crate) struct MapCues {
 }
 
 /// Settings and statistics to what is at work, and what is left out.
-pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<LeftOut>) {
+pub(crate) fn decide(features: &Features, cues: &Cues, map: MapCues) -> (AtWork, Vec<LeftOut>) {
     let mut left_out = Vec::new();
-    let mut use_part = |part: &'static str, switch: Switch, reason: Option<String>| {
+    let mut use_feature = |feature: &'static str, switch: Switch, reason: Option<String>| {
         let why = match (switch, reason) {
             (Switch::On, _) | (Switch::Auto, None) => return true,
             (Switch::Off, _) => "switched off".to_owned(),
             (Switch::Auto, Some(why)) => why,
         };
-        left_out.push(LeftOut { part, why });
+        left_out.push(LeftOut { feature, why });
         false
     };
     let known = cues.pings >= LEAST_PINGS && cues.echoing > 0.0;
     let if_so = |so: bool, why: String| (known && so).then_some(why);
     let runs = cues.runs_per_ping();
-    let sided = cues.most_sided();
+    let in_one_sector = cues.most_in_one_sector();
     let voxels = |metres: f32| metres / map.voxel_m.max(f32::MIN_POSITIVE);
     let (blur, jitter) = (voxels(cues.blur_m), voxels(cues.jitter_m));
     let smeared = known && jitter >= SMEARED_VOXELS;
     let at_work = AtWork {
         smeared,
         interfered: map.interfered_bins >= INTERFERED_BINS,
-        occlusion: use_part(
+        occlusion: use_feature(
             "occlusion",
-            parts.occlusion,
+            features.occlusion,
             if_so(
                 runs <= ALONE,
                 format!("{runs:.2} runs of echoes a ping: nothing lies behind anything"),
             ),
         ),
-        elevation: use_part("elevation", parts.elevation, None),
-        anisotropy: use_part("anisotropy", parts.anisotropy, None),
-        speckle: use_part("speckle", parts.speckle, None),
-        specular: use_part(
+        elevation: use_feature("elevation", features.elevation, None),
+        anisotropy: use_feature("anisotropy", features.anisotropy, None),
+        speckle: use_feature("speckle", features.speckle, None),
+        specular: use_feature(
             "specular",
-            parts.specular,
+            features.specular,
             if_so(
-                sided >= ONE_SIDED,
-                format!("{:.0} % of looks from one side", 100.0 * sided),
+                in_one_sector >= ONE_SECTOR,
+                format!(
+                    "{:.0} % of observations from one azimuth sector",
+                    100.0 * in_one_sector
+                ),
             ),
         ),
-        glints: use_part(
+        specular_returns: use_feature(
             "glints",
-            parts.glints,
+            features.glints,
             if_so(
                 smeared,
-                format!("poses jitter by {jitter:.1} voxels: darkness from every side counts"),
+                format!(
+                    "poses jitter by {jitter:.1} voxels: darkness from every azimuth sector counts"
+                ),
             ),
         ),
-        splitting: use_part(
+        splitting: use_feature(
             "splitting",
-            parts.splitting,
+            features.splitting,
             if_so(
                 blur >= BLURRED_VOXELS,
                 format!("poses leave {blur:.1} voxels open: finer shows nothing finer"),
             ),
         ),
-        converged: parts.converged.into(),
-        redundant: parts.redundant.into(),
-        empty: parts.empty.into(),
+        converged: features.converged.into(),
+        redundant: features.redundant.into(),
+        empty: features.empty.into(),
     };
     // The layer itself knows whether it is proven.
     let why = "its onset was not yet seen to follow the vehicle's height and tilt from places 1 m apart: it may be \
                reverberation";
-    use_part(
+    use_feature(
         "seabed",
-        parts.seabed,
+        features.seabed,
         map.is_ground_open.then(|| why.to_owned()),
     );
-    let mut tell_share = |part, switch, share: f32, what| {
+    let mut tell_share = |feature, switch, share: f32, what| {
         if switch == Switch::Auto && known && share > WORTH_SAYING {
             let why = format!("{:.0} % of pings {what}", 100.0 * share);
-            left_out.push(LeftOut { part, why });
+            left_out.push(LeftOut { feature, why });
         }
     };
     let said_before = map.redundant as f32 / cues.pings.max(1.0);
     tell_share(
         "redundant",
-        parts.redundant,
+        features.redundant,
         said_before,
         "say what the one before did",
     );
     let silent = 1.0 - cues.echoing / cues.pings.max(1.0);
-    tell_share("empty", parts.empty, silent, "have no echo");
+    tell_share("empty", features.empty, silent, "have no echo");
     (at_work, left_out)
 }
 
@@ -297,14 +304,14 @@ pub(crate) fn decide(parts: &Parts, cues: &Cues, map: MapCues) -> (AtWork, Vec<L
 mod tests {
     use super::*;
 
-    /// A dive of pings with so many runs of echoes, looking towards so many quarters.
-    fn dive(runs: usize, quarters: usize) -> Cues {
+    /// A dive of pings with so many runs of echoes, looking towards so many azimuth sectors.
+    fn dive(runs: usize, sectors: usize) -> Cues {
         let mut cues = Cues::default();
         for ping in 0..200 {
             cues.add(Cue {
                 runs,
                 weight: 0.5,
-                quarter: ping % quarters,
+                sector: ping % sectors,
                 blur_m: 0.03,
                 jitter_m: 0.01,
             });
@@ -320,12 +327,13 @@ mod tests {
     };
 
     fn names(left_out: &[LeftOut]) -> Vec<&'static str> {
-        left_out.iter().map(|out| out.part).collect()
+        left_out.iter().map(|out| out.feature).collect()
     }
 
     #[test]
     fn another_sonar_is_known_by_its_pulses() {
-        let is_interfered = |map: MapCues| decide(&Parts::default(), &dive(4, 4), map).0.interfered;
+        let is_interfered =
+            |map: MapCues| decide(&Features::default(), &dive(4, 4), map).0.interfered;
         assert!(!is_interfered(KNOWN));
         assert!(is_interfered(MapCues {
             interfered_bins: 0.05,
@@ -339,18 +347,18 @@ mod tests {
             is_ground_open: true,
             ..KNOWN
         };
-        let why = |parts: &Parts, map: MapCues| {
-            let (_, left_out) = decide(parts, &dive(4, 4), map);
-            let seabed = left_out.into_iter().find(|out| out.part == "seabed");
+        let why = |features: &Features, map: MapCues| {
+            let (_, left_out) = decide(features, &dive(4, 4), map);
+            let seabed = left_out.into_iter().find(|out| out.feature == "seabed");
             seabed.map(|out| out.why)
         };
-        let off = Parts {
+        let off = Features {
             seabed: Switch::Off,
-            ..Parts::default()
+            ..Features::default()
         };
-        assert_eq!(why(&Parts::default(), KNOWN), None);
+        assert_eq!(why(&Features::default(), KNOWN), None);
         assert!(
-            why(&Parts::default(), open)
+            why(&Features::default(), open)
                 .unwrap()
                 .contains("reverberation")
         );
@@ -359,32 +367,37 @@ mod tests {
 
     #[test]
     fn auto_leaves_out_what_a_dive_does_not_need_and_says_why() {
-        let (_, of_rich) = decide(&Parts::default(), &dive(3, 4), KNOWN);
+        let (_, of_rich) = decide(&Features::default(), &dive(3, 4), KNOWN);
         assert_eq!(of_rich, []);
-        let (at_work, of_plain) = decide(&Parts::default(), &dive(1, 1), KNOWN);
+        let (at_work, of_plain) = decide(&Features::default(), &dive(1, 1), KNOWN);
         assert_eq!(names(&of_plain), ["occlusion", "specular"]);
         assert!(!at_work.occlusion && at_work.splitting);
         assert!(of_plain[0].why.contains("1.00 runs"), "{}", of_plain[0].why);
     }
 
     #[test]
-    fn jittering_poses_are_no_ground_to_expect_glints() {
+    fn jittering_poses_are_no_ground_to_expect_specular_returns() {
         let mut cues = dive(3, 4);
-        assert!(decide(&Parts::default(), &cues, KNOWN).0.glints);
+        assert!(
+            decide(&Features::default(), &cues, KNOWN)
+                .0
+                .specular_returns
+        );
         cues.jitter_m = 0.1;
-        let (at_work, left_out) = decide(&Parts::default(), &cues, KNOWN);
-        assert!(!at_work.glints);
+        let (at_work, left_out) = decide(&Features::default(), &cues, KNOWN);
+        assert!(!at_work.specular_returns);
         assert!(left_out[0].why.contains("2.0 voxels"), "{left_out:?}");
     }
 
     #[test]
-    fn whether_maps_that_are_compared_expect_glints_does_not_hang_on_how_crowded_each_is() {
+    fn whether_maps_that_are_compared_expect_specular_returns_does_not_hang_on_how_crowded_each_is()
+    {
         let of = |glints: Switch| {
-            let parts = Parts {
+            let features = Features {
                 glints,
-                ..Parts::default()
+                ..Features::default()
             };
-            parts.for_comparison().glints
+            features.for_comparison().glints
         };
         assert_eq!(of(Switch::Auto), Switch::Off);
         assert_eq!(of(Switch::On), Switch::On);
@@ -396,21 +409,21 @@ mod tests {
         cues.add(Cue {
             runs: 1,
             weight: 1.0,
-            quarter: 0,
+            sector: 0,
             blur_m: 1.0,
             jitter_m: 0.0,
         });
-        assert_eq!(decide(&Parts::default(), &cues, KNOWN).1, []);
+        assert_eq!(decide(&Features::default(), &cues, KNOWN).1, []);
     }
 
     #[test]
     fn what_is_switched_stays_as_it_is() {
-        let parts = Parts {
+        let features = Features {
             occlusion: Switch::On,
             splitting: Switch::Off,
-            ..Parts::default()
+            ..Features::default()
         };
-        let (at_work, left_out) = decide(&parts, &dive(1, 4), KNOWN);
+        let (at_work, left_out) = decide(&features, &dive(1, 4), KNOWN);
         assert!(at_work.occlusion && !at_work.splitting);
         assert_eq!(names(&left_out), ["splitting"]);
         assert_eq!(left_out[0].why, "switched off");

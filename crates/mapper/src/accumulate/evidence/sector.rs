@@ -1,33 +1,33 @@
-//! What looks from one side say of a block.
+//! What observations from one azimuth sector say of a block.
 
 use super::VOXELS;
-use super::packed::{Packed, SideSums};
+use super::packed::{Packed, SectorSums};
 
-/// What a settled side counts with the other half of its quarter.
+/// What a settled sector of 45° counts with the other half of its sector of 90°.
 const SETTLED_COUNTS: f32 = -8.0;
 
-/// Steps of [`SideSums`] that are 1.
+/// Steps of [`SectorSums`] that are 1.
 pub(super) const STEPS: f32 = 64.0;
-/// Of all sides together, in steps.
+/// Of all sectors together, in steps.
 pub(super) type Totals = [i32; VOXELS];
 
-/// Evidence of looks from one side: a structure seen from behind, where it hides itself, and one
-/// that glints do not contradict their front.
+/// Evidence of observations from one azimuth sector: a structure seen from behind, where it hides
+/// itself, and one with specular returns do not contradict their front.
 #[derive(Debug, Default)]
-pub(super) enum Side {
+pub(super) enum Sector {
     #[default]
     Unseen,
     /// Sum of log likelihood ratios per voxel.
-    Seen(Box<SideSums>),
+    Seen(Box<SectorSums>),
     /// The same, laid away.
     Packed(Packed),
-    /// So dark everywhere that no more looks are needed and nothing need be remembered.
+    /// So dark everywhere that no more observations are needed and nothing need be remembered.
     Settled,
 }
 
-impl Side {
+impl Sector {
     /// From nothing if it was unseen; `None` if settled.
-    pub(super) fn sums(&mut self) -> Option<&mut SideSums> {
+    pub(super) fn sums(&mut self) -> Option<&mut SectorSums> {
         if let Self::Unseen = self {
             *self = Self::Seen(Box::new([0; VOXELS]));
         }
@@ -40,7 +40,8 @@ impl Side {
         }
     }
 
-    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few looks.
+    /// Adds its sums to `total`, in steps; what is settled is dark enough to outweigh a few
+    /// observations.
     #[inline(always)]
     pub(super) fn add_to(&self, total: &mut Totals) {
         match self {
@@ -64,7 +65,7 @@ impl Side {
 
     /// Lets go of the sums when no place is left that could be anything; whether it does.
     pub(super) fn settle(&mut self, below: f32) -> bool {
-        let is_dark = |sums: &SideSums| sums.iter().all(|&sum| sum < (STEPS * below) as i16);
+        let is_dark = |sums: &SectorSums| sums.iter().all(|&sum| sum < (STEPS * below) as i16);
         let settles = matches!(self, Self::Seen(sums) if is_dark(sums));
         if settles {
             *self = Self::Settled;
@@ -74,7 +75,7 @@ impl Side {
 }
 
 #[inline(always)]
-fn add(sums: &SideSums, total: &mut Totals) {
+fn add(sums: &SectorSums, total: &mut Totals) {
     for (total, sum) in total.iter_mut().zip(sums) {
         *total += i32::from(*sum);
     }

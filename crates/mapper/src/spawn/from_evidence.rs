@@ -1,16 +1,16 @@
-//! Births and deaths: Gaussians follow the evidence until they are worked out.
+//! Gaussians are spawned and pruned by the evidence until they are worked out.
 
 use rayon::prelude::*;
 
-use crate::accumulate::evidence::{Block, BlockIndex, Evidence, Horizon, VOXELS};
+use crate::accumulate::evidence::{Block, BlockIndex, Evidence, SectorWidth, VOXELS};
 use crate::spawn::gaussians::{Gaussians, Stage};
 
-/// Evidence that drops a Gaussian: doubt, not certainty, so that it does not flicker.
+/// Evidence at which a Gaussian is pruned: doubt, not certainty, so that it does not flicker.
 const DROP_EVIDENCE: f32 = 0.0;
-/// Places with less than this part of the best evidence beside them are its surroundings: less
-/// gives birth to nothing, and less still lets go.
-const SPAWN_PART: f32 = 0.15;
-const DROP_PART: f32 = 0.1;
+/// Places with less than this fraction of the best evidence beside them are its surroundings:
+/// nothing is spawned there, and with still less a Gaussian is pruned.
+const SPAWN_FRACTION: f32 = 0.15;
+const DROP_FRACTION: f32 = 0.1;
 
 /// What the evidence now says of a block.
 struct Change {
@@ -18,13 +18,13 @@ struct Change {
     /// The most evidence of any voxel.
     best: f32,
     /// Slots without evidence enough to stay.
-    gone: Vec<u32>,
+    to_prune: Vec<u32>,
     /// Voxels with enough to begin.
-    born: Vec<u16>,
+    to_spawn: Vec<u16>,
 }
 
-/// Births and deaths where evidence changed. What was worked out stays until it is again.
-pub(crate) fn follow_evidence(
+/// Spawns and prunes where evidence changed. What was worked out stays until it is again.
+pub(crate) fn spawn_and_prune(
     evidence: &mut Evidence,
     gaussians: &mut Gaussians,
     spawn_evidence: f32,
@@ -39,21 +39,21 @@ pub(crate) fn follow_evidence(
         let Change {
             index,
             best,
-            gone,
-            born,
+            to_prune,
+            to_spawn,
         } = change;
         let block = evidence.block_mut(index);
         block.most = best;
-        if !gone.is_empty() {
-            block.gaussians.retain(|(_, slot)| !gone.contains(slot));
+        if !to_prune.is_empty() {
+            block.gaussians.retain(|(_, slot)| !to_prune.contains(slot));
         }
-        for &slot in &gone {
+        for &slot in &to_prune {
             gaussians.remove(slot);
         }
         let key = block.key;
-        pruned += gone.len() as u64;
-        added += born.len() as u64;
-        for voxel in born {
+        pruned += to_prune.len() as u64;
+        added += to_spawn.len() as u64;
+        for voxel in to_spawn {
             let center_m = evidence.center_m(key, voxel.into());
             let slot = gaussians.spawn(center_m, (index, voxel), scale_m, strength);
             evidence.block_mut(index).gaussians.push((voxel, slot));
@@ -72,18 +72,18 @@ fn change(
     if block.gaussians.is_empty() && block.most < spawn_evidence {
         return None;
     }
-    let (sums, best) = evidence.of(block, Horizon::Quarters);
-    let least = DROP_EVIDENCE.max(DROP_PART * best);
-    let is_gone = |&&(voxel, slot): &&(u16, u32)| {
-        let is_newborn = gaussians.stage[slot as usize] == Stage::Newborn;
-        is_newborn && !(sums[usize::from(voxel)] > least)
+    let (sums, best) = evidence.of(block, SectorWidth::Quarter);
+    let least = DROP_EVIDENCE.max(DROP_FRACTION * best);
+    let is_to_prune = |&&(voxel, slot): &&(u16, u32)| {
+        let is_spawned = gaussians.stage[slot as usize] == Stage::Spawned;
+        is_spawned && !(sums[usize::from(voxel)] > least)
     };
-    let gone = block.gaussians.iter().filter(is_gone);
+    let to_prune = block.gaussians.iter().filter(is_to_prune);
     Some(Change {
         index,
         best,
-        gone: gone.map(|&(_, slot)| slot).collect(),
-        born: births(block, &sums, spawn_evidence.max(SPAWN_PART * best)),
+        to_prune: to_prune.map(|&(_, slot)| slot).collect(),
+        to_spawn: voxels_to_spawn(block, &sums, spawn_evidence.max(SPAWN_FRACTION * best)),
     })
 }
 
@@ -91,12 +91,12 @@ fn change(
 pub(crate) fn candidates(
     evidence: &Evidence,
     block: &Block,
-    horizon: Horizon,
+    width: SectorWidth,
     spawn_evidence: f32,
 ) -> Vec<u16> {
-    let (sums, best) = evidence.of(block, horizon);
-    let enough = spawn_evidence.max(SPAWN_PART * best);
-    let least = DROP_EVIDENCE.max(DROP_PART * best);
+    let (sums, best) = evidence.of(block, width);
+    let enough = spawn_evidence.max(SPAWN_FRACTION * best);
+    let least = DROP_EVIDENCE.max(DROP_FRACTION * best);
     let mut is_held = [false; VOXELS];
     for &(voxel, _) in &block.gaussians {
         is_held[usize::from(voxel)] = true;
@@ -109,8 +109,8 @@ pub(crate) fn candidates(
 }
 
 /// Voxels of a block that the evidence now fills and that hold no Gaussian yet.
-fn births(block: &Block, sums: &[f32; VOXELS], enough: f32) -> Vec<u16> {
-    let mut held = block.barred;
+fn voxels_to_spawn(block: &Block, sums: &[f32; VOXELS], enough: f32) -> Vec<u16> {
+    let mut held = block.suppressed;
     for &(voxel, _) in &block.gaussians {
         held[usize::from(voxel) / 64] |= 1 << (voxel % 64);
     }

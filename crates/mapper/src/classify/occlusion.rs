@@ -2,8 +2,8 @@
 //!
 //! Cost: one addition for each confident Gaussian in the ping and a sum over 64 × shells.
 
-use echosplat_acoustics::Look;
-use echosplat_acoustics::packed::Row;
+use echosplat_acoustics::PingGeometry;
+use echosplat_acoustics::packed::MatrixRow;
 
 /// Steps of elevation over the fan and its soft edge.
 const CELLS: usize = 64;
@@ -18,7 +18,7 @@ const THICKNESS_M: f32 = 0.3;
 
 /// Covered fraction per elevation and range. Reused from ping to ping.
 #[derive(Debug, Default)]
-pub(crate) struct Shade {
+pub(crate) struct Occlusion {
     cover: Vec<f32>,
     shells: usize,
     /// Range from which on a cell is hidden.
@@ -27,20 +27,25 @@ pub(crate) struct Shade {
     cell_rad: f32,
 }
 
-impl Shade {
-    /// Takes in rows, each with the part of it that is there.
-    pub(crate) fn fill<'a>(&mut self, look: &Look, surfaces: impl Iterator<Item = (&'a Row, f32)>) {
-        let end_m = look.range_start_m + look.bin_length_m * look.bin_count as f32;
+impl Occlusion {
+    /// Takes in rows, each with the fraction of it that is there.
+    pub(crate) fn fill<'a>(
+        &mut self,
+        geometry: &PingGeometry,
+        surfaces: impl Iterator<Item = (&'a MatrixRow, f32)>,
+    ) {
+        let end_m = geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
         self.shells = (end_m / SHELL_M) as usize + 1;
         self.cover.clear();
         self.cover.resize(CELLS * self.shells, 0.0);
-        self.lowest_rad = -REACH * look.beam.elevation_half_width_rad();
+        self.lowest_rad = -REACH * geometry.beam.elevation_half_width_rad();
         self.cell_rad = -2.0 * self.lowest_rad / CELLS as f32;
-        let whole = std::f32::consts::TAU.sqrt() * look.beam.azimuth_sigma_rad() * self.cell_rad;
-        for (row, part) in surfaces {
+        let whole =
+            std::f32::consts::TAU.sqrt() * geometry.beam.azimuth_sigma_rad() * self.cell_rad;
+        for (row, fraction) in surfaces {
             let shell = ((row.splat.range_m / SHELL_M) as usize).min(self.shells - 1);
             let cell = self.cell_of(row);
-            self.cover[cell * self.shells + shell] += part * row.splat.energy / whole;
+            self.cover[cell * self.shells + shell] += fraction * row.splat.energy / whole;
         }
         self.hidden_from_m.clear();
         for cell in self.cover.chunks_exact(self.shells) {
@@ -56,13 +61,13 @@ impl Shade {
         }
     }
 
-    fn cell_of(&self, row: &Row) -> usize {
+    fn cell_of(&self, row: &MatrixRow) -> usize {
         let cell = (row.splat.elevation_rad - self.lowest_rad) / self.cell_rad;
         (cell.max(0.0) as usize).min(CELLS - 1)
     }
 
     /// Whether a surface in front hides it.
-    pub(crate) fn hides(&self, row: &Row) -> bool {
+    pub(crate) fn hides(&self, row: &MatrixRow) -> bool {
         row.splat.range_m > self.hidden_from_m[self.cell_of(row)]
     }
 }

@@ -1,9 +1,9 @@
 //! How good a map is without a truth: the likelihood of pings that were kept from it.
 //!
 //! Speckle of `L` looks makes a bin's intensity gamma distributed about its mean μ:
-//! `p(I) = (L/μ)ᴸ I^{L−1} e^{−LI/μ} / Γ(L)`. The map predicts `μ = g·a + f`, `a` being what it
-//! renders, against a constant μ. Gain `g`, floor `f`, the constant, and the looks of each predictor
-//! are fitted on pings that the map was made of; held-back pings are only scored.
+//! `p(I) = (L/μ)ᴸ I^{L−1} e^{−LI/μ} / Γ(L)`. The map predicts `μ = g·a + f`, `a` being what it renders,
+//! against a constant μ. Gain `g`, floor `f`, the constant, and the number of looks of each predictor
+//! are fitted on pings that the map was made of; held-out pings are only scored.
 
 use serde::{Deserialize, Serialize};
 
@@ -16,17 +16,17 @@ const FIT_STEPS: usize = 100;
 const LEAST_SHARE: f64 = 1e-4;
 
 /// Whether the ping with this number is the last of its `every`, and so kept from a map that holds
-/// every so many-th back; `every` 0 holds back none.
+/// every so many-th out; `every` 0 holds out none.
 #[must_use]
-pub fn is_held_back(sequence: u64, every: u64) -> bool {
+pub fn is_held_out(sequence: u64, every: u64) -> bool {
     every > 0 && sequence % every == every - 1
 }
 
 /// Whether the ping with this number, one of the map's own, is one to fit gain and floor on: as many as
-/// are held back, halfway between those.
+/// are held out, halfway between those.
 #[must_use]
 pub fn is_fitted_on(sequence: u64, every: u64) -> bool {
-    !is_held_back(sequence, every) && sequence % every.max(1) == every.saturating_sub(1) / 2
+    !is_held_out(sequence, every) && sequence % every.max(1) == every.saturating_sub(1) / 2
 }
 
 /// One ping and what the map says of it, shape `[bins]` each, blanked bins left out, linear.
@@ -38,10 +38,11 @@ pub struct Pair {
     pub rendered: Vec<f32>,
 }
 
-/// How well one predictor does on the held-back pings.
+/// How well one predictor does on the held-out pings.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Score {
-    /// Looks of the gamma distribution, the likeliest of a grid of half steps from 1/16 to 64.
+    /// Number of looks of the gamma distribution, the most likely of a grid of half steps from 1/16 to
+    /// 64.
     pub looks: f64,
     /// Mean logarithm of the density of a bin's intensity over the constant's level.
     pub log_likelihood_per_bin: f64,
@@ -51,7 +52,7 @@ pub struct Score {
 
 /// The map against a constant, on pings that neither has seen.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct HeldBack {
+pub struct HeldOut {
     /// Pings scored.
     pub ping_count: u64,
     /// Their bins outside the blanking.
@@ -72,7 +73,7 @@ pub struct HeldBack {
     pub gain_per_bin: f64,
 }
 
-impl HeldBack {
+impl HeldOut {
     /// What the map predicts where it renders `rendered`, noise included.
     #[must_use]
     pub fn predicted(&self, rendered: f32) -> f32 {
@@ -91,7 +92,7 @@ impl HeldBack {
 
 /// Fits on `fit` and scores `held`; `None` if either holds no bin, or nothing was ever heard.
 #[must_use]
-pub fn score(fit: &[Pair], held: &[Pair]) -> Option<HeldBack> {
+pub fn score(fit: &[Pair], held: &[Pair]) -> Option<HeldOut> {
     let constant_level = mean(bins(fit).map(|(measured, _)| measured))?;
     bins(held).next()?;
     if !(constant_level > 0.0) {
@@ -102,7 +103,7 @@ pub fn score(fit: &[Pair], held: &[Pair]) -> Option<HeldBack> {
     let by_constant = |_| constant_level;
     let map = score_one(fit, held, constant_level, by_map);
     let constant = score_one(fit, held, constant_level, by_constant);
-    Some(HeldBack {
+    Some(HeldOut {
         ping_count: held.len() as u64,
         bin_count: bins(held).count() as u64,
         fit_ping_count: fit.len() as u64,
@@ -128,7 +129,7 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
     (count > 0).then(|| sum / count as f64)
 }
 
-/// Maximum likelihood whatever the looks: each of the two is multiplied by
+/// Maximum likelihood whatever the number of looks: each of the two is multiplied by
 /// `√(Σ A I/μ² / Σ A/μ)`, `A` being what it is multiplied with.
 fn fit_gain_and_floor(fit: &[Pair], level: f64) -> (f64, f64) {
     let rendered = mean(bins(fit).map(|(_, rendered)| rendered)).unwrap_or(0.0);
@@ -140,10 +141,10 @@ fn fit_gain_and_floor(fit: &[Pair], level: f64) -> (f64, f64) {
         let mut sums = [[0.0; 2]; 2];
         for (measured, rendered) in bins(fit) {
             let predicted = gain * rendered + floor;
-            let pull = [measured / (predicted * predicted), 1.0 / predicted];
-            for (sum, pull) in sums.iter_mut().zip(pull) {
-                sum[0] += rendered * pull;
-                sum[1] += pull;
+            let term = [measured / (predicted * predicted), 1.0 / predicted];
+            for (sum, term) in sums.iter_mut().zip(term) {
+                sum[0] += rendered * term;
+                sum[1] += term;
             }
         }
         let [up, down] = sums;
@@ -162,11 +163,11 @@ fn score_one(
     let of_fit = Sums::of(fit, level, predict);
     let of_held = Sums::of(held, level, predict);
     let grid = LOOKS_GRID.map(|half_steps| (0.5 * f64::from(half_steps)).exp2());
-    let likelier = |a: f64, b: f64| {
+    let more_likely = |a: f64, b: f64| {
         let better = of_fit.log_likelihood(b) > of_fit.log_likelihood(a);
         if better { b } else { a }
     };
-    let looks = grid.reduce(likelier).unwrap_or(1.0);
+    let looks = grid.reduce(more_likely).unwrap_or(1.0);
     Score {
         looks,
         log_likelihood_per_bin: of_held.log_likelihood(looks) / of_held.count,
@@ -200,7 +201,7 @@ impl Sums {
         sums
     }
 
-    /// `Σ ln p` at `looks`.
+    /// `Σ ln p` at this number of `looks`.
     fn log_likelihood(&self, looks: f64) -> f64 {
         let shape = looks * looks.ln() - libm::lgamma(looks);
         let spread = self.ln_predicted + self.ratio;
@@ -213,9 +214,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pings_to_fit_on_are_as_many_as_those_held_back_and_none_is_both() {
+    fn pings_to_fit_on_are_as_many_as_those_held_out_and_none_is_both() {
         for every in [1, 2, 5, 10] {
-            let held = (0..100).filter(|&s| is_held_back(s, every)).count();
+            let held = (0..100).filter(|&s| is_held_out(s, every)).count();
             let fit = (0..100).filter(|&s| is_fitted_on(s, every)).count();
             assert_eq!(held, 100 / every as usize);
             assert_eq!(fit, if every == 1 { 0 } else { held });
@@ -260,8 +261,8 @@ mod tests {
     }
 
     #[test]
-    fn every_so_many_th_ping_is_held_back_and_none_by_default() {
-        let held = |every| (0..10).filter(move |i| is_held_back(*i, every));
+    fn every_so_many_th_ping_is_held_out_and_none_by_default() {
+        let held = |every| (0..10).filter(move |i| is_held_out(*i, every));
         assert_eq!(held(0).count(), 0);
         assert!(held(4).eq([3, 7]));
     }
