@@ -40,6 +40,7 @@ pub struct MapperReport {
     /// Pings whose evidence is in the map.
     pub pings_mapped: u64,
     /// Pings kept from the map to judge it by.
+    #[serde(rename = "pings_held_back")]
     pub(crate) pings_held_out: u64,
     /// Pings before `--start`.
     pub(crate) pings_before_start: u64,
