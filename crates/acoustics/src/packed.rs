@@ -105,13 +105,11 @@ pub fn cull<S: Simd>(
         let bits = seen.to_bitmask() & ((1 << left) - 1);
         if bits != 0 {
             // Each is written, and the next over those that are not seen: no branch that would be guessed wrong.
-            let mut place = from as u32;
             let eight = &mut places[found..found + LANES];
             let mut count = 0;
             for lane in 0..LANES {
-                eight[count & (LANES - 1)] = place;
+                eight[count & (LANES - 1)] = (from + lane) as u32;
                 count += (bits >> lane & 1) as usize;
-                place += 1;
             }
             found += count;
         }

@@ -328,9 +328,9 @@ impl<'a> Glance<'a> {
             let ratio = match (far as usize) < first + 16 {
                 // What is not seen may be of any state.
                 true => {
-                    let of_each = (bins - first as i32) * 2 & 31;
+                    let of_each = ((bins - first as i32) * 2) & 31;
                     let all = i32x8::splat(simd, states.sixteen(first / 4).cast_signed());
-                    self.ratio_of(all >> of_each & 3)
+                    self.ratio_of((all >> of_each) & 3)
                 }
                 false => {
                     let mut ratio = [0.0; LANES];
