@@ -122,15 +122,15 @@ pub(crate) fn append<S: Simd>(
     energies: &mut Vec<f32>,
 ) {
     let (from, count) = (energies.len(), bins.len());
-    energies.resize(from + count + PADDING, 0.0);
-    let mean_m = [splat.range_m, 0.0];
-    let edges = Edges::new(simd, geometry, bins, mean_m, 1.0 / splat.range_sigma_m);
-    add_shares(&edges, splat.energy, &mut energies[from..]);
+    let padded = count.next_multiple_of(LANES);
+    energies.resize(from + padded, 0.0);
+    let into = (&mut energies[from..], &mut vec![0.0; padded][..]);
+    store(simd, geometry, splat, bins, 0.0, into);
     energies.truncate(from + count);
 }
 
-/// Writes the energy of a splat in each of `bins` to the first of `energies`, and 0 to those that fill up its last eight;
-/// adds both times `strength` to `sums`, which begin at the same bin. Both have room for the last eight.
+/// Writes the energy of a splat in each of `bins` to `energies`, and 0 beyond the last bin; adds the same times `strength` to
+/// `sums`. Both slices begin at the first of `bins` and end with a whole eight.
 #[inline(always)]
 pub(crate) fn store<S: Simd>(
     simd: S,
