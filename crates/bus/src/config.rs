@@ -66,7 +66,7 @@ pub struct BusConfig {
     pub idle_check_s: f64,
     /// How long opening may take, seconds.
     pub open_timeout_s: f64,
-    /// How long closing may take, seconds.
+    /// How long closing may take, seconds; zenoh itself gives up after 10 s.
     pub close_timeout_s: f64,
 }
 

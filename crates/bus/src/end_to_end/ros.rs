@@ -92,7 +92,7 @@ fn a_node_is_there_with_its_topics_while_it_publishes() {
         tokens(&other).len() == 4
     });
     drop(publisher);
-    vehicle.close().unwrap();
+    close(vehicle);
     until("the node is gone", || tokens(&other).is_empty());
 }
 
