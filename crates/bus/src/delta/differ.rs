@@ -81,13 +81,16 @@ impl SnapshotDiffer {
 
     fn sorted_into_tiles(&mut self, snapshot: &Snapshot) -> BTreeMap<TileKey, Vec<Gaussian>> {
         let mut tiles: BTreeMap<TileKey, Vec<Gaussian>> = BTreeMap::new();
-        for gaussian in &snapshot.gaussians {
-            if gaussian.is_sound() {
-                let tile = tile_of(gaussian.mean_m, self.tile_edge_m);
-                tiles.entry(tile).or_default().push(*gaussian);
-            } else {
-                self.unsound_count += 1;
-            }
+        let tile_edge_m = self.tile_edge_m;
+        let is_sound = |gaussian: &&Gaussian| gaussian.is_sound();
+        let sound = snapshot.gaussians.iter().filter(is_sound);
+        let sound: Vec<&Gaussian> = sound.collect();
+        self.unsound_count += (snapshot.gaussians.len() - sound.len()) as u64;
+        // Neighbours in a snapshot mostly lie in one tile.
+        let tile = |gaussian: &Gaussian| tile_of(gaussian.mean_m, tile_edge_m);
+        for together in sound.chunk_by(|a, b| tile(a) == tile(b)) {
+            let of_tile = tiles.entry(tile(together[0])).or_default();
+            of_tile.extend(together.iter().copied());
         }
         for gaussians in tiles.values_mut() {
             gaussians.sort_by_key(|gaussian| gaussian.id);

@@ -10,6 +10,7 @@ use zenoh::Wait;
 use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
 
+use super::rounds::Rounds;
 use super::{FlushReport, Sent, Shared, lock};
 use crate::bus::Link;
 use crate::delta::{PublishedMap, SnapshotDiffer};
@@ -18,16 +19,13 @@ use crate::map_message::{Cut, WireMessage};
 use crate::point_cloud;
 use crate::taps::Taps;
 
-/// Least of a round, which takes longer where the pace is slow: what a delta costs besides its points
-/// is a kilobyte.
-const MIN_ROUND_BYTES: usize = 5000;
-
 /// Makes deltas and sends them.
 pub(super) struct DeltaThread {
     link: Arc<Link>,
     shared: Arc<Shared>,
     heartbeat: Heartbeat,
     differ: SnapshotDiffer,
+    rounds: Rounds,
     taps: Taps,
     /// Sequence of the newest snapshot taken.
     offered: u64,
@@ -46,6 +44,7 @@ impl DeltaThread {
     pub(super) fn new(link: Arc<Link>, shared: Arc<Shared>, heartbeat: Heartbeat) -> Self {
         Self {
             differ: SnapshotDiffer::new(link.config.tile_edge_m),
+            rounds: Rounds::new(Duration::from_secs_f64(link.config.publish_interval_s)),
             taps: link.taps.current(),
             link,
             shared,
@@ -91,20 +90,24 @@ impl DeltaThread {
         }
     }
 
-    /// One interval's worth of deltas, spread over the interval.
+    /// What the pace allows since the last round, spread over the time until the next.
     fn round(&mut self) {
         let begin = Instant::now();
-        let interval = Duration::from_secs_f64(self.link.config.publish_interval_s);
-        let bits = lock(&self.shared.pace).bps(begin) * interval.as_secs_f64();
-        let budget = ((bits / 8.0) as usize).max(MIN_ROUND_BYTES);
+        let budget = self.rounds.begin(begin, self.bps(begin));
         let deltas = self.differ.next_deltas(Some(budget));
         self.publish_state();
         self.send(&deltas, false);
-        self.pause_until(begin + interval);
-        if !self.differ.is_drained() {
+        let is_drained = self.differ.is_drained();
+        self.pause_until(|rounds, has_newer_map| rounds.next_round(is_drained || has_newer_map));
+        if !is_drained {
             let now = Instant::now();
             lock(&self.shared.pace).filled(now - begin, now);
         }
+    }
+
+    /// Bits per second that deltas may take.
+    fn bps(&self, now: Instant) -> f64 {
+        lock(&self.shared.pace).bps(now)
     }
 
     fn flush(&mut self, ticket: u64) {
@@ -179,7 +182,7 @@ impl DeltaThread {
         counters.messages_failed += u64::from(put.is_err());
     }
 
-    fn put(&self, message: &WireMessage, is_last: bool) {
+    fn put(&mut self, message: &WireMessage, is_last: bool) {
         if let Some(tap) = &self.taps.delta {
             let bytes = |bytes: &[u8]| Arc::from(bytes);
             tap(bytes(&message.payload), bytes(&message.attachment));
@@ -215,9 +218,8 @@ impl DeltaThread {
         }
         if !is_last {
             // Bursts are what a slow link drops.
-            let now = Instant::now();
-            let seconds = 8.0 * byte_count as f64 / lock(&self.shared.pace).bps(now);
-            self.pause_until(now + Duration::from_secs_f64(seconds));
+            self.rounds.sent(byte_count, self.bps(Instant::now()));
+            self.pause_until(Rounds::next_message);
         }
     }
 
@@ -232,15 +234,17 @@ impl DeltaThread {
         }
     }
 
-    /// Sleeps, unless something urgent comes up.
-    fn pause_until(&self, time: Instant) {
+    /// Sleeps until the moment that `until` makes of the rounds and of whether a newer map waits, unless something urgent
+    /// comes up.
+    fn pause_until(&self, until: impl Fn(&Rounds, bool) -> Option<Instant>) {
         self.heartbeat.rest();
         let mut orders = lock(&self.shared.orders);
         while !orders.is_urgent() {
-            let left = time.saturating_duration_since(Instant::now());
-            if left.is_zero() {
+            let time = until(&self.rounds, orders.snapshot.is_some());
+            let left = time.map(|time| time.saturating_duration_since(Instant::now()));
+            let Some(left) = left.filter(|left| !left.is_zero()) else {
                 return;
-            }
+            };
             let waited = self.shared.ordered.wait_timeout(orders, left);
             orders = waited.unwrap_or_else(PoisonError::into_inner).0;
         }

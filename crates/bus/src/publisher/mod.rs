@@ -4,6 +4,7 @@
 mod answers;
 mod deltas;
 mod pace;
+mod rounds;
 
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};

@@ -197,8 +197,7 @@ pub(crate) fn findings_of_ping(
     }
 }
 
-/// Sets verdict and certainty of every Gaussian that there is a finding for: what all pings would say
-/// of it. The others keep theirs.
+/// Sets the verdict of every Gaussian that there is a finding for: what all pings would say of it. The others keep theirs.
 pub(crate) fn judge(
     gaussians: &mut Gaussians,
     finding_of: impl Fn(usize) -> Option<Finding> + Sync,
@@ -242,7 +241,6 @@ pub(crate) fn judge(
     }
     let reach_m = SUPPORT_VOXELS * voxel_m;
     reject_isolated(gaussians, LEAST_SUPPORT, reach_m, |child_share| child_share);
-    certainty::tell(gaussians, finding_of, voxel_m);
 }
 
 /// Hysteresis linking: what reaches the lower thresholds is confident beside a surface that reaches the upper ones.

@@ -58,7 +58,7 @@ pub(super) fn of_pose(row: &MatrixRow, error: PoseBlur) -> SymmetricMat3 {
 }
 
 /// Sets covariance, sigma and probability of every Gaussian that there is a finding for.
-pub(super) fn tell(
+pub(crate) fn tell(
     gaussians: &mut Gaussians,
     finding_of: impl Fn(usize) -> Option<Finding> + Sync,
     voxel_m: f32,
@@ -66,7 +66,7 @@ pub(super) fn tell(
     let is_confident =
         |slot: usize| gaussians.verdict[slot] == Verdict::Published(Standing::Confident);
     let neighbours = Neighbours::new(gaussians, SURFACE_VOXELS * voxel_m, is_confident);
-    let surfaces = neighbours.map(|_| true, |around| scatter_of(gaussians, around, |_| 1.0));
+    let surfaces = neighbours.map(|_| true, |around| scatter_of(around, |_| 1.0));
     let mut surface_of = vec![None; gaussians.slot_count()];
     for (slot, scatter) in surfaces {
         surface_of[slot] = Some(scatter);

@@ -57,9 +57,17 @@ pub(super) fn published(
                 false => Standing::Ambiguous,
             },
         };
-        gaussian.is_sound().then(|| placed(gaussian))
+        match gaussian.is_sound() {
+            true => placed(gaussian),
+            false => gaussian,
+        }
     };
-    order.par_iter().filter_map(gaussian).collect()
+    // As many as there are in order, so that each thread writes its share in place.
+    let mut published: Vec<Gaussian> = order.par_iter().map(gaussian).collect();
+    if !published.par_iter().all(Gaussian::is_sound) {
+        published.retain(Gaussian::is_sound);
+    }
+    published
 }
 
 #[cfg(test)]

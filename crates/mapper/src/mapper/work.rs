@@ -195,21 +195,20 @@ impl Mapper {
 
     /// The next portion of what is under way. Returns the pairs that would take as long.
     pub(super) fn advance(&mut self) -> u64 {
-        let (Some(workout), Some(world)) = (&mut self.workout, &mut self.world) else {
+        let (Some(mut workout), Some(world)) = (self.workout.take(), &mut self.world) else {
             return 0;
         };
+        if workout.is_done() {
+            let pairs = workout.change_pairs();
+            self.status.iterations += workout.put_in_place(world, &mut self.gaussians);
+            self.gaussians.let_former_go();
+            return pairs;
+        }
         let seabed = &self.seabed;
         let effort = self.pool.install(|| workout.advance(world, seabed));
+        self.workout = Some(workout);
         self.status.pairs += effort.pairs;
-        let mut pairs = effort.pairs + effort.beside_pairs;
-        if workout.is_done()
-            && let Some(done) = self.workout.take()
-        {
-            pairs += done.change_pairs();
-            self.status.iterations += done.put_in_place(world, &mut self.gaussians);
-            self.gaussians.let_former_go();
-        }
-        pairs
+        effort.pairs + effort.beside_pairs
     }
 
     /// Which features the dive so far asks for.
@@ -514,7 +513,10 @@ mod tests {
             is_live,
         };
         let (map, history) = (&mapper.gaussians, &mapper.history);
-        Workout::begin(world, map, history, due, terms(mapper), &mut Vec::new())
+        let mut workout = Workout::begin(world, map, history, due, terms(mapper), &mut Vec::new());
+        // Its pairs are counted.
+        workout.advance(world, &mapper.seabed);
+        workout
     }
 
     /// Of a vehicle here and there below a surface, 2 m above the rod, by way of which the rod is heard once more.

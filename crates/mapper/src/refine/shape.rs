@@ -4,7 +4,7 @@ use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 
 use crate::spawn::gaussians::{Gaussians, Verdict};
-use crate::spawn::neighbours::{Neighbours, Surroundings};
+use crate::spawn::neighbours::{Neighbours, Place, Surroundings};
 
 /// Lays every published Gaussian along its neighbours: axes from the scatter of their means,
 /// weighted by strength, the shortest across the surface. `voxel_m` is the spacing they were
@@ -15,7 +15,7 @@ pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
     let shapes = neighbours.map(
         |_| true,
         |around| {
-            let scatter = scatter_of(gaussians, around, |other| gaussians.strongest(other));
+            let scatter = scatter_of(around, |place| place.strength);
             let (axes, variances_m2) = eigen(scatter);
             let shortest = variances_m2.x.max(0.0).sqrt();
             let middle = variances_m2.y.max(0.0).sqrt();
@@ -34,16 +34,11 @@ pub(crate) fn align(gaussians: &mut Gaussians, voxel_m: f32) {
 }
 
 /// Scatter of the means around one, each counted with its weight, square metres.
-pub(crate) fn scatter_of(
-    gaussians: &Gaussians,
-    around: Surroundings<'_>,
-    weight_of: impl Fn(usize) -> f32,
-) -> Mat3 {
-    let center = gaussians.mean_m[around.slot];
+pub(crate) fn scatter_of(around: Surroundings<'_>, weight_of: impl Fn(&Place) -> f32) -> Mat3 {
     let (mut weight, mut sum, mut scatter) = (0.0f32, Vec3::ZERO, Mat3::ZERO);
-    for other in around.slots() {
-        let d = gaussians.mean_m[other] - center;
-        let w = weight_of(other);
+    for place in around.places() {
+        let d = place.mean_m - around.center_m;
+        let w = weight_of(place);
         weight += w;
         sum += d * w;
         scatter += Mat3::from_cols(d * d.x, d * d.y, d * d.z) * w;

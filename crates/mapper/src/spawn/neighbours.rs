@@ -27,32 +27,36 @@ struct Cell {
     strongest: f32,
 }
 
+/// What questions ask of a Gaussian, copied to where its neighbours are.
 #[derive(Debug, Clone, Copy)]
-struct Place {
-    mean_m: Vec3,
+pub(crate) struct Place {
+    pub(crate) mean_m: Vec3,
     slot: u32,
-    strength: f32,
+    /// Towards where it is strongest.
+    pub(crate) strength: f32,
 }
 
 /// What lies around one Gaussian.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Surroundings<'a> {
     pub(crate) slot: usize,
-    center_m: Vec3,
+    pub(crate) center_m: Vec3,
     reach_m: f32,
     near: &'a [Place],
 }
 
 impl Surroundings<'_> {
-    /// Slots within reach in a fixed order, its own among them.
-    pub(crate) fn slots(&self) -> impl Iterator<Item = usize> + '_ {
+    /// Those within reach in a fixed order, itself among them.
+    pub(crate) fn places(&self) -> impl Iterator<Item = &Place> + '_ {
         let reach_m2 = self.reach_m * self.reach_m;
         let is_near =
             move |place: &&Place| place.mean_m.distance_squared(self.center_m) <= reach_m2;
-        self.near
-            .iter()
-            .filter(is_near)
-            .map(|place| place.slot as usize)
+        self.near.iter().filter(is_near)
+    }
+
+    /// Their slots.
+    pub(crate) fn slots(&self) -> impl Iterator<Item = usize> + '_ {
+        self.places().map(|place| place.slot as usize)
     }
 }
 

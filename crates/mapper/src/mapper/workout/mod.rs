@@ -25,6 +25,7 @@ use crate::accumulate::history::{History, Keyframe, every};
 use crate::classify::assess::{
     Desk, Rule, VerdictThresholds, findings_of_ping, idle, judge, side_lobes,
 };
+use crate::classify::certainty::tell;
 use crate::features::{AtWork, Extent, LeftOut};
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::refine::expectation::{
@@ -110,10 +111,13 @@ fn set(mask: &mut Mask, voxel: u16) {
 /// What is going on.
 #[derive(Debug)]
 enum Doing {
+    CountPairs,
     Strengthen(Pass<StepSums>, f32, Pace),
     Localise(Pass<Score>),
     Assess(Pass<Finding>, Rule, f32),
     Judge(Vec<Finding>, f32),
+    /// Findings of those that are worked on; the verdicts are given.
+    TellCertainty(Vec<Option<Finding>>),
 }
 
 /// Some tiles while they are worked out.
@@ -210,7 +214,7 @@ impl Workout {
             voxel_m,
             pairs_per_ping: 0.0,
             actions: actions(terms.config.workout_passes, start, terms.at_work),
-            doing: None,
+            doing: Some(Doing::CountPairs),
             explained: Explained::default(),
             iterations: 0,
             is_hurried: false,
@@ -233,15 +237,10 @@ impl Workout {
         workout.take_background(world, map, &tiles);
         let observations = |tile: TileIndex| (tile, evidence.tiles()[tile as usize].observations);
         workout.tiles = tiles.into_iter().map(observations).collect();
-        workout.count_pairs(world);
-        workout.is_hurried = workout.thinning_factor(workout.most_pairs)
-            > workout.thinning_factor(workout.most_pairs_in_full);
-        if workout.is_hurried {
-            workout.thresholds = workout.thresholds.in_haste();
-        }
         workout
     }
 
+    /// Counts the pairs of some pings, and tells from them how many of all there is time for.
     fn count_pairs(&mut self, world: &World) {
         let sample: Vec<Arc<Keyframe>> = self
             .pings
@@ -253,6 +252,11 @@ impl Workout {
         let mut pass = Pass::<StepSums>::over(sample, &world.evidence, &self.draft);
         let pairs = pass.advance(self.scene(world, false), count, |_, (): &mut (), _, _| ());
         self.pairs_per_ping = pairs as f64 / count.max(1) as f64;
+        self.is_hurried =
+            self.thinning_factor(self.most_pairs) > self.thinning_factor(self.most_pairs_in_full);
+        if self.is_hurried {
+            self.thresholds = self.thresholds.in_haste();
+        }
     }
 
     fn scene<'a>(&'a self, world: &'a World, is_blurred: bool) -> Scene<'a> {
@@ -412,6 +416,10 @@ impl Workout {
     fn go_on(&mut self, doing: Doing, world: &World, seabed: &Seabed) -> Effort {
         let count = (PORTION_PAIRS / self.pairs_per_ping.max(1.0)) as usize + 1;
         match doing {
+            Doing::CountPairs => {
+                self.count_pairs(world);
+                Effort::default()
+            }
             Doing::Strengthen(mut pass, stride, pace) => {
                 let pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
                 if pass.is_done() {
@@ -452,9 +460,15 @@ impl Workout {
                     beside_pairs: (PAIRS_OF_A_FINDING - 1) * pairs,
                 }
             }
+            // In two portions, since each keeps pings waiting.
             Doing::Judge(findings, stride) => {
-                self.judge(findings, stride, seabed);
-                Effort::beside(self.change_pairs())
+                let findings = self.judge(&findings, stride);
+                self.doing = Some(Doing::TellCertainty(findings));
+                Effort::beside(self.change_pairs() / 2)
+            }
+            Doing::TellCertainty(findings) => {
+                self.tell_certainty(&findings, seabed);
+                Effort::beside(self.change_pairs() - self.change_pairs() / 2)
             }
         }
     }
@@ -465,22 +479,30 @@ impl Workout {
         }
     }
 
-    fn judge(&mut self, mut findings: Vec<Finding>, stride: f32, seabed: &Seabed) {
-        let is_worked_on: Vec<bool> = (0..self.draft.slot_count())
-            .map(|slot| self.draft.is_worked_on(slot))
-            .collect();
-        for (slot, finding) in findings.iter_mut().enumerate() {
-            *finding = finding.times(stride);
-            if let Some(kept) = &self.draft.kept[slot] {
-                finding.add(&kept.finding_of(self.draft.child_share[slot]));
+    /// Gives verdicts by these findings, of pings that each stand for `stride`. Returns what they come to with what forgotten
+    /// pings told, for those that are worked on.
+    fn judge(&mut self, findings: &[Finding], stride: f32) -> Vec<Option<Finding>> {
+        let draft = &mut self.draft;
+        let all_told = |(slot, finding): (usize, &Finding)| {
+            let mut finding = finding.times(stride);
+            if let Some(kept) = &draft.kept[slot] {
+                finding.add(&kept.finding_of(draft.child_share[slot]));
             }
-        }
-        let finding_of = |slot: usize| is_worked_on[slot].then(|| findings[slot]);
-        judge(&mut self.draft, finding_of, self.voxel_m, self.thresholds);
+            draft.is_worked_on(slot).then_some(finding)
+        };
+        let findings: Vec<_> = findings.par_iter().enumerate().map(all_told).collect();
+        judge(draft, |slot| findings[slot], self.voxel_m, self.thresholds);
+        findings
+    }
+
+    fn tell_certainty(&mut self, findings: &[Option<Finding>], seabed: &Seabed) {
+        let draft = &mut self.draft;
+        tell(draft, |slot| findings[slot], self.voxel_m);
         // Nothing is seen through the ground.
-        for slot in 0..self.draft.slot_count() {
-            if self.draft.alive[slot] && seabed.hides(self.draft.mean_m[slot]) {
-                self.draft.verdict[slot] = Verdict::ExplainedAway;
+        let places = draft.alive.iter().zip(&draft.mean_m);
+        for (verdict, (&is_alive, &mean_m)) in draft.verdict.iter_mut().zip(places) {
+            if is_alive && seabed.hides(mean_m) {
+                *verdict = Verdict::ExplainedAway;
             }
         }
     }
