@@ -42,7 +42,7 @@ const FINISH: Duration = Duration::from_secs(3600);
 
 /// Making maps to look at takes at most one part in so many of the thread's time, and less where
 /// pings wait: those are the better map.
-const SNAPSHOT_PAUSE: u32 = 4;
+const SNAPSHOT_PAUSE: u32 = 3;
 const SNAPSHOT_PAUSE_BEHIND: u32 = 12;
 
 /// All the mapper's thread owns.
