@@ -76,8 +76,10 @@ mod tests {
     use echosplat_model::glam::Vec3;
 
     #[test]
-    fn what_is_not_likely_enough_is_shown_and_not_asserted() {
+    fn what_is_not_likely_enough_is_shown_and_not_asserted_and_what_is_unsound_is_neither() {
         let mut gaussians = Gaussians::default();
+        let unsound = gaussians.spawn(Vec3::NAN, (0, 0), 0.1, 1.0) as usize;
+        gaussians.verdict[unsound] = Verdict::Published(Standing::Confident);
         for (verdict, is_likely) in [
             (Verdict::Published(Standing::Confident), true),
             (Verdict::Published(Standing::Confident), false),
