@@ -32,7 +32,7 @@ struct Cell {
 pub(crate) struct Place {
     pub(crate) mean_m: Vec3,
     slot: u32,
-    /// Towards where it is strongest.
+    /// In the direction in which it is strongest.
     pub(crate) strength: f32,
 }
 
