@@ -8,8 +8,8 @@ const MIN_ROUND_BYTES: usize = 5000;
 
 /// One round after the other, each spread over the time until the next, on average at the pace.
 ///
-/// A newer map is waited for while an older one is still being sent, since a ping shows with the first message of a map that
-/// holds it; where none comes, twice the interval later the next round goes out.
+/// While much of a map is left to send, the next round waits for a newer map up to twice the interval: a ping shows with the
+/// first message of a map that holds it, and a round of the older map under way would keep that message waiting.
 #[derive(Debug)]
 pub(super) struct Rounds {
     /// Shortest time from one round to the next.
@@ -45,8 +45,8 @@ impl Rounds {
         self.link_free = self.link_free.and_then(|free| free.checked_add(took));
     }
 
-    /// When the next message of this round may go; `None` is at once. With a newer map waiting it need not be the moment the link
-    /// is free, but no more than an interval before.
+    /// When the next message of this round may go; `None` is at once. It is when the link is free; where a newer map waits,
+    /// up to an interval before that.
     pub(super) fn next_message(&self, has_newer_map: bool) -> Option<Instant> {
         match has_newer_map {
             true => self.link_free.min(self.earliest()),
@@ -54,9 +54,9 @@ impl Rounds {
         }
     }
 
-    /// When the next round may begin; `None` is at once. With nothing left to send and no newer map there is none.
-    pub(super) fn next_round(&self, is_anything_new: bool) -> Option<Instant> {
-        match is_anything_new {
+    /// When the next round may begin; `None` is at once. `is_ready` is whether a newer map waits or all of the older one is sent.
+    pub(super) fn next_round(&self, is_ready: bool) -> Option<Instant> {
+        match is_ready {
             true => self.earliest(),
             false => self
                 .begun

@@ -25,7 +25,7 @@ use crate::accumulate::history::{History, Keyframe, every};
 use crate::classify::assess::{
     Desk, Rule, VerdictThresholds, findings_of_ping, idle, judge, side_lobes,
 };
-use crate::classify::certainty::tell;
+use crate::classify::certainty;
 use crate::features::{AtWork, Extent, LeftOut};
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::refine::expectation::{
@@ -495,9 +495,10 @@ impl Workout {
         findings
     }
 
+    /// Sets how sure each place is, by the verdicts given, and lets go of what the ground would hide.
     fn tell_certainty(&mut self, findings: &[Option<Finding>], seabed: &Seabed) {
         let draft = &mut self.draft;
-        tell(draft, |slot| findings[slot], self.voxel_m);
+        certainty::tell(draft, |slot| findings[slot], self.voxel_m);
         // Nothing is seen through the ground.
         let places = draft.alive.iter().zip(&draft.mean_m);
         for (verdict, (&is_alive, &mean_m)) in draft.verdict.iter_mut().zip(places) {
