@@ -20,6 +20,7 @@ fn found_at(url: &str) {
     let unit = &said["found"][0];
     let account = probed.account();
     assert_eq!(unit["identity"]["device_type"], 104, "{account}");
+    assert_eq!(unit["identity"]["product"], "OmniScan 450", "{account}");
     assert_eq!(unit["was_pinging"], false, "{account}");
     assert_eq!(unit["profile"]["bin_count"], 600, "{account}");
     assert_eq!(unit["profile"]["range_length_m"], 10.0, "{account}");
@@ -30,7 +31,7 @@ fn found_at(url: &str) {
     in_words.wait_exit_code(0, READY);
     let words = in_words.stdout();
     assert!(
-        words.contains("type 104, revision 2, firmware 1.5.6"),
+        words.contains("OmniScan 450 (type 104), revision 2, firmware 1.5.6"),
         "{words}"
     );
     assert!(words.contains("600 bins"), "{words}");

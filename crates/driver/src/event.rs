@@ -3,6 +3,7 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
+use echosplat_firmware_protocol::DeviceInformation;
 use echosplat_model::Ping;
 use echosplat_session::SessionCounters;
 use serde::Serialize;
@@ -27,14 +28,7 @@ pub enum DriverEvent {
         reason: String,
     },
     /// The device said what it is.
-    Identified {
-        /// 101 in the vendor's list, 104 on a real `OmniScan` 450 FS.
-        device_type: u8,
-        /// Hardware revision.
-        device_revision: u8,
-        /// Firmware version: major, minor, patch.
-        firmware: [u8; 3],
-    },
+    Identified(DeviceInformation),
     /// Profiles show the settings asked for.
     Configured,
     /// The device was restarted.

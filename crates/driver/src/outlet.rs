@@ -168,15 +168,7 @@ impl From<SessionEvent> for DriverEvent {
     fn from(event: SessionEvent) -> Self {
         match event {
             SessionEvent::Ping { ping, frame } => Self::Ping { ping, frame },
-            SessionEvent::Identified {
-                device_type,
-                device_revision,
-                firmware,
-            } => Self::Identified {
-                device_type,
-                device_revision,
-                firmware,
-            },
+            SessionEvent::Identified(information) => Self::Identified(information),
             SessionEvent::Configured => Self::Configured,
             SessionEvent::Rebooted => Self::Rebooted,
             SessionEvent::ClockStepped => Self::ClockStepped,

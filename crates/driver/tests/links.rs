@@ -27,7 +27,7 @@ fn whole_conversation(listen: &str) {
     let server = serve_at(listen, device, 1.0);
     let (driver, events) = connect(server.url(), ClockSource::Host);
     let device_type = next(&events, |event| match event {
-        DriverEvent::Identified { device_type, .. } => Some(device_type),
+        DriverEvent::Identified(information) => Some(information.device_type),
         _ => None,
     });
     assert_eq!(device_type, 104);

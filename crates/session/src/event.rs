@@ -3,20 +3,14 @@
 use std::sync::Arc;
 
 use bytes::Bytes;
+use echosplat_firmware_protocol::DeviceInformation;
 use echosplat_model::Ping;
 
 /// What happened.
 #[derive(Debug, Clone, PartialEq)]
 pub enum SessionEvent {
     /// The device said what it is.
-    Identified {
-        /// 101 in the vendor's list, 104 on a real `OmniScan` 450 FS.
-        device_type: u8,
-        /// Hardware revision.
-        device_revision: u8,
-        /// Firmware version: major, minor, patch.
-        firmware: [u8; 3],
-    },
+    Identified(DeviceInformation),
     /// Profiles show the settings asked for.
     Configured,
     /// One ping.

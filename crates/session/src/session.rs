@@ -20,8 +20,6 @@ use crate::words::{printable, with_count};
 const HALF_FRAME_S: f64 = 0.25;
 /// Requests that nobody fetches: the oldest go first.
 const MAX_OUTGOING: usize = 16;
-/// Device types seen on real units and in the vendor's list.
-const KNOWN_DEVICE_TYPES: [u8; 2] = [101, 104];
 
 /// Where the bytes of a session come from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -364,18 +362,12 @@ impl Core {
 
     fn identified(&mut self, information: DeviceInformation, now: Timestamp) {
         self.identity = Some(information);
-        let DeviceInformation {
-            device_type,
-            device_revision,
-            firmware,
-        } = information;
         if let Some(handshake) = &mut self.handshake {
             handshake.identity_answered();
         }
-        if !KNOWN_DEVICE_TYPES.contains(&device_type) {
+        if !information.is_omniscan_450() {
             let text = format!(
-                "the device says it is of type {device_type}, known are {KNOWN_DEVICE_TYPES:?}; \
-                 it is used as it is"
+                "the device says that it is no OmniScan 450: {information}; it is used as it is"
             );
             self.warn_once(Warned::UnknownType, text);
         }
@@ -383,11 +375,7 @@ impl Core {
         if self.identities_told.admit(now).is_none() {
             return;
         }
-        self.events.push_back(SessionEvent::Identified {
-            device_type,
-            device_revision,
-            firmware,
-        });
+        self.events.push_back(SessionEvent::Identified(information));
     }
 
     fn refused(&mut self, nacked_id: u16, text: &str, now: Timestamp) {

@@ -9,6 +9,8 @@
 //! | 4 | u8 firmware patch | |
 //! | 5 | reserved | |
 
+use core::fmt;
+
 /// Payload of 4.
 pub(crate) const PAYLOAD_BYTES: usize = 6;
 /// Payload of 5.
@@ -29,13 +31,27 @@ mod field {
 /// What a device is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct DeviceInformation {
-    /// 101 in the vendor's list, 104 on a real `OmniScan` 450 FS.
+    /// Which product it is: see [`Self::product`].
     pub device_type: u8,
     /// Hardware revision.
     pub device_revision: u8,
     /// Firmware version: major, minor, patch.
     pub firmware: [u8; 3],
 }
+
+/// Products by device type, as the vendor's description of message 4 lists them
+/// (docs.ceruleansonar.com, *Cerulean Ping Protocol*, `DEVICE_INFORMATION`); besides, 104 is what a
+/// real `OmniScan` 450 FS says it is.
+const PRODUCTS: [(u8, &str); 7] = [
+    (1, "Ping Sonar (Ping1D)"),
+    (2, "Ping360"),
+    (101, OMNISCAN_450),
+    (103, "Surveyor 240-16"),
+    (104, OMNISCAN_450),
+    (110, "Insight 240"),
+    (112, "Sounder S500"),
+];
+const OMNISCAN_450: &str = "OmniScan 450";
 
 /// Version of the Ping protocol.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -45,6 +61,19 @@ pub struct ProtocolVersion {
 }
 
 impl DeviceInformation {
+    /// The product's name; `None` of a type that no list has.
+    #[must_use]
+    pub fn product(&self) -> Option<&'static str> {
+        let listed = PRODUCTS.iter().find(|(kind, _)| *kind == self.device_type);
+        listed.map(|&(_, name)| name)
+    }
+
+    /// Whether it is an `OmniScan` 450, of whichever of its types.
+    #[must_use]
+    pub fn is_omniscan_450(&self) -> bool {
+        self.product() == Some(OMNISCAN_450)
+    }
+
     pub(super) fn parse(payload: &[u8]) -> Self {
         Self {
             device_type: payload[field::DEVICE_TYPE],
@@ -58,6 +87,19 @@ impl DeviceInformation {
         payload[field::DEVICE_REVISION] = self.device_revision;
         payload[field::FIRMWARE].copy_from_slice(&self.firmware);
         payload[field::FIRMWARE_RESERVED] = 0;
+    }
+}
+
+/// As in `OmniScan 450 (type 104), revision 2, firmware 1.5.6`.
+impl fmt::Display for DeviceInformation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let name = self.product().unwrap_or("unknown device");
+        let [major, minor, patch] = self.firmware;
+        write!(
+            f,
+            "{name} (type {}), revision {}, firmware {major}.{minor}.{patch}",
+            self.device_type, self.device_revision
+        )
     }
 }
 
@@ -76,4 +118,32 @@ impl ProtocolVersion {
 
 fn triple(bytes: &[u8]) -> [u8; 3] {
     [bytes[0], bytes[1], bytes[2]]
+}
+
+#[cfg(test)]
+mod tests {
+    use std::string::ToString;
+
+    use super::*;
+
+    #[test]
+    fn a_device_is_called_by_its_name() {
+        let of = |device_type| DeviceInformation {
+            device_type,
+            device_revision: 2,
+            firmware: [1, 5, 6],
+        };
+        for device_type in [101, 104] {
+            assert!(of(device_type).is_omniscan_450());
+        }
+        assert_eq!(
+            of(104).to_string(),
+            "OmniScan 450 (type 104), revision 2, firmware 1.5.6"
+        );
+        assert_eq!(of(103).product(), Some("Surveyor 240-16"));
+        for device_type in [0, 1, 2, 103, 110, 112, 255] {
+            assert!(!of(device_type).is_omniscan_450());
+        }
+        assert!(of(7).to_string().starts_with("unknown device (type 7)"));
+    }
 }

@@ -38,7 +38,9 @@ pub struct ProbedUnit {
 /// Who a sonar says it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 pub struct ProbedIdentity {
-    /// 101 in the vendor's list, 104 on a real `OmniScan` 450 FS.
+    /// The product's name, such as `OmniScan 450`; `None` of a type that no list has.
+    pub product: Option<&'static str>,
+    /// Number of the product in the vendor's list; 101 and 104 are `OmniScan` 450.
     pub device_type: u8,
     /// Hardware revision.
     pub device_revision: u8,
@@ -126,6 +128,16 @@ fn in_words(url: &SonarUrl, error: &std::io::Error) -> String {
     }
 }
 
+impl From<ProbedIdentity> for DeviceInformation {
+    fn from(identity: ProbedIdentity) -> Self {
+        Self {
+            device_type: identity.device_type,
+            device_revision: identity.device_revision,
+            firmware: identity.firmware,
+        }
+    }
+}
+
 impl From<DeviceInformation> for ProbedIdentity {
     fn from(information: DeviceInformation) -> Self {
         let DeviceInformation {
@@ -134,6 +146,7 @@ impl From<DeviceInformation> for ProbedIdentity {
             firmware,
         } = information;
         Self {
+            product: information.product(),
             device_type,
             device_revision,
             firmware,

@@ -8,6 +8,7 @@ use std::time::{Duration, Instant};
 use anyhow::bail;
 use crossbeam_channel::{Receiver, unbounded};
 use echosplat_driver::{Discovery, ProbedUnit, SonarUrl, discover, probe, serial_ports};
+use echosplat_firmware_protocol::DeviceInformation;
 use serde_json::{Value, json};
 use tokio::runtime::Handle;
 
@@ -184,13 +185,7 @@ impl Answer {
 
 fn found_words(unit: &ProbedUnit) -> String {
     let identity = match unit.identity {
-        Some(identity) => {
-            let [major, minor, patch] = identity.firmware;
-            format!(
-                "a sonar of type {}, revision {}, firmware {major}.{minor}.{patch}",
-                identity.device_type, identity.device_revision
-            )
-        }
+        Some(identity) => DeviceInformation::from(identity).to_string(),
         None => "a sonar that does not say what it is".to_owned(),
     };
     let pinging = match unit.was_pinging {

@@ -213,14 +213,8 @@ impl Shared {
                 link.configured = Some(false);
                 link.last_reason = Some(reason);
             }
-            DriverEvent::Identified {
-                device_type,
-                device_revision,
-                firmware: [major, minor, patch],
-            } => {
-                let device = format!(
-                    "type {device_type}, revision {device_revision}, firmware {major}.{minor}.{patch}"
-                );
+            DriverEvent::Identified(information) => {
+                let device = information.to_string();
                 tracing::info!(%device, "the sonar is identified");
                 link.device = Some(device);
             }
