@@ -11,7 +11,7 @@ use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use echosplat_recording::mcap::{Ending, Recording, RecordingReader};
+use echosplat_recording::mcap::{Ending, Record, Recording, RecordingReader};
 use echosplat_recording::ply;
 use tempfile::TempDir;
 
@@ -128,9 +128,7 @@ impl Drilled {
 
     /// Waits until it has begun.
     fn wait_begun(&mut self) {
-        let trigger = self.path("now");
-        let has_begun = |_: &Program| (!trigger.exists()).then_some(());
-        self.service.wait_for("the drill", LONG, has_begun);
+        self.wait_told("the drill begins: the part `mapper` hangs");
     }
 
     /// Waits until so many more pings are in the map.
@@ -364,15 +362,59 @@ fn a_second_request_ends_at_once_with_map_and_recording() {
     );
 }
 
-#[test]
-fn a_drill_that_is_none_is_refused() {
+/// What is said of a drill that cannot be.
+fn refused(drill: &str) -> String {
     let mut command = Command::new(env!("CARGO_BIN_EXE_echosplat"));
     command.args(["run", "--sonar", "tcp://127.0.0.1:1", "--pose", "none"]);
     command
         .args(bus_at(free_port()))
-        .env("ECHOSPLAT_DRILL", "mapper");
+        .env("ECHOSPLAT_DRILL", drill);
     let mut program = Program::start(command);
     program.wait_exit_code(2, LONG);
-    let stderr = program.stderr();
-    assert!(stderr.contains("mapper:hang:/tmp/now"), "{stderr}");
+    program.stderr()
+}
+
+#[test]
+fn a_drill_that_is_none_is_refused() {
+    let said = refused("mapper");
+    assert!(said.contains("mapper:hang:/tmp/now"), "{said}");
+    let said = refused("maper:hang:/tmp/now");
+    assert!(
+        said.contains("`maper`") && said.contains(" mapper, "),
+        "{said}"
+    );
+}
+
+#[test]
+fn a_drill_is_told_and_leaves_the_file_and_every_part_can_have_one() {
+    let mut drilled = Drilled::start("poses:panic", &[]);
+    drilled.wait_told("a drill is armed (ECHOSPLAT_DRILL): the part `poses` panics once");
+    fs::write(drilled.path("now"), "precious").expect("the folder is writable");
+    drilled.wait_told("the drill begins: the part `poses` panics");
+    drilled.wait_told("the part `poses` failed (a drill");
+    drilled.wait_mapped(40);
+    drilled.service.terminate();
+    drilled.service.wait_exit_code(3, END);
+    let kept = fs::read_to_string(drilled.path("now")).expect("it is left alone");
+    assert_eq!(kept, "precious");
+
+    let entries = fs::read_dir(drilled.path("log")).expect("a recording");
+    let files: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
+    let mut reader = RecordingReader::open(&files).expect("it is a recording");
+    let known = refused("nobody:hang:/tmp/now");
+    let mut last = None;
+    while let Some(recorded) = reader.next_message().expect("it can be read") {
+        if let Record::Status(status) = recorded.record {
+            last = Some(status);
+        }
+    }
+    let status = last.expect("a status a second");
+    let armed = status["drill"].as_str().unwrap_or_default();
+    assert!(armed.contains("the part `poses` panics once"), "{status}");
+    let parts = status["parts"].as_array().expect("a list");
+    assert!(parts.len() > 8, "{parts:?}");
+    for part in parts {
+        let name = part["name"].as_str().expect("a name");
+        assert!(known.contains(name), "{name} is not in {known}");
+    }
 }

@@ -35,13 +35,13 @@ use anyhow::Context;
 use crossbeam_channel::Receiver;
 use echosplat_bus::{Bus, DRIVER_ROLE, MAPPER_ROLE};
 use echosplat_driver::{DriverEvent, DriverStatus};
-use echosplat_liveness::{Drill, Heartbeat};
+use echosplat_liveness::Heartbeat;
 use echosplat_mapper::Mapper;
 use echosplat_model::Snapshot;
 use echosplat_web::{Feed, Track};
 
 use crate::config::Config;
-use crate::exit::{Finish, Usage};
+use crate::exit::Finish;
 use crate::maps;
 use crate::recorder::Recorder;
 use crate::signals::Stop;
@@ -181,9 +181,6 @@ impl Outcome {
 pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<Outcome> {
     if let Some(map) = &config.output.map {
         maps::prepare(map)?;
-    }
-    if let Some(drill) = Drill::asked_for().map_err(Usage::error)? {
-        tracing::warn!("a drill is asked for: {drill}");
     }
     let mut run = Run::start(config, setup)?;
     let finish_within = config.pipeline.finish_within();

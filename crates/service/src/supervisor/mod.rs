@@ -7,11 +7,47 @@ mod systemd;
 use std::collections::BTreeMap;
 use std::time::{Duration, Instant};
 
-use echosplat_liveness::{Condition, Heartbeat};
+use echosplat_liveness::{Condition, DRILL_VARIABLE, Drill, Heartbeat};
 use serde::Serialize;
 
+use crate::exit::Usage;
 use crate::pipeline::Finding;
 pub(crate) use systemd::Systemd;
+
+/// The parts that there are, of all commands together.
+const PARTS: [&str; 17] = [
+    "sonar",
+    "poses",
+    "mapper",
+    "recorder",
+    "recorder-sync",
+    "run",
+    "network",
+    "frame-check",
+    "prediction",
+    "maps-every",
+    "bus-map",
+    "bus-answers",
+    "bus-pings",
+    "bus-ros",
+    "bus-tape",
+    "web-map",
+    "web-scene",
+];
+
+/// Arms the drill that the environment asks for, if it asks for one.
+///
+/// # Errors
+/// If it asks for something else, or names no part there is.
+pub(crate) fn arm_drill() -> anyhow::Result<()> {
+    if let Some(drill) = Drill::asked_for(&PARTS).map_err(Usage::error)? {
+        tracing::warn!(
+            "a drill is armed ({DRILL_VARIABLE}): {drill}; the file itself is left as it is"
+        );
+        drill.arm();
+    }
+    Ok(())
+}
 
 /// A panic or a replacement is news for so long.
 const NEWS: Duration = Duration::from_secs(3);
