@@ -211,3 +211,22 @@ fn a_dive_among_meshes_stands_alone() {
         judged.account()
     );
 }
+
+/// Also a map that asserts nothing, which would not take an earlier one's place.
+#[test]
+fn a_map_whose_place_has_become_a_directory_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let (map, log) = (path("map.ply"), path("log"));
+    let files = ["--map", &map, "--record", &log];
+    let slowly = ["--no-publish", "--rate", "1", "--duration", "3"];
+    let mut program = Program::echosplat(&replay(&[&files[..], &slowly].concat()));
+    program.wait_for_text("recording file=", LONG);
+    fs::create_dir(&map).unwrap();
+    program.wait_exit_code(1, LONG);
+    let told = program.stderr();
+    let last = told.lines().last().unwrap_or_default();
+    assert!(last.contains("map.ply: it is a directory"), "{told}");
+    let left = fs::read_dir(&map).unwrap().count();
+    assert_eq!(left, 0, "{}", program.account());
+}

@@ -24,6 +24,8 @@ mod link;
 mod map;
 mod mesh;
 mod notices;
+mod outputs;
+mod pipes;
 mod poses;
 mod probe;
 mod python_tools;

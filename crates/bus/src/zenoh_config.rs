@@ -18,6 +18,9 @@ use zenoh::Config;
 use crate::endpoints::{self, Endpoints};
 use crate::{BusConfig, BusError};
 
+/// Longest configuration file read.
+const MAX_FILE_BYTES: u64 = 1 << 20;
+
 /// Where programs on one machine meet.
 pub const LOOPBACK: &str = "tcp/127.0.0.1:7447";
 
@@ -87,11 +90,19 @@ fn is_lone_peer(config: &Config) -> bool {
 }
 
 fn from_file(path: &Path, source_name: &'static str) -> Result<Config, BusError> {
-    Config::from_file(path).map_err(|reason| BusError::ConfigFile {
+    let refused = |reason: String| BusError::ConfigFile {
         path: path.to_owned(),
         source_name,
-        reason: reason.to_string(),
-    })
+        reason,
+    };
+    let bytes = echosplat_input::read(path, MAX_FILE_BYTES);
+    let bytes = bytes.map_err(|error| refused(error.to_string()))?;
+    // By its name zenoh knows more formats, and a pipe, which is gone once it is read, has none.
+    let read = match path.is_file() {
+        true => Config::from_file(path),
+        false => Config::from_json5(&String::from_utf8_lossy(&bytes)),
+    };
+    read.map_err(|reason| refused(reason.to_string()))
 }
 
 fn safe_default() -> Result<Config, BusError> {

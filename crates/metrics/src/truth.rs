@@ -1,7 +1,5 @@
 //! What a map is compared with.
 
-use std::fs::File;
-use std::io::Read;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -57,18 +55,9 @@ impl Truth {
         Self::new(Surface::Scene(scene.clone()), seen)
     }
 
-    /// Of a triangle mesh (STL, OBJ or PLY), in metres.
-    ///
-    /// # Errors
-    /// If the mesh cannot be read.
-    pub fn from_mesh(path: &Path) -> Result<Self, TruthError> {
-        let file = path.to_string_lossy();
-        // A JSON string is also one of TOML.
-        let toml = format!(
-            "name = \"mesh\"\n[[mesh]]\nfile = {}\n",
-            serde_json::json!(file)
-        );
-        let scene = Arc::new(Scene::parse(&toml, None)?);
+    /// Of the triangles of a mesh (STL, OBJ or PLY), in metres.
+    fn of_mesh(bytes: &[u8], path: &Path) -> Result<Self, TruthError> {
+        let scene = Arc::new(Scene::of_mesh(bytes, path)?);
         Ok(Self::from_scene(&scene, None))
     }
 
@@ -91,18 +80,17 @@ impl Truth {
     /// Says what is wrong with the file.
     pub fn load(path: &Path) -> Result<Self, TruthError> {
         let extension = path.extension().and_then(|e| e.to_str()).unwrap_or("");
-        match extension.to_ascii_lowercase().as_str() {
-            "toml" => Ok(Self::from_scene(&Arc::new(Scene::load(path)?), None)),
-            "stl" | "obj" => Self::from_mesh(path),
-            _ => {
-                let bytes = read_bounded(path)?;
-                if point_file::has_faces(&bytes) {
-                    return Self::from_mesh(path);
-                }
-                let positions = point_file::parse(&bytes).map_err(|e| in_file(path, e))?;
-                Ok(Self::from_points(&positions))
-            }
+        let extension = extension.to_ascii_lowercase();
+        if extension == "toml" {
+            return Ok(Self::from_scene(&Arc::new(Scene::load(path)?), None));
         }
+        let bytes = echosplat_input::read(path, MAX_FILE_BYTES);
+        let bytes = bytes.map_err(|error| in_file(path, error.into()))?;
+        if ["stl", "obj"].contains(&extension.as_str()) || point_file::has_faces(&bytes) {
+            return Self::of_mesh(&bytes, path);
+        }
+        let positions = point_file::parse(&bytes).map_err(|error| in_file(path, error))?;
+        Ok(Self::from_points(&positions))
     }
 
     fn new(surface: Surface, seen: Vec<SurfacePoint>) -> Self {
@@ -165,14 +153,6 @@ fn sample(scene: &Scene) -> Vec<SurfacePoint> {
     let (least_m, most_m) = SPACING_LIMITS_M;
     let spacing_m = (extent_m * SPACING_SHARE).clamp(least_m, most_m);
     scene.sample_surface(spacing_m, SAMPLE_SEED)
-}
-
-fn read_bounded(path: &Path) -> Result<Vec<u8>, TruthError> {
-    let mut bytes = Vec::new();
-    File::open(path)
-        .and_then(|file| file.take(MAX_FILE_BYTES).read_to_end(&mut bytes))
-        .map_err(|e| in_file(path, e.into()))?;
-    Ok(bytes)
 }
 
 fn in_file(path: &Path, source: PointFileError) -> TruthError {

@@ -1,6 +1,5 @@
 //! Poses of any source, one after another.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -386,7 +385,7 @@ fn task(runtime: &Handle, url: &PoseUrl, work: Work) -> PoseSource {
 
 fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {
     let path = path.to_owned();
-    let file = match File::open(&path) {
+    let file = match echosplat_input::open(&path) {
         Ok(file) => file,
         Err(reason) => return Err(PoseSourceError::Open { path, reason }),
     };

@@ -38,9 +38,17 @@ enum Command {
 }
 
 fn main() -> ExitCode {
-    let arguments = Arguments::parse();
+    let _log = logging::FlushedAtEnd;
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return exit::end_with_usage(&error),
+    };
     logging::start(&arguments.logging);
-    let done = match arguments.command {
+    exit::end(run(arguments.command))
+}
+
+fn run(command: Command) -> anyhow::Result<Finish> {
+    match command {
         Command::Product(command) => commands::run(*command),
         #[cfg(feature = "bench")]
         Command::Bench(arguments) => echosplat_bench::run(&arguments),
@@ -48,8 +56,7 @@ fn main() -> ExitCode {
             print_completions(shell);
             Ok(Finish::Done)
         }
-    };
-    done.map_or_else(|error| exit::report(&error), Finish::code)
+    }
 }
 
 fn print_completions(shell: Shell) {

@@ -11,6 +11,9 @@ use echosplat_model::{Pose, StampedPose, Timestamp};
 /// Longest line taken; eight numbers written in full stay below 300 bytes.
 const MAX_LINE_BYTES: u64 = 4096;
 
+/// Two days at 50 Hz; a pipe need never end.
+const MAX_POSES: usize = 8_640_000;
+
 /// What a trajectory file held.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct TumFile {
@@ -55,6 +58,10 @@ pub fn read(mut reader: impl BufRead) -> Result<TumFile, TumError> {
         }
         let pose = parse_line(&bytes).map_err(|what| TumError::Line { line, what })?;
         file.poses.extend(pose);
+        if file.poses.len() > MAX_POSES {
+            let what = format!("more than {MAX_POSES} poses; give those of one dive");
+            return Err(TumError::Line { line, what });
+        }
     }
     put_in_order(&mut file);
     Ok(file)

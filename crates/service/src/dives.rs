@@ -18,13 +18,24 @@ use crate::exit::Usage;
 /// # Errors
 /// If it is neither, or the file is no scene.
 pub(crate) fn scene(name_or_path: &str) -> anyhow::Result<Scene> {
-    let known = BUILT_IN_SCENES
+    scene_with_text(name_or_path).map(|(scene, _)| scene)
+}
+
+/// The same, with the text it was made of.
+///
+/// # Errors
+/// As [`scene`].
+pub(crate) fn scene_with_text(name_or_path: &str) -> anyhow::Result<(Scene, String)> {
+    let built_in = BUILT_IN_SCENES
         .iter()
-        .any(|(name, _)| *name == name_or_path);
+        .find(|(name, _)| *name == name_or_path);
     let is_path = Path::new(name_or_path).exists() || name_or_path.contains(['/', '.']);
-    match is_path && !known {
-        true => Scene::load(name_or_path),
-        false => Scene::named(name_or_path),
+    match (built_in, is_path) {
+        (None, true) => Scene::load_with_text(name_or_path),
+        (found, _) => {
+            let text = found.map_or("", |(_, text)| text).to_owned();
+            Scene::named(name_or_path).map(|scene| (scene, text))
+        }
     }
     .map_err(|error| Usage::error(format!("--scene: {error}")))
 }
@@ -46,28 +57,36 @@ pub fn sonar_with_poses(
     duration_s: Option<f64>,
     pose_noise: NoiseLevel,
 ) -> anyhow::Result<SimulatedSonar> {
-    made(arguments, duration_s, pose_noise, Disturbances::default())
+    let scene = scene(&arguments.scene)?;
+    made(
+        scene,
+        arguments,
+        duration_s,
+        pose_noise,
+        Disturbances::default(),
+    )
 }
 
-/// As [`sonar`], on a dive with disturbances.
+/// As [`sonar`], in a scene that was read already, on a dive with disturbances.
 ///
 /// # Errors
-/// As [`sonar`], and if a disturbance cannot be in this dive.
+/// If the dive cannot be made in it, or a disturbance cannot be in this dive.
 pub(crate) fn sonar_disturbed(
+    scene: Scene,
     arguments: &DiveArguments,
     duration_s: Option<f64>,
     disturbances: Disturbances,
 ) -> anyhow::Result<SimulatedSonar> {
-    made(arguments, duration_s, arguments.noise, disturbances)
+    made(scene, arguments, duration_s, arguments.noise, disturbances)
 }
 
 fn made(
+    scene: Scene,
     arguments: &DiveArguments,
     duration_s: Option<f64>,
     pose_noise: NoiseLevel,
     disturbances: Disturbances,
 ) -> anyhow::Result<SimulatedSonar> {
-    let scene = scene(&arguments.scene)?;
     let defaults = DiveOptions::default();
     let options = DiveOptions {
         duration_s: duration_s.unwrap_or(defaults.duration_s),
@@ -100,23 +119,6 @@ pub(crate) fn disturb_help() -> String {
         "What the water adds, as KEY=VALUE; repeatable. Nothing without; each comes from the dive's seed and \
          changes nothing else of it:\n{keys}"
     )
-}
-
-/// The text of a scene's file, built in or not.
-///
-/// # Errors
-/// If there is none, or it cannot be read.
-pub(crate) fn scene_text(name_or_path: &str) -> anyhow::Result<String> {
-    let built_in = BUILT_IN_SCENES
-        .iter()
-        .find(|(name, _)| *name == name_or_path);
-    match built_in {
-        Some((_, text)) => Ok((*text).to_owned()),
-        None => {
-            scene(name_or_path)?;
-            Ok(std::fs::read_to_string(name_or_path)?)
-        }
-    }
 }
 
 /// The frames of some pings as the device sends them, made on all processors.

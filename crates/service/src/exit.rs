@@ -51,9 +51,32 @@ impl std::fmt::Display for Usage {
 
 impl std::error::Error for Usage {}
 
-/// Says what stopped a command, on standard error, and gives its exit code.
+/// The end of the program: says what stopped the command, sees that all it said is written, and gives
+/// the exit code.
 #[must_use]
-pub fn report(error: &anyhow::Error) -> ExitCode {
+pub fn end(done: anyhow::Result<Finish>) -> ExitCode {
+    let written = logging::finish();
+    // What stopped the command counts before what became of its words.
+    let ended = done.and_then(|finish| written.map(|()| finish));
+    let code = match ended {
+        Ok(finish) => finish.code(),
+        Err(error) => report(&error),
+    };
+    logging::flush();
+    code
+}
+
+/// The same for a command line that is none, or only asks for help.
+#[must_use]
+pub fn end_with_usage(error: &clap::Error) -> ExitCode {
+    logging::print_usage(error);
+    match (error.use_stderr(), end(Ok(Finish::Done))) {
+        (true, _) => ExitCode::from(2),
+        (false, code) => code,
+    }
+}
+
+fn report(error: &anyhow::Error) -> ExitCode {
     tracing::debug!(?error, "failed");
     for line in lines(error) {
         logging::complain(&line);
@@ -63,7 +86,9 @@ pub fn report(error: &anyhow::Error) -> ExitCode {
 
 /// 2 for what the user must change, 1 for everything else.
 fn code_of(error: &anyhow::Error) -> ExitCode {
-    match error.downcast_ref::<Usage>().is_some() {
+    // Whoever ended it while it waited for a pipe has nothing to change.
+    let is_usage = error.downcast_ref::<Usage>().is_some() && !echosplat_input::was_ended();
+    match is_usage {
         true => ExitCode::from(2),
         false => ExitCode::FAILURE,
     }

@@ -1,7 +1,8 @@
-//! What a path leads to, before it is read or replaced; and why writing failed, in words.
+//! What a path leads to, before it is replaced; files that are written whole; and why writing failed, in
+//! words.
 
-use std::fs::{FileType, Metadata};
-use std::io;
+use std::fs::File;
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
 use anyhow::anyhow;
@@ -38,9 +39,20 @@ pub(crate) fn prepare(name: &str, path: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// If it cannot be; an earlier one is then as it was.
 pub(crate) fn write(name: &str, path: &Path, bytes: &[u8]) -> anyhow::Result<()> {
+    write_with(name, path, |file| file.write_all(bytes))
+}
+
+/// The same of what `write` writes.
+///
+/// # Errors
+/// As [`write()`].
+pub(crate) fn write_with(
+    name: &str,
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<&mut File>) -> io::Result<()>,
+) -> anyhow::Result<()> {
     prepare(name, path)?;
-    replace_file(path, |file| io::Write::write_all(file, bytes))
-        .map_err(|error| cannot_write(path, &error))
+    replace_file(path, write).map_err(|error| cannot_write(path, &error))
 }
 
 /// What could not be written, and why.
@@ -65,50 +77,7 @@ pub(crate) fn replaceable(path: &Path) -> Result<(), String> {
     if is_among_devices(path) {
         return Err("it lies among the system's devices; give a file in a directory".to_owned());
     }
-    match std::fs::metadata(path) {
-        Ok(metadata) => regular(&metadata, "written over"),
-        Err(_) => Ok(()),
-    }
-}
-
-/// Says why what is at `path` cannot be read as a file, if so; without opening it, which waits for
-/// ever where nobody writes to a named pipe.
-///
-/// # Errors
-/// What it is, or that there is nothing.
-pub(crate) fn readable(path: &Path) -> Result<(), String> {
-    let metadata = std::fs::metadata(path).map_err(|error| in_words(&error))?;
-    regular(&metadata, "read as a file")
-}
-
-fn regular(metadata: &Metadata, used: &str) -> Result<(), String> {
-    match metadata.is_file() {
-        true => Ok(()),
-        false => Err(format!(
-            "it is {} and cannot be {used}; give a regular file",
-            kind(metadata.file_type())
-        )),
-    }
-}
-
-fn kind(found: FileType) -> &'static str {
-    if found.is_dir() {
-        return "a directory";
-    }
-    #[cfg(unix)]
-    {
-        use std::os::unix::fs::FileTypeExt;
-        if found.is_fifo() {
-            return "a named pipe";
-        }
-        if found.is_socket() {
-            return "a socket";
-        }
-        if found.is_char_device() || found.is_block_device() {
-            return "a device";
-        }
-    }
-    "no regular file"
+    echosplat_input::replaceable(path)
 }
 
 /// `/dev/stdout` leads to a regular file where the output goes to one, and is still none to replace.
@@ -160,12 +129,10 @@ mod tests {
         std::os::unix::fs::symlink(path("socket"), path("to-socket")).unwrap();
         for name in ["socket", "to-socket"] {
             assert!(replaceable(&path(name)).unwrap_err().contains("a socket"));
-            assert!(readable(&path(name)).unwrap_err().contains("a socket"));
         }
         std::fs::write(path("file"), "").unwrap();
         std::os::unix::fs::symlink("file", path("to-file")).unwrap();
         prepare("--map", &path("to-file")).unwrap();
-        assert_eq!(readable(&path("to-file")), Ok(()));
     }
 
     #[test]

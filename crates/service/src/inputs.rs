@@ -1,6 +1,5 @@
 //! From URLs and paths to what the pipeline takes: drivers, poses, the bus, the recorder.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 use std::sync::Arc;
@@ -19,8 +18,8 @@ use serde_json::Value;
 use crate::config::Config;
 use crate::exit::Usage;
 use crate::recorder::{BEGIN, Recorder, RecorderConfig};
+use crate::runtime;
 use crate::split::Begin;
-use crate::{files, runtime};
 
 /// A sonar's URL.
 ///
@@ -49,16 +48,14 @@ pub(crate) fn driver(config: &Config, url: SonarUrl) -> DriverConfig {
     }
 }
 
-/// Refuses what is no log before anything is started. A named pipe or a device is not opened: that
-/// can wait for ever.
+/// Refuses what is no log before anything is started. It is read again later: a pipe is none.
 ///
 /// # Errors
 /// Says what the file is instead.
 pub(crate) fn check_log(path: &Path) -> anyhow::Result<()> {
     let refused =
         |error: &dyn std::fmt::Display| Usage::error(format!("log {}: {error}", path.display()));
-    files::readable(path).map_err(|why| refused(&why))?;
-    let file = File::open(path).map_err(|error| refused(&error))?;
+    let file = echosplat_input::open_file(path).map_err(|error| refused(&error))?;
     SvlogReader::new(BufReader::new(file)).map_err(|error| refused(&error))?;
     Ok(())
 }

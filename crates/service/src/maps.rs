@@ -35,6 +35,7 @@ pub(crate) fn prepare(map: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// If one of the two cannot be written; an earlier map is then as it was.
 pub fn write(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Result<Written> {
+    check_replaceable(map)?;
     let sound = || snapshot.gaussians.iter().filter(|g| g.is_sound());
     let asserts = sound().any(|g| g.standing == Standing::Confident);
     if asserts || !is_worth_keeping(map) {
@@ -61,11 +62,18 @@ pub fn write(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Resul
     })
 }
 
-fn write_to(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Result<()> {
+/// # Errors
+/// If something else than a file stands by now where the map or its ambiguous part goes.
+pub(crate) fn check_replaceable(map: &Path) -> anyhow::Result<()> {
     for path in [map, &ambiguous_path(map)] {
         files::replaceable(path)
             .map_err(|why| anyhow::anyhow!("cannot write {}: {why}", path.display()))?;
     }
+    Ok(())
+}
+
+fn write_to(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Result<()> {
+    check_replaceable(map)?;
     let (origin_m, unit) = (snapshot.origin_m, snapshot.intensity_unit);
     let written = ply::write_map(map, origin_m, unit, &snapshot.gaussians, notes)
         .map_err(|error| files::cannot_write(map, &error))?;
@@ -118,7 +126,7 @@ pub(crate) fn empty() -> Snapshot {
 /// Names the file and what is wrong with it.
 pub fn read(map: &Path) -> anyhow::Result<MapFile> {
     let refused = |why: String| Usage::error(format!("map {}: {why}", map.display()));
-    files::readable(map).map_err(refused)?;
+    echosplat_input::readable(map).map_err(refused)?;
     ply::read_map(map).map_err(|error| refused(error.to_string()))
 }
 

@@ -1,11 +1,13 @@
 //! A scene's file with the meshes that it names, to be kept together: a dive's folder stands alone,
 //! wherever it is moved.
 
-use std::io;
+use std::io::{self, Write};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
+use echosplat_input::open_file;
+use echosplat_recording::replace::replace_file;
 use serde::Deserialize;
 use toml::{Spanned, Value};
 
@@ -81,7 +83,9 @@ impl SceneFiles {
                 .with_context(|| format!("mesh {}", from.display()))
                 .map_err(io::Error::other)?;
         }
-        std::fs::write(directory.join(name), &self.text)
+        replace_file(&directory.join(name), |file| {
+            file.write_all(self.text.as_bytes())
+        })
     }
 }
 
@@ -92,7 +96,10 @@ fn copy(from: &Path, to: &Path) -> io::Result<()> {
         .is_ok_and(|to| from.canonicalize().is_ok_and(|from| from == to));
     match is_itself {
         true => Ok(()),
-        false => std::fs::copy(from, to).map(drop),
+        false => {
+            let mut mesh = open_file(from)?;
+            replace_file(to, |file| io::copy(&mut mesh, file).map(drop))
+        }
     }
 }
 

@@ -3,6 +3,7 @@
 //! take, and a run whose own thread hangs: after what can be saved was saved.
 
 use std::io;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
@@ -16,7 +17,7 @@ use tokio::task::block_in_place;
 use tokio::time::{Instant, interval};
 use tokio_util::sync::CancellationToken;
 
-use crate::runtime;
+use crate::{logging, runtime};
 
 /// Shells and supervisors send one request several times over; only a later one is impatience.
 const ONE_REQUEST: Duration = Duration::from_secs(1);
@@ -28,6 +29,32 @@ const ORDERLY_END: Duration = Duration::from_millis(7_500);
 const SAVING: Duration = Duration::from_secs(3);
 /// Exit code of a run that did not end in order within its time.
 const NOT_IN_ORDER: i32 = 1;
+
+static IS_ATTENDED: AtomicBool = AtomicBool::new(false);
+static IS_ASKED: AtomicBool = AtomicBool::new(false);
+
+/// Who attends to Ctrl-C, SIGTERM and SIGHUP.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Attended {
+    /// The system, which ends the program at once.
+    BySystem,
+    /// A task of the program; none has come yet.
+    ByUs,
+    /// The same, and one has come.
+    Asked,
+}
+
+/// As it is now.
+pub(crate) fn attended() -> Attended {
+    match (
+        IS_ATTENDED.load(Ordering::Relaxed),
+        IS_ASKED.load(Ordering::Relaxed),
+    ) {
+        (false, _) => Attended::BySystem,
+        (true, false) => Attended::ByUs,
+        (true, true) => Attended::Asked,
+    }
+}
 
 /// What saves a run's map and recording, whatever its threads are doing.
 pub(crate) type LastWill = Box<dyn FnOnce() + Send>;
@@ -69,6 +96,7 @@ impl Stop {
         let signals = Signals::handled();
         let signals = signals.context("cannot handle Ctrl-C, SIGTERM and SIGHUP")?;
         runtime.spawn(Arc::clone(&stop.0).attend(signals));
+        IS_ATTENDED.store(true, Ordering::Relaxed);
         Ok(stop)
     }
 
@@ -131,6 +159,10 @@ impl Shared {
                 _ = look.tick() => None,
             };
             self.look_after_run();
+            if raised.is_some() {
+                IS_ASKED.store(true, Ordering::Relaxed);
+                echosplat_input::end_waiting();
+            }
             match asked_at {
                 Some(first) => self.end_if_it_is_time(first, raised),
                 None if raised.is_some() => self.asked.cancel(),
@@ -172,6 +204,7 @@ impl Shared {
                 let _ = block_in_place(|| waits.recv_timeout(SAVING));
             }
         }
+        block_in_place(logging::flush_at_once);
         low_level::exit(code)
     }
 }

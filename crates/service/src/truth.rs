@@ -1,10 +1,12 @@
 //! The truth a map is judged by: a scene, a mesh, points, or what a simulated dive left behind.
 
+use std::io::Write;
 use std::path::Path;
 use std::sync::Arc;
 
 use anyhow::Context;
 use echosplat_metrics::Truth;
+use echosplat_recording::replace::replace_file;
 use echosplat_simulator::{BUILT_IN_SCENES, Dive, Scene, SurfacePoint, seen_surface};
 
 use crate::dives;
@@ -79,7 +81,7 @@ pub(crate) fn write(
         .and_then(|()| scene_files.write(&directory, SCENE_FILE))
         .and_then(|()| {
             let seen = points_ply(&seen_surface(scene, dive));
-            std::fs::write(directory.join(SEEN_FILE), seen)
+            replace_file(&directory.join(SEEN_FILE), |file| file.write_all(&seen))
         })
         .with_context(|| format!("cannot write the truth to {}", directory.display()))
 }

@@ -39,7 +39,7 @@ pub(crate) const MAPPER: &str = "echosplat-mapper";
 pub(crate) const FIRMWARE_PROTOCOL: &str = "echosplat-firmware-protocol";
 
 /// Every crate of the workspace: name, folder, kind.
-pub(crate) const CRATES: [(&str, &str, Kind); 25] = [
+pub(crate) const CRATES: [(&str, &str, Kind); 26] = [
     (FIRMWARE_PROTOCOL, "firmware-protocol/", PURE),
     ("echosplat-model", "crates/model/", PURE),
     ("echosplat-ros", "crates/ros/", PURE),
@@ -47,6 +47,7 @@ pub(crate) const CRATES: [(&str, &str, Kind); 25] = [
     ("echosplat-surface", "crates/surface/", PURE),
     ("echosplat-session", "crates/session/", PURE),
     ("echosplat-join", "crates/join/", PURE),
+    ("echosplat-input", "crates/input/", PURE_WITH_FILES),
     ("echosplat-liveness", "crates/liveness/", Kind::Io),
     ("echosplat-acoustics", "crates/acoustics/", PURE),
     (MAPPER, "crates/mapper/", PURE),

@@ -2,7 +2,6 @@
 //! JSON as this program takes them. In chunks or not; compressed chunks are not read.
 
 use std::collections::HashMap;
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -38,7 +37,7 @@ pub fn poses_of_mcap(path: &Path, topic: Option<&str>) -> Result<Vec<ArrivedPose
         path: path.to_owned(),
         reason,
     };
-    let mut file = File::open(path).map_err(io)?;
+    let mut file = echosplat_input::open_file(path).map_err(io)?;
     let options = LinearReaderOptions::default()
         .with_skip_end_magic(true)
         .with_record_length_limit(MAX_RECORD_BYTES);

@@ -5,7 +5,6 @@
 //! logged as they arrive, so the profile behind a message is no older than it, and the least
 //! difference between the two is the constant.
 
-use std::fs::File;
 use std::io::BufReader;
 use std::path::Path;
 
@@ -36,7 +35,7 @@ pub fn poses_of_svlog(path: &Path) -> Result<Vec<ArrivedPose>, LogPosesError> {
         path: path.to_owned(),
         reason: reason.to_string(),
     };
-    let file = File::open(path).map_err(io)?;
+    let file = echosplat_input::open_file(path).map_err(io)?;
     let mut reader = SvlogReader::new(BufReader::new(file)).map_err(format)?;
     let mut decoder = Box::new(Decoder::new());
     let mut log = Log::new();

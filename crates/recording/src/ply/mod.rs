@@ -14,10 +14,10 @@ pub(crate) mod notes;
 mod read;
 mod write;
 
-use std::fs::File;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
+use echosplat_input::open_file;
 use echosplat_model::glam::DVec3;
 use echosplat_model::{Gaussian, Standing};
 use echosplat_ply::{Header, PlyError};
@@ -25,6 +25,9 @@ use echosplat_ply::{Header, PlyError};
 use crate::replace::Replacement;
 pub use read::{MapFileError, read};
 pub use write::write;
+
+/// A header names the properties, and what the numbers mean in a few lines.
+const MOST_HEADER_BYTES: u64 = 4096;
 
 /// The properties of a vertex in the order they are written.
 pub const PROPERTIES: [&str; 26] = [
@@ -143,13 +146,20 @@ pub fn write_map(
     })
 }
 
+/// Bytes of the files of a map of so many Gaussians, both parts together, within a block of a disk.
+#[must_use]
+pub fn map_byte_count(gaussian_count: usize) -> u64 {
+    let numbers = gaussian_count * PROPERTIES.len();
+    (numbers * size_of::<f32>()) as u64 + 2 * MOST_HEADER_BYTES
+}
+
 /// Reads a map and, if there is one beside it, its ambiguous part, numbered on.
 ///
 /// # Errors
 /// Says what in which file is wrong.
 pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
-    let mut map = read(BufReader::new(File::open(path)?))?;
-    let beside = match File::open(ambiguous_path(path)) {
+    let mut map = read(BufReader::new(open_file(path)?))?;
+    let beside = match open_file(&ambiguous_path(path)) {
         Ok(file) => read(BufReader::new(file))?,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(map),
         Err(error) => return Err(error.into()),
@@ -172,8 +182,9 @@ pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
 /// Whether there is a file that would be missed: a map with a Gaussian, or something else than a map.
 #[must_use]
 pub fn is_worth_keeping(path: &Path) -> bool {
-    let Ok(file) = File::open(path) else {
-        return false;
+    let file = match open_file(path) {
+        Ok(file) => file,
+        Err(error) => return error.kind() != io::ErrorKind::NotFound,
     };
     match Header::read(&mut BufReader::new(file)) {
         Ok(header) => header

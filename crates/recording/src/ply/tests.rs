@@ -1,6 +1,7 @@
 use super::*;
 use echosplat_model::glam::{Quat, Vec3};
 use proptest::prelude::*;
+use std::fs::File;
 
 fn gaussian(id: u32, mean_m: Vec3) -> Gaussian {
     Gaussian {

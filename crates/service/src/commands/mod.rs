@@ -17,25 +17,27 @@ mod run;
 mod simulate;
 mod watch;
 
-use std::path::Path;
 use std::time::{Duration, Instant};
 
-use echosplat_metrics::{MapPoints, evaluate};
+use echosplat_metrics::{MapPoints, Truth, evaluate};
 use echosplat_model::Snapshot;
 use echosplat_report::table;
-use serde_json::Value;
 
 use crate::arguments::Command;
 use crate::config::{BASIC_TOML, DEFAULT_TOML};
 use crate::exit::Finish;
+use crate::logging;
 use crate::pipeline::{OnStatus, Phase, Status};
-use crate::{logging, truth};
+use crate::supervisor::arm_drill;
 
 /// Runs one of the commands.
 ///
 /// # Errors
-/// What stopped the command; [`crate::exit::report`] gives its exit code.
+/// What stopped the command; [`crate::exit::end`] gives its exit code.
 pub fn run(command: Command) -> anyhow::Result<Finish> {
+    if let Command::Demo(_) | Command::Run(_) | Command::Replay(_) = &command {
+        arm_drill()?;
+    }
     match command {
         Command::Demo(arguments) => demo::run(&arguments),
         Command::Run(arguments) => run::run(&arguments),
@@ -119,15 +121,10 @@ fn figures_of(status: &Status, before: u64) -> String {
     )
 }
 
-/// The figures of a finished map, if there is a truth to judge it by; also logged.
-///
-/// # Errors
-/// If the truth cannot be read.
-fn judge(truth: Option<&Path>, snapshot: &Snapshot) -> anyhow::Result<Option<Value>> {
-    let Some(path) = truth else { return Ok(None) };
-    let metrics = evaluate(&MapPoints::from(snapshot), &truth::load(path)?);
+/// Logs the figures of a finished map.
+fn judge(truth: &Truth, snapshot: &Snapshot) {
+    let metrics = evaluate(&MapPoints::from(snapshot), truth);
     for (name, value) in table::facts(&metrics) {
         tracing::info!("{name}: {value}");
     }
-    Ok(Some(serde_json::to_value(metrics)?))
 }

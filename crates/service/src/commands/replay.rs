@@ -2,7 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::Context;
 use echosplat_pose::PoseUrl;
 use echosplat_report::table;
 use serde_json::Value;
@@ -19,7 +18,7 @@ use crate::pipeline::{
 use crate::replayed::Replayed;
 use crate::signals::Stop;
 use crate::web::Page;
-use crate::{clock, inputs, logging, maps, truth};
+use crate::{clock, files, inputs, logging, maps, truth};
 
 /// # Errors
 /// If something asked for cannot be, or the map cannot be written.
@@ -261,8 +260,7 @@ fn conclude(
         let verdict = judge.finish(outcome, config.sonar.seed)?;
         if let Some(report) = report {
             let page = dive_report::html(heading(arguments), outcome, &verdict, &summary);
-            std::fs::write(report, page)
-                .with_context(|| format!("cannot write {}", report.display()))?;
+            files::write("--report", report, page.as_bytes())?;
             tracing::info!(report = %report.display(), "report written");
         }
         if let Some(found) = &verdict.against_truth {

@@ -5,6 +5,7 @@ use std::sync::Arc;
 use echosplat_bus::{Bus, DRIVER_ROLE};
 use echosplat_driver::{DriverConfig, ListenUrl, SonarUrl};
 use echosplat_join::StampClock;
+use echosplat_metrics::Truth;
 use echosplat_pose::PoseUrl;
 use echosplat_session::ClockSource;
 
@@ -14,14 +15,15 @@ use crate::config::{Config, Overrides};
 use crate::decided::Decided;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Gate, Hooks, Input, Pace, Part, Patience, Poses, Setup, Shedding,
+    self, Album, Expectations, Gate, Hooks, Input, Outcome, Pace, Part, Patience, Poses, Setup,
+    Shedding,
 };
 use crate::recorder::Recorder;
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
 use crate::split::{Resumed, Vehicle, VehicleTape};
 use crate::web::Page;
-use crate::{clock, dives, inputs, logging, maps};
+use crate::{clock, dives, inputs, logging, maps, truth};
 
 /// # Errors
 /// If something asked for cannot be, or the map cannot be written.
@@ -89,17 +91,24 @@ fn run_and_map(arguments: &RunArguments, config: &Config) -> anyhow::Result<Fini
         maps::prepare(map)?;
     }
     let stop = Stop::on_signals()?;
+    // What is wrong with it shall not be found out after the dive.
+    let truth = config.output.truth.as_deref();
+    let truth = truth.map(truth::load).transpose()?;
     let page = Page::start(config)?;
     let bus = inputs::open_bus(config.bus.clone())?;
     let shown = (album, page.as_ref());
-    let finish = if is_whole {
+    let outcome = if is_whole {
         inputs::refuse_a_second_service(&bus, Part::Whole.roles())?;
-        serve(config, shown, url, &bus, &stop)
+        serve(config, shown, url, &bus, &stop).map(Some)
     } else {
         let part = Part::Mapper(Default::default());
         inputs::refuse_a_second_service(&bus, part.roles())?;
         map_what_the_driver_hears(config, shown, resumed, &bus, &stop)
     };
+    let finish = outcome.map(|outcome| match outcome {
+        Some(outcome) => conclude(&outcome, truth.as_ref()),
+        None => Finish::Done,
+    });
     inputs::close_bus(Some(bus));
     finish
 }
@@ -157,20 +166,20 @@ fn clock_of(driver: &DriverConfig) -> (Patience, StampClock) {
     }
 }
 
-/// `--role mapper`: waits for the driver first.
+/// `--role mapper`: waits for the driver first; `None` if an end was asked for before it was there.
 fn map_what_the_driver_hears(
     config: &Config,
     (album, page): (Option<Album>, Option<&Page>),
     mut resumed: Option<Resumed>,
     bus: &Arc<Bus>,
     stop: &Stop,
-) -> anyhow::Result<Finish> {
+) -> anyhow::Result<Option<Outcome>> {
     let decided = resumed.as_mut().map(Resumed::take_decided);
     let let_go = decided.as_ref().map(|decided| decided.let_go.clone());
     let queue_pings = config.pipeline.queue_pings;
     let met = VehicleTape::meet(bus.follow_tape(), resumed, queue_pings, stop)?;
     let Some((tape, source)) = met else {
-        return Ok(Finish::Done);
+        return Ok(None);
     };
     let begin = tape.begin().clone();
     let (patience, clock) = begin.clock();
@@ -196,7 +205,7 @@ fn map_what_the_driver_hears(
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: hooks(album, page),
     };
-    conclude(config, setup, stop)
+    pipeline::run(config, setup, stop).map(Some)
 }
 
 /// By the load where the sonar waits for nobody; first as a recording says that was resumed.
@@ -224,11 +233,12 @@ fn hooks(album: Option<Album>, page: Option<&Page>) -> Hooks {
     }
 }
 
-fn conclude(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<Finish> {
-    let outcome = pipeline::run(config, setup, stop)?;
-    judge(config.output.truth.as_deref(), &outcome.snapshot)?;
+fn conclude(outcome: &Outcome, truth: Option<&Truth>) -> Finish {
+    if let Some(truth) = truth {
+        judge(truth, &outcome.snapshot);
+    }
     logging::print(&outcome.status.account());
-    Ok(outcome.finish())
+    outcome.finish()
 }
 
 fn serve(
@@ -237,7 +247,7 @@ fn serve(
     url: SonarUrl,
     bus: &Arc<Bus>,
     stop: &Stop,
-) -> anyhow::Result<Finish> {
+) -> anyhow::Result<Outcome> {
     let (driver, rig) = sonar(config, url, bus)?;
     let (patience, clock) = clock_of(&driver);
     let source = inputs::poses(&config.pose.url, Some(bus), clock)?;
@@ -268,7 +278,7 @@ fn serve(
             ..hooks(album, page)
         },
     };
-    conclude(config, setup, stop)
+    pipeline::run(config, setup, stop)
 }
 
 /// The sonar of `sim://SCENE`, at real time, on a port of its own.

@@ -1,22 +1,24 @@
 //! `echosplat simulate`: a dive as files: log, poses, truth and how it was made.
 
 use std::fs::File;
-use std::io::BufWriter;
+use std::io::{self, BufWriter, Write};
 use std::path::Path;
 
-use anyhow::Context;
 use echosplat_model::Timestamp;
-use echosplat_recording::svlog::{SessionHeader, SvlogWriter};
+use echosplat_recording::svlog::{SessionHeader, SvlogError, SvlogWriter};
 use echosplat_recording::tum;
 use echosplat_simulator::{Disturbances, SimulatedSonar};
 
 use crate::arguments::SimulateArguments;
 use crate::exit::{Finish, Usage};
 use crate::scene_files::SceneFiles;
-use crate::{dives, logging, truth};
+use crate::{dives, files, logging, truth};
 
 /// Source id of the simulated unit's packets.
 const DEVICE_ID: u8 = 1;
+
+/// A file of the dive.
+type Out<'a> = BufWriter<&'a mut File>;
 
 /// Pings made at once, on all processors; bounds memory.
 const BATCH: usize = 256;
@@ -24,16 +26,27 @@ const BATCH: usize = 256;
 /// # Errors
 /// If there is no such dive or disturbance, or the files cannot be written.
 pub(crate) fn run(arguments: &SimulateArguments) -> anyhow::Result<Finish> {
-    let scene_text = dives::scene_text(&arguments.dive.scene)?;
     let disturbances = disturbances(&arguments.disturb)?;
-    let sonar = dives::sonar_disturbed(&arguments.dive, arguments.duration, disturbances)?;
+    let dive = &arguments.dive;
+    let (scene, scene_text) = dives::scene_with_text(&dive.scene)?;
+    let sonar = dives::sonar_disturbed(scene, dive, arguments.duration, disturbances)?;
     let out = &arguments.out;
     std::fs::create_dir_all(out)
         .map_err(|error| Usage::error(format!("--out {}: {error}", out.display())))?;
-    write_log(&sonar, &out.join("dive.svlog")).context("cannot write dive.svlog")?;
-    write_poses(&sonar, &out.join("dive.tum")).context("cannot write dive.tum")?;
-    std::fs::write(out.join("dive.toml"), description(arguments, &sonar))
-        .context("cannot write dive.toml")?;
+    let write = |name: &str, write: &dyn Fn(&mut Out<'_>) -> io::Result<()>| {
+        files::write_with("--out", &out.join(name), |file| write(file))
+    };
+    write("dive.svlog", &|file| {
+        write_log(&sonar, file).map_err(|error| match error {
+            SvlogError::Io(error) => error,
+            other => io::Error::other(other),
+        })
+    })?;
+    write("dive.tum", &|file| {
+        tum::write(sonar.dive().reported_poses(), file)
+    })?;
+    let description = description(arguments, &sonar);
+    write("dive.toml", &|file| file.write_all(description.as_bytes()))?;
     let beside = Path::new(&arguments.dive.scene).parent();
     let scene_files = SceneFiles::of(&scene_text, beside.unwrap_or(Path::new("")))?;
     truth::write(out, &scene_files, sonar.scene(), sonar.dive())?;
@@ -74,9 +87,9 @@ fn description(arguments: &SimulateArguments, sonar: &SimulatedSonar) -> String 
 }
 
 /// The log's time is that of the dive: the session begins at 0.
-fn write_log(sonar: &SimulatedSonar, path: &Path) -> anyhow::Result<()> {
+fn write_log(sonar: &SimulatedSonar, out: &mut Out<'_>) -> Result<(), SvlogError> {
     let header = SessionHeader::new(Timestamp::ZERO, DEVICE_ID, "simulated");
-    let mut log = SvlogWriter::new(BufWriter::new(File::create(path)?), &header)?;
+    let mut log = SvlogWriter::new(out, &header)?;
     let count = sonar.dive().pings();
     let bar = logging::progress_bar(count as u64, "{bar:40} {pos} of {len} pings, {eta} to go");
     for start in (0..count).step_by(BATCH) {
@@ -89,9 +102,4 @@ fn write_log(sonar: &SimulatedSonar, path: &Path) -> anyhow::Result<()> {
     bar.finish_and_clear();
     log.finish()?;
     Ok(())
-}
-
-fn write_poses(sonar: &SimulatedSonar, path: &Path) -> anyhow::Result<()> {
-    let out = BufWriter::new(File::create(path)?);
-    Ok(tum::write(sonar.dive().reported_poses(), out)?)
 }

@@ -418,17 +418,8 @@ fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), BadSetting> 
 }
 
 fn read_bounded(file: &Path) -> std::io::Result<String> {
-    use std::io::Read;
-    let mut text = String::new();
-    let read = std::fs::File::open(file)?
-        .take(MAX_FILE_BYTES + 1)
-        .read_to_string(&mut text)?;
-    match read as u64 > MAX_FILE_BYTES {
-        true => Err(std::io::Error::other(
-            "longer than any configuration, 1 MiB",
-        )),
-        false => Ok(text),
-    }
+    let bytes = echosplat_input::read(file, MAX_FILE_BYTES)?;
+    String::from_utf8(bytes).map_err(|_| std::io::Error::other("it is no text in UTF-8"))
 }
 
 #[cfg(test)]

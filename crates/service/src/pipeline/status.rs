@@ -5,15 +5,16 @@ use std::time::{Duration, Instant};
 
 use echosplat_bus::{MapPublisherCounters, RosCounters};
 use echosplat_driver::DriverStatus;
+use echosplat_liveness::Drill;
 use serde::Serialize;
 use serde_json::{Value, json};
 
 use super::notices::Notice;
 use super::shared::{Link, MapperReport, Phase};
-use crate::processor;
 use crate::recorder::RecorderCounters;
 use crate::split::TapeReport;
 use crate::supervisor::PartReport;
+use crate::{logging, processor};
 
 /// Share of pings left out beyond which a run counts as lossy.
 const LOSSY_SHARE: f64 = 0.01;
@@ -59,6 +60,10 @@ pub(crate) struct Status {
     pub(crate) replay_is_held: Option<bool>,
     /// Whether the threads of the run are alive.
     pub(crate) parts: Vec<PartReport>,
+    /// The drill that is armed.
+    pub(crate) drill: Option<String>,
+    /// Lines of the log that are missing in it, since nobody read it.
+    pub(crate) log_lines_dropped: u64,
     /// What is wrong, and what was.
     pub(crate) notices: Vec<Notice>,
     #[serde(skip)]
@@ -183,6 +188,8 @@ impl Status {
             other_service: None,
             replay_is_held: None,
             parts: Vec::new(),
+            drill: Drill::armed().map(ToString::to_string),
+            log_lines_dropped: logging::lines_dropped(),
             notices: Vec::new(),
             newest_notice: None,
             input_share: None,

@@ -8,7 +8,7 @@ use crossbeam_channel::{Receiver, bounded};
 use echosplat_bus::{AliveToken, Bus, DRIVER_ROLE, TapeKeeper, gives_way};
 use echosplat_driver::{DriverConfig, DriverEvent};
 use echosplat_join::ArrivedPose;
-use echosplat_liveness::Heartbeat;
+use echosplat_liveness::{Drill, Heartbeat};
 use echosplat_model::Timestamp;
 use echosplat_pose::PoseSource;
 
@@ -25,7 +25,7 @@ use crate::recorder::Recorder;
 use crate::runtime;
 use crate::signals::Stop;
 use crate::supervisor::{Policy, Supervisor, Systemd};
-use crate::{clock, inputs, processor};
+use crate::{clock, inputs, logging, processor};
 
 /// How long to wait for a ping before poses and flags are looked at again.
 const TICK: Duration = Duration::from_millis(5);
@@ -332,6 +332,8 @@ impl<'a> Run<'a> {
             recording: self.recorder.as_ref().and_then(Recorder::counters),
             recording_fault: self.recorder.as_ref().and_then(Recorder::fault),
             parts: self.supervisor.reports(),
+            drill: Drill::armed().map(ToString::to_string),
+            log_lines_dropped: logging::lines_dropped(),
             notices: self.notices.all(),
             memory_bytes: processor::memory_bytes(),
         }
@@ -359,7 +361,7 @@ impl<'a> Run<'a> {
             recorder.finish();
         }
         self.alive = None;
-        crate::logging::print(&status.account());
+        logging::print(&status.account());
         let lost = status
             .recording
             .map_or(0, |recording| recording.lost_messages);

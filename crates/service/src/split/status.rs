@@ -37,6 +37,10 @@ pub(super) struct VehicleStatus {
     pub(super) recording_fault: Option<String>,
     /// Whether the threads of the run are alive.
     pub(super) parts: Vec<PartReport>,
+    /// The drill that is armed.
+    pub(super) drill: Option<String>,
+    /// Lines of the log that are missing in it, since nobody read it.
+    pub(super) log_lines_dropped: u64,
     /// What is wrong, and what was.
     pub(super) notices: Vec<Notice>,
     pub(super) memory_bytes: u64,

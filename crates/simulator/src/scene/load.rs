@@ -78,14 +78,24 @@ impl Scene {
     /// # Errors
     /// Names the file, and where in it and what is wrong.
     pub fn load(path: impl AsRef<Path>) -> Result<Self, SceneError> {
+        Self::load_with_text(path).map(|(scene, _)| scene)
+    }
+
+    /// The same, with what the file says: one that is a pipe can be read once.
+    ///
+    /// # Errors
+    /// As [`Scene::load`].
+    pub fn load_with_text(path: impl AsRef<Path>) -> Result<(Self, String), SceneError> {
         let path = path.as_ref();
-        let text = mesh::read_bounded(path, MAX_SCENE_BYTES)?;
+        let text = echosplat_input::read(path, MAX_SCENE_BYTES);
+        let text = text.map_err(|source| mesh::unreadable(path, source))?;
         let origin = path.display().to_string();
         let text = String::from_utf8(text).map_err(|error| SceneError::Toml {
             origin: origin.clone(),
             message: format!("not UTF-8 text: {error}"),
         })?;
-        Self::build(&text, path.parent(), &origin)
+        let scene = Self::build(&text, path.parent(), &origin)?;
+        Ok((scene, text))
     }
 
     /// From text; meshes are looked for under `base_dir` or, without one, the working directory.
@@ -102,9 +112,21 @@ impl Scene {
     /// Names the file and what is wrong with it.
     pub fn from_mesh(path: impl AsRef<Path>) -> Result<Self, SceneError> {
         let path = path.as_ref();
+        let bytes = echosplat_input::read(path, mesh::MAX_MESH_BYTES);
+        Self::of_mesh(
+            &bytes.map_err(|source| mesh::unreadable(path, source))?,
+            path,
+        )
+    }
+
+    /// The same of a file's bytes; `path` is where they are from.
+    ///
+    /// # Errors
+    /// As [`Scene::from_mesh`].
+    pub fn of_mesh(bytes: &[u8], path: &Path) -> Result<Self, SceneError> {
         let origin = path.display().to_string();
         let mut builder = Builder::new("", None, &origin);
-        for triangle in mesh::load(path)? {
+        for triangle in mesh::of_bytes(bytes, path)? {
             builder.push_triangle(triangle, solid(1.0, 0.0));
         }
         Ok(builder.finish(&origin, SurveyHints::default(), ViewpointHints::default()))

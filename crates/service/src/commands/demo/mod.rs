@@ -28,7 +28,7 @@ use crate::pipeline::{
 use crate::rig::{PosesTo, Rig};
 use crate::signals::Stop;
 use crate::web::Page;
-use crate::{clock, dives, inputs, logging, maps, truth};
+use crate::{clock, dives, files, inputs, logging, maps, truth};
 use report::Results;
 
 /// How long the subscriber may take to have the final map.
@@ -235,8 +235,7 @@ fn conclude(
         .context("the subscriber was never asked")??;
     let same = compare(&outcome.snapshot, &received)?;
     let report = arguments.out.join("report.html");
-    std::fs::write(&report, results.html(outcome, same))
-        .with_context(|| format!("cannot write {}", report.display()))?;
+    files::write("--out", &report, results.html(outcome, same).as_bytes())?;
     logging::print(&outcome.status.account());
     logging::print(&format!(
         "The subscriber, in a session of its own, holds the same {same} Gaussians, bit for bit."

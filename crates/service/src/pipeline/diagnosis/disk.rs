@@ -55,6 +55,16 @@ impl Diagnosis {
             }
         }
         self.given_up(status, findings);
+        let lines = status.log_lines_dropped;
+        if self.grows("log lines", lines, now) {
+            findings.push(warning(
+                "log-not-read",
+                format!(
+                    "{lines} lines of the log so far are left out: whoever reads standard error (a terminal, \
+                     a pager, ssh) has stopped reading it; map and recording go on"
+                ),
+            ));
+        }
         let unpublished = status.pings_not_published;
         if self.grows("raw pings", unpublished, now) {
             findings.push(warning(

@@ -5,7 +5,6 @@ mod obj;
 mod ply;
 mod stl;
 
-use std::io::Read;
 use std::path::Path;
 
 use glam::DVec3;
@@ -16,39 +15,31 @@ use super::file::HeightFieldEntry;
 /// Corners of a triangle.
 pub(super) type Triangle = [DVec3; 3];
 
-const MAX_MESH_BYTES: u64 = 256 << 20;
+/// Largest mesh taken.
+pub(super) const MAX_MESH_BYTES: u64 = 256 << 20;
 const MAX_TRIANGLE_COUNT: usize = 2_000_000;
 const MAX_COORDINATE: f64 = 1e8;
 
-/// The whole file, if it holds no more than `max_bytes`.
-pub(super) fn read_bounded(path: &Path, max_bytes: u64) -> Result<Vec<u8>, SceneError> {
-    let io = |source| SceneError::Io {
-        path: path.to_owned(),
-        source,
-    };
-    let file = std::fs::File::open(path).map_err(io)?;
-    let mut bytes = Vec::new();
-    // One byte more tells a file of just that size from a longer one.
-    file.take(max_bytes + 1)
-        .read_to_end(&mut bytes)
-        .map_err(io)?;
-    if bytes.len() as u64 > max_bytes {
-        let message = format!("longer than the {max_bytes} bytes allowed");
-        return Err(io(std::io::Error::new(
-            std::io::ErrorKind::FileTooLarge,
-            message,
-        )));
-    }
-    Ok(bytes)
+/// Reads an STL, OBJ or PLY file that a scene names.
+pub(super) fn load(path: &Path) -> Result<Vec<Triangle>, SceneError> {
+    // A dive's meshes are copied, too: what can be read once alone is none.
+    let bytes = echosplat_input::read_file(path, MAX_MESH_BYTES);
+    of_bytes(&bytes.map_err(|source| unreadable(path, source))?, path)
 }
 
-/// Reads an STL, OBJ or PLY file, told apart by what it holds, then by its name.
-pub(super) fn load(path: &Path) -> Result<Vec<Triangle>, SceneError> {
-    let bytes = read_bounded(path, MAX_MESH_BYTES)?;
+pub(super) fn unreadable(path: &Path, source: std::io::Error) -> SceneError {
+    SceneError::Io {
+        path: path.to_owned(),
+        source,
+    }
+}
+
+/// What an STL, OBJ or PLY file at `path` holds, told apart by that, then by its name.
+pub(super) fn of_bytes(bytes: &[u8], path: &Path) -> Result<Vec<Triangle>, SceneError> {
     let named_obj = path
         .extension()
         .is_some_and(|extension| extension.eq_ignore_ascii_case("obj"));
-    parse(&bytes, named_obj).map_err(|message| SceneError::Mesh {
+    parse(bytes, named_obj).map_err(|message| SceneError::Mesh {
         path: path.to_owned(),
         message,
     })

@@ -1,20 +1,55 @@
-//! The log: on standard error, and never through a progress bar.
+//! What the program says: its log and its bars on standard error, its answers on standard output. Both
+//! are written by threads of their own, so that a reader who stalls holds up nothing else.
 
+mod frame;
+mod lines;
+mod output;
+mod write;
+
+use std::backtrace::{Backtrace, BacktraceStatus};
 use std::ffi::OsStr;
 use std::io::{self, Write};
+use std::panic::PanicHookInfo;
 use std::sync::LazyLock;
+use std::time::Duration;
 
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressDrawTarget, ProgressStyle};
 use tracing_subscriber::EnvFilter;
 use tracing_subscriber::fmt::MakeWriter;
 use tracing_subscriber::fmt::format::FmtSpan;
 
 use crate::arguments::{LogFormat, LoggingArguments};
+use crate::signals::{self, Attended};
+use frame::Canvas;
+use lines::Lines;
+use output::Output;
 
-static BARS: LazyLock<MultiProgress> = LazyLock::new(MultiProgress::new);
+static LINES: Lines = Lines::new();
+static OUTPUT: Output = Output::new();
+static BARS: LazyLock<MultiProgress> = LazyLock::new(|| {
+    let target = match is_terminal() && !is_dumb() {
+        true => ProgressDrawTarget::term_like_with_hz(Box::new(Canvas::default()), BARS_PER_S),
+        false => ProgressDrawTarget::hidden(),
+    };
+    MultiProgress::with_draw_target(target)
+});
+
+/// How often bars are drawn at most.
+const BARS_PER_S: u8 = 20;
+/// Longest that the log is waited for before something else is said, and at the end.
+const LOG_LIMIT: Duration = Duration::from_secs(3);
+/// The same where the program ends at once, and where a part panics.
+const AT_ONCE: Duration = Duration::from_millis(250);
+/// What is said later stands below what was said before, unless that is not read for so long.
+const ANSWER_FIRST: Duration = Duration::from_millis(250);
+/// A command that signals only ask to end waits no longer at its end for whoever does not read.
+const UNREAD: Duration = Duration::from_secs(10);
+/// The same once it was asked.
+const UNREAD_WHEN_ASKED: Duration = Duration::from_secs(2);
 
 /// Starts the log. `RUST_LOG` wins over `--verbose`.
 pub fn start(arguments: &LoggingArguments) {
+    std::panic::set_hook(Box::new(tell_of_panic));
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| {
         EnvFilter::new(match arguments.verbose {
             // A session that finds itself while it looks for others says so as an error.
@@ -31,7 +66,7 @@ pub fn start(arguments: &LoggingArguments) {
     let subscriber = tracing_subscriber::fmt()
         .with_span_events(told)
         .with_env_filter(filter)
-        .with_writer(AroundBars)
+        .with_writer(Queued)
         .with_target(false);
     match arguments.log_format {
         LogFormat::Text => subscriber.compact().with_ansi(false).init(),
@@ -45,7 +80,16 @@ pub(crate) fn is_terminal() -> bool {
 }
 
 fn is_colored() -> bool {
-    is_terminal() && !refuses_color(std::env::var_os("NO_COLOR").as_deref())
+    is_terminal() && takes_color()
+}
+
+fn takes_color() -> bool {
+    !refuses_color(std::env::var_os("NO_COLOR").as_deref())
+}
+
+/// As the library of the bars has it: it cannot move its cursor.
+fn is_dumb() -> bool {
+    std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb")
 }
 
 /// As <https://no-color.org> has it: set, and not to nothing.
@@ -71,27 +115,101 @@ pub(crate) fn figures_line() -> ProgressBar {
     bar
 }
 
-/// Prints to standard output, above any bar. A closed pipe is the reader's choice, not an error.
+/// Prints to standard output, below what was logged before and above any bar. Does not wait for whoever
+/// reads slowly; [`finish`] does.
 pub fn print(text: &str) {
-    BARS.suspend(|| {
-        let mut out = io::stdout().lock();
-        let _ = out.write_all(text.as_bytes());
-        let _ = out.write_all(b"\n");
-        let _ = out.flush();
-    });
+    LINES.hide_frame(true);
+    LINES.flush(LOG_LIMIT);
+    OUTPUT.push(format!("{text}\n").into_bytes());
+    OUTPUT.wait(|still| still > ANSWER_FIRST);
+    LINES.hide_frame(false);
 }
 
-/// Prints one line to standard error, above any bar.
+/// Prints one line to standard error.
 pub(crate) fn complain(line: &str) {
-    let line = one_line(&format!("echosplat: {line}\n"));
-    BARS.suspend(|| {
-        let _ = io::stderr().lock().write_all(line.as_bytes());
-    });
+    tell(&format!("echosplat: {line}"));
 }
 
-struct AroundBars;
+/// As it is, but for what could steer a terminal.
+fn tell(line: &str) {
+    LINES.push((one_line(line) + "\n").into_bytes());
+}
 
-impl<'a> MakeWriter<'a> for AroundBars {
+/// What clap says of a command line, in its own lines and colours.
+pub(crate) fn print_usage(error: &clap::Error) {
+    let colored = match error.use_stderr() {
+        true => is_colored(),
+        false => io::IsTerminal::is_terminal(&io::stdout()) && takes_color(),
+    };
+    let text = error.render();
+    let text = match colored {
+        true => text.ansi().to_string(),
+        false => text.to_string(),
+    };
+    match error.use_stderr() {
+        true => LINES.push(text.into_bytes()),
+        false => print(text.trim_end()),
+    }
+}
+
+/// Lines of the log that were left out since nobody read them.
+pub(crate) fn lines_dropped() -> u64 {
+    LINES.dropped_count()
+}
+
+/// Waits until all that was printed is written, as long as it takes; where signals no longer end the
+/// program by themselves, no longer than 10 s for a reader who takes nothing, 2 s once a signal came.
+///
+/// # Errors
+/// Says what could not be written in full.
+pub(crate) fn finish() -> anyhow::Result<()> {
+    LINES.hide_frame(true);
+    OUTPUT.finish(|still| match signals::attended() {
+        Attended::BySystem => false,
+        Attended::ByUs => still > UNREAD,
+        Attended::Asked => still > UNREAD_WHEN_ASKED,
+    })
+}
+
+/// Waits for the rest of the log, no longer than a second for a reader who takes nothing.
+pub(crate) fn flush() {
+    LINES.hide_frame(true);
+    LINES.flush(LOG_LIMIT);
+}
+
+/// The same where the program ends at once.
+pub(crate) fn flush_at_once() {
+    LINES.flush(AT_ONCE);
+}
+
+/// Writes the rest of the log as it is dropped, so also where the main thread panics.
+#[derive(Debug)]
+pub struct FlushedAtEnd;
+
+impl Drop for FlushedAtEnd {
+    fn drop(&mut self) {
+        flush();
+    }
+}
+
+/// As the standard library tells of a panic, but never waits long for whoever reads.
+fn tell_of_panic(panic: &PanicHookInfo<'_>) {
+    let thread = std::thread::current();
+    let name = thread.name().unwrap_or("without a name");
+    // Place and words stand in lines of their own.
+    let words = panic.to_string().replacen('\n', " ", 1);
+    tell(&format!("the thread `{name}` {words}"));
+    let backtrace = Backtrace::capture();
+    if backtrace.status() == BacktraceStatus::Captured {
+        backtrace.to_string().lines().for_each(tell);
+    }
+    LINES.flush(AT_ONCE);
+}
+
+/// Hands each event on as one line.
+struct Queued;
+
+impl<'a> MakeWriter<'a> for Queued {
     type Writer = Line;
 
     fn make_writer(&'a self) -> Line {
@@ -99,7 +217,7 @@ impl<'a> MakeWriter<'a> for AroundBars {
     }
 }
 
-/// One event's bytes, written at once when it is complete.
+/// One event's bytes, handed on when it is complete.
 struct Line(Vec<u8>);
 
 impl Write for Line {
@@ -119,9 +237,7 @@ impl Drop for Line {
         if is_colored() {
             line = with_colored_level(&line);
         }
-        BARS.suspend(|| {
-            let _ = io::stderr().lock().write_all(line.as_bytes());
-        });
+        LINES.push(line.into_bytes());
     }
 }
 
