@@ -10,6 +10,7 @@ use super::ending::Ending;
 use super::run::Run;
 use super::{Outcome, diagnosis};
 use crate::maps;
+use crate::recorder::Recorder;
 use crate::signals::Stop;
 
 /// How long publishing the final map may take.
@@ -57,7 +58,9 @@ impl Run {
         let frames = diagnosis::frames(&status).into_iter();
         let found = frames.chain(diagnosis::calibration(&status));
         self.note(found.collect(), Instant::now());
+        self.keep_room(Some(&snapshot));
         let written = self.write_map(&snapshot);
+        self.recorder.iter().for_each(Recorder::release_room);
         let kept = match self.album.take().filter(|_| worker_ended) {
             Some(album) => album.finish(),
             None => Ok(()),
@@ -106,7 +109,7 @@ impl Run {
         if holds_nothing && self.shared.report().pings_mapped == 0 {
             // An earlier map at the same place is worth more than nothing.
             tracing::warn!("no ping was mapped, so no map is written");
-            return Ok(());
+            return maps::check_replaceable(keeper.map());
         }
         keeper.finish(snapshot)?;
         *is_written = true;

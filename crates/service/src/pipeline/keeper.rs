@@ -1,7 +1,7 @@
 //! The map's file: written every minute while the dive goes on, on a thread of its own, and at the
 //! end. What the disk refuses is told.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -54,6 +54,11 @@ impl Keeper {
             Ok(thread) => self.writing = Some(thread),
             Err(error) => self.fault = Some(error.to_string()),
         }
+    }
+
+    /// Where the map goes.
+    pub(crate) fn map(&self) -> &Path {
+        &self.map
     }
 
     /// Why the newest try failed.

@@ -9,6 +9,7 @@ use crossbeam_channel::bounded;
 use echosplat_bus::Bus;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Snapshot;
+use echosplat_recording::ply::map_byte_count;
 
 use super::album::AlbumWriter;
 use super::calibration;
@@ -162,6 +163,7 @@ impl Run {
                 self.give_way()?;
                 self.shared.ask_for_report();
                 self.diagnose();
+                self.keep_room(self.shared.newest_map().as_deref());
             }
             if told.elapsed() >= STATUS_EVERY {
                 told = Instant::now();
@@ -174,6 +176,13 @@ impl Run {
         self.supervise(&mut ending, stop);
         self.stop_input();
         Ok(ending)
+    }
+
+    /// Has the recording leave room on the disk for this map.
+    pub(super) fn keep_room(&self, map: Option<&Snapshot>) {
+        if let (Some(recorder), Some(keeper), Some(map)) = (&self.recorder, &self.keeper, map) {
+            recorder.keep_room(keeper.map(), map_byte_count(map.gaussians.len()));
+        }
     }
 
     /// What follows is bounded once an end was asked for, and takes what it takes otherwise.

@@ -51,6 +51,7 @@ impl Saving {
         }
         self.save_map();
         if let Some(recorder) = &self.recorder {
+            recorder.release_room();
             recorder.finish();
         }
     }

@@ -7,6 +7,7 @@
 
 mod progress;
 mod queue;
+mod room;
 mod storage;
 mod syncer;
 mod worker;
@@ -32,6 +33,7 @@ use crate::decided::pings_shed;
 use crate::exit::Usage;
 use progress::Progress;
 use queue::Queue;
+use room::{Room, Watch};
 use storage::Folder;
 use syncer::Syncer;
 use worker::Worker;
@@ -68,6 +70,7 @@ pub(crate) struct Recorder {
 
 /// How recordings are begun.
 struct Plan {
+    room: Room,
     directory: PathBuf,
     config: RecorderConfig,
     /// The configuration in force, first record of every file.
@@ -103,6 +106,7 @@ impl Recorder {
         begin: Option<Value>,
     ) -> Self {
         let plan = Plan {
+            room: Room::default(),
             directory: directory.to_owned(),
             config,
             settings,
@@ -200,6 +204,17 @@ impl Recorder {
         }
     }
 
+    /// From now on the recording leaves room for a map of so many bytes at this place, where both are on
+    /// one disk.
+    pub(crate) fn keep_room(&self, map: &Path, bytes: u64) {
+        self.plan.room.keep(map, bytes);
+    }
+
+    /// The map is written: the recording may fill the disk.
+    pub(crate) fn release_room(&self) {
+        self.plan.room.release();
+    }
+
     /// What was recorded so far, if a recording goes on.
     pub(crate) fn counters(&self) -> Option<RecorderCounters> {
         self.read().as_ref().map(Running::counters)
@@ -249,7 +264,8 @@ impl Plan {
         if config.format == RecordFormat::Svlog {
             tracing::warn!("an .svlog keeps no poses: --record-format both keeps them beside it");
         }
-        Running::start(Box::new(folder), config.rotate_bytes, settings)
+        let room = Watch::new(self.room.clone(), room::look);
+        Running::start(Box::new(folder), config.rotate_bytes, settings, room)
             .map_err(|error| Usage::error(format!("--record {}: {error}", directory.display())))
     }
 }
@@ -268,6 +284,7 @@ impl Running {
         storage: Box<dyn storage::Storage>,
         rotate_bytes: u64,
         settings: String,
+        room: Watch,
     ) -> anyhow::Result<Self> {
         let queue = Arc::new(Queue::default());
         let progress = Arc::new(Progress::default());
@@ -275,7 +292,7 @@ impl Running {
         let [of_worker, of_syncer] = heartbeats.clone();
         let syncer = Syncer::start(Arc::clone(&progress), of_syncer)?;
         let shared = (Arc::clone(&queue), Arc::clone(&progress));
-        let begun = Worker::begin(storage, syncer, rotate_bytes, settings, shared);
+        let begun = Worker::begin(storage, syncer, rotate_bytes, settings, shared, room);
         let mut worker = begun?.with_heartbeat(of_worker.clone());
         std::thread::Builder::new()
             .name("recorder".to_owned())

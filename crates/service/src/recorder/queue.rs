@@ -100,7 +100,8 @@ impl Queue {
     }
 }
 
-fn size_of(record: &Record) -> usize {
+/// Bytes that a record takes in memory, and no less than on a disk.
+pub(super) fn size_of(record: &Record) -> usize {
     let bytes = match record {
         // Pieces of one buffer share it, and together take little more than their bytes.
         Record::Raw(bytes) => bytes.len(),

@@ -2,6 +2,7 @@ use std::fs::{self, File};
 use std::io::ErrorKind;
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
+use std::sync::atomic::AtomicU64;
 use std::time::Instant;
 
 use echosplat_driver::{DriverConfig, DriverEvent, ServeOptions, serve, spawn};
@@ -186,6 +187,11 @@ impl Disk {
     }
 
     fn recorder(&self) -> Recorder {
+        self.recorder_beside(room::look)
+    }
+
+    /// One that finds so much room.
+    fn recorder_beside(&self, look: room::Look) -> Recorder {
         let config = RecorderConfig {
             rotate_bytes: u64::MAX,
             format: RecordFormat::Mcap,
@@ -193,7 +199,8 @@ impl Disk {
         };
         let recorder = Recorder::idle(Path::new(""), config, String::new(), None);
         let storage = Box::new(self.clone());
-        let running = Running::start(storage, u64::MAX, String::new()).unwrap();
+        let room = Watch::new(recorder.plan.room.clone(), look);
+        let running = Running::start(storage, u64::MAX, String::new(), room).unwrap();
         *recorder.running.write().unwrap() = Some(running);
         recorder
     }
@@ -283,6 +290,46 @@ fn a_disk_full_for_a_while_loses_nothing_and_is_told() {
     recorder.finish();
     assert_eq!(disk.numbers(), (0..100).collect::<Vec<_>>());
     assert_eq!(recorder.counters().unwrap().lost_messages, 0);
+}
+
+#[test]
+fn a_disk_that_is_nearly_full_is_left_to_the_map() {
+    static FREE_BYTES: AtomicU64 = AtomicU64::new(1 << 30);
+    let disk = Disk::default();
+    let recorder = disk.recorder_beside(|_| {
+        Some(room::Disk {
+            device: 1,
+            size_bytes: 1 << 30,
+            free_bytes: FREE_BYTES.load(Ordering::Relaxed),
+        })
+    });
+    recorder.keep_room(Path::new("map.ply"), 50_000_000);
+    let count = |recorder: &Recorder| recorder.counters().unwrap().messages;
+    recorder.record(time(0), raw(0));
+    wait_until("written", || count(&recorder) == 1);
+    FREE_BYTES.store(90_000_000, Ordering::Relaxed);
+    // It is looked again how much is free.
+    let mut index = 0;
+    wait_until("a fault", || {
+        index += 1;
+        recorder.record(time(index), raw(index));
+        recorder.fault().is_some()
+    });
+    let fault = recorder.fault().unwrap();
+    for words in ["nearly full", "90.0 MB", "100.0 MB", "disk/a.mcap"] {
+        assert!(fault.contains(words), "{fault}");
+    }
+    assert!(recorder.counters().unwrap().queued_bytes > 0);
+    let written = count(&recorder);
+    recorder.record(time(index + 1), raw(index + 1));
+    std::thread::sleep(Duration::from_millis(300));
+    assert_eq!(count(&recorder), written, "the map's room is not taken");
+    // Either there is room again, or the map is written.
+    recorder.release_room();
+    recorder.finish();
+    assert_eq!(disk.numbers(), (0..=index + 1).collect::<Vec<_>>());
+    assert_eq!(recorder.counters().unwrap().lost_messages, 0);
+    assert_eq!(recorder.fault(), None);
 }
 
 #[test]

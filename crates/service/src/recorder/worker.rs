@@ -10,7 +10,8 @@ use echosplat_model::Timestamp;
 use echosplat_recording::mcap::{Record, RecordingError};
 
 use super::progress::Progress;
-use super::queue::{MAX_QUEUED_BYTES, Popped, Queue};
+use super::queue::{MAX_QUEUED_BYTES, Popped, Queue, size_of};
+use super::room::{Shortage, Watch};
 use super::storage::{Sink, Storage};
 use super::syncer::Syncer;
 use crate::clock;
@@ -29,6 +30,7 @@ pub(super) struct Worker {
     syncer: Syncer,
     queue: Arc<Queue>,
     progress: Arc<Progress>,
+    room: Watch,
     heartbeat: Heartbeat,
     /// The thread has run before, and panicked.
     has_run: bool,
@@ -54,12 +56,14 @@ impl Worker {
         rotate_bytes: u64,
         settings: String,
         (queue, progress): (Arc<Queue>, Arc<Progress>),
+        room: Watch,
     ) -> Result<Self, RecordingError> {
         let mut worker = Self {
             storage,
             syncer,
             queue,
             progress,
+            room,
             heartbeat: Heartbeat::new("recorder"),
             has_run: false,
             sinks: Vec::new(),
@@ -116,6 +120,9 @@ impl Worker {
         if matches!(record, Record::StaticTransform(_)) {
             self.static_transform = Some(record.clone());
         }
+        if !self.wait_for_room(size_of(record)) {
+            return self.count(false);
+        }
         let written = match write_all(&mut self.sinks, host_time, record) {
             Ok(()) => true,
             Err(error @ RecordingError::TooLong { .. }) => {
@@ -136,6 +143,21 @@ impl Worker {
         counters.lost_messages += u64::from(!written);
     }
 
+    /// Waits while the map needs what is free; `false` if the end was asked for and its time is up.
+    fn wait_for_room(&mut self, bytes: usize) -> bool {
+        let bytes = bytes as u64;
+        let path = self.path();
+        match self.room.shortage(&path, bytes) {
+            None => true,
+            Some(found) => self.hold(short_of(found, &path), |worker| {
+                match worker.room.shortage(&path, bytes) {
+                    None => Ok(()),
+                    Some(found) => Err(short_of(found, &path)),
+                }
+            }),
+        }
+    }
+
     /// Tries again until the record is written, or the end was asked for and its time is up.
     fn outlast(
         &mut self,
@@ -143,21 +165,32 @@ impl Worker {
         host_time: Timestamp,
         record: &Record,
     ) -> bool {
+        let fault = self.words_of(&error);
+        self.hold(fault, |worker| {
+            let tried = worker.try_again(&error, host_time, record);
+            tried.map_err(|again| {
+                error = again;
+                worker.words_of(&error)
+            })
+        })
+    }
+
+    /// Tells the fault, and tries again until it is over, or the end was asked for and its time is up.
+    fn hold(
+        &mut self,
+        mut fault: String,
+        mut try_again: impl FnMut(&mut Self) -> Result<(), String>,
+    ) -> bool {
         let lost_before = self.lost();
         let began = Instant::now();
-        let mut told = false;
+        tracing::error!("{fault}");
         loop {
             self.heartbeat.beat();
-            let fault = self.words_of(&error);
-            if !told {
-                tracing::error!("{fault}");
-                told = true;
-            }
             self.progress.lock().write_fault = Some(fault);
             let closed = self.queue.wait_closed(RETRY_EVERY);
-            match self.try_again(&error, host_time, record) {
+            match try_again(self) {
                 Ok(()) => break,
-                Err(again) => error = again,
+                Err(again) => fault = again,
             }
             if closed.is_some_and(|since| since.elapsed() > LAST_TRIES) {
                 self.queue.give_up();
@@ -303,6 +336,19 @@ impl Worker {
         }
         self.progress.end();
     }
+}
+
+/// What to say where the recording waits so that the map has room.
+fn short_of(found: Shortage, recording: &Path) -> String {
+    let mb = |bytes: u64| bytes as f64 * 1e-6;
+    let room = MAX_QUEUED_BYTES >> 20;
+    format!(
+        "disk nearly full: of the {:.1} MB left the map may need {:.1} MB, so the recording {} waits; free space \
+         on its disk and it goes on by itself (up to {room} MiB wait in memory)",
+        mb(found.free_bytes),
+        mb(found.needed_bytes),
+        recording.display()
+    )
 }
 
 fn write_all(
