@@ -90,6 +90,16 @@ impl Endpoints {
         );
     }
 
+    /// A warning for a client without endpoints that found no router: zenoh looks for one only as it
+    /// opens.
+    pub(crate) fn warn_of_no_router_found(&mut self) {
+        self.warnings.push(
+            "no router answered the call by multicast, and a client calls only as it starts: nobody is \
+             reached until it is started again; set connect/endpoints to the router's address"
+                .to_owned(),
+        );
+    }
+
     /// Warnings of what was asked for and did not open; a port in use by another zenoh is none,
     /// since programs of one machine meet there.
     pub(crate) fn warn_of_what_did_not_open(&mut self) {

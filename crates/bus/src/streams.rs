@@ -9,13 +9,13 @@ use echosplat_liveness::Heartbeat;
 use echosplat_model::{StampedPose, Timestamp};
 use serde::Serialize;
 use zenoh::Wait;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::Sample;
 
 use crate::BusError;
 use crate::bus::Link;
 use crate::pose_message::{self, MAX_POSE_BYTES, PoseMessage, PoseMessageError};
+use crate::ros2::PoseTopic;
 
 /// Largest frame that the Ping protocol's lengths allow, header and checksum included.
 const MAX_FRAME_BYTES: usize = 65_535 + 10;
@@ -79,42 +79,65 @@ pub struct PoseSubscription {
     poses: Receiver<ReceivedPose>,
     tally: Arc<PoseTally>,
     heartbeat: Heartbeat,
-    _subscriber: Subscriber<()>,
-    _token: Option<LivelinessToken>,
+    topic: Option<PoseTopic>,
+    _subscribers: Vec<Subscriber<()>>,
 }
 
 impl PoseSubscription {
-    /// `token` says to others that it is there, while it is.
-    pub(crate) fn start(
+    /// On a key whose messages say themselves what they are.
+    pub(crate) fn start(link: &Arc<Link>, key: &str) -> Result<Self, BusError> {
+        Self::on_keys(link, &[(key.to_owned(), None)])
+    }
+
+    /// On the keys of a topic of ROS, each with its message.
+    pub(crate) fn on_topic(link: &Arc<Link>, topic: PoseTopic) -> Result<Self, BusError> {
+        let keys = topic.keys.iter();
+        let keys = keys.map(|(key, encoding)| (key.clone(), Some(*encoding)));
+        let keys: Vec<_> = keys.collect();
+        let poses = Self::on_keys(link, &keys)?;
+        Ok(Self {
+            topic: Some(topic),
+            ..poses
+        })
+    }
+
+    fn on_keys(
         link: &Arc<Link>,
-        key: &str,
-        token: Option<LivelinessToken>,
+        keys: &[(String, Option<&'static str>)],
     ) -> Result<Self, BusError> {
         let (sender, poses) = bounded(link.config.pose_queue_len);
         let tally = Arc::new(PoseTally::default());
-        let in_callback = Arc::clone(&tally);
         let heartbeat = Heartbeat::new("poses");
-        let beats = heartbeat.clone();
-        let subscriber = link
-            .session
-            .declare_subscriber(key.to_owned())
-            .callback(move |sample| {
-                // The thread is zenoh's, and its link would go with a panic.
-                let _ = beats.survive(|| {
-                    beats.beat();
-                    in_callback.take(&sample, &sender);
-                });
-                beats.rest();
-            })
-            .wait()
-            .map_err(BusError::zenoh(format!("subscribe to poses on {key}")))?;
+        let subscribe = |(key, encoding): &(String, Option<&'static str>)| {
+            let (in_callback, beats) = (Arc::clone(&tally), heartbeat.clone());
+            let (sender, encoding) = (sender.clone(), *encoding);
+            link.session
+                .declare_subscriber(key.clone())
+                .callback(move |sample| {
+                    // The thread is zenoh's, and its link would go with a panic.
+                    let _ = beats.survive(|| {
+                        beats.beat();
+                        in_callback.take(&sample, encoding, &sender);
+                    });
+                    beats.rest();
+                })
+                .wait()
+                .map_err(BusError::zenoh(format!("subscribe to poses on {key}")))
+        };
+        let subscribers = keys.iter().map(subscribe).collect::<Result<_, _>>()?;
         Ok(Self {
             poses,
             tally,
             heartbeat,
-            _subscriber: subscriber,
-            _token: token,
+            topic: None,
+            _subscribers: subscribers,
         })
+    }
+
+    /// Of a topic of ROS: that what is published there holds no poses, in words.
+    #[must_use]
+    pub fn unfit(&self) -> Option<String> {
+        self.topic.as_ref().and_then(PoseTopic::unfit)
     }
 
     /// The next pose, if one waits.
@@ -165,10 +188,10 @@ impl PoseSubscription {
 }
 
 impl PoseTally {
-    fn take(&self, sample: &Sample, poses: &Sender<ReceivedPose>) {
+    fn take(&self, sample: &Sample, encoding: Option<&'static str>, poses: &Sender<ReceivedPose>) {
         let arrived = now();
         count(&self.received);
-        match decode_pose(sample) {
+        match decode_pose(sample, encoding) {
             Ok(message) => self.hand_on(message, arrived, poses),
             Err(error) => {
                 tracing::debug!("pose left out: {error}");
@@ -198,12 +221,17 @@ impl PoseTally {
     }
 }
 
-fn decode_pose(sample: &Sample) -> Result<PoseMessage, PoseMessageError> {
+/// `encoding`, where its key says it, goes before the message's own.
+fn decode_pose(sample: &Sample, encoding: Option<&str>) -> Result<PoseMessage, PoseMessageError> {
     let payload = sample.payload();
     if payload.len() > MAX_POSE_BYTES {
         return Err(PoseMessageError::Size(payload.len()));
     }
-    pose_message::decode(&sample.encoding().to_string(), &payload.to_bytes())
+    let bytes = payload.to_bytes();
+    match encoding {
+        Some(encoding) => pose_message::decode(encoding, &bytes),
+        None => pose_message::decode(&sample.encoding().to_string(), &bytes),
+    }
 }
 
 /// Longest message that [`MessageSubscription`] hands on.

@@ -8,7 +8,8 @@
 //! [`LOOPBACK`], neither being an error if it fails. So the first program on a machine listens,
 //! and the second connects to it, or both connect to a router. Connecting is tried until it
 //! succeeds: with a time limit of 0 zenoh would try once, and a router that starts later, or a
-//! first try that fails, would leave the program alone for good.
+//! first try that fails, would leave the program alone for good. So it is with a file of the user's:
+//! that nobody is there, or that a port is taken, ends no dive.
 
 use std::path::{Path, PathBuf};
 
@@ -54,6 +55,18 @@ pub(crate) struct Plan {
     pub(crate) endpoints: Endpoints,
     /// A peer that learns of others only by being connected to them.
     pub(crate) is_lone_peer: bool,
+}
+
+impl Plan {
+    /// Whether it only connects, and relies on a router.
+    pub(crate) fn is_client(&self) -> bool {
+        setting(&self.config, "mode") == "client"
+    }
+
+    /// Whether it looks for others by multicast.
+    pub(crate) fn scouts(&self) -> bool {
+        setting(&self.config, "scouting/multicast/enabled") != Value::Bool(false)
+    }
 }
 
 impl Plan {
@@ -117,6 +130,8 @@ fn safe_default() -> Result<Config, BusError> {
 /// that a stranger can make this process hold; and what is under way for seconds is old.
 fn apply_what_must_hold(config: &mut Config, ours: &BusConfig) -> Result<(), BusError> {
     insert(config, "timestamping/enabled", "true")?;
+    keep_trying(config)?;
+    leave_the_port_to_the_router(config)?;
     for key in SEND_BUFFERS {
         if setting(config, key).is_null() {
             insert(config, key, SEND_BUFFER)?;
@@ -129,6 +144,40 @@ fn apply_what_must_hold(config: &mut Config, ours: &BusConfig) -> Result<(), Bus
     insert(config, MAX_MESSAGE_SIZE, &least.to_string())
 }
 
+/// A client that is there before its router would else listen where that is to.
+fn leave_the_port_to_the_router(config: &mut Config) -> Result<(), BusError> {
+    if setting(config, "mode") != "client" {
+        return Ok(());
+    }
+    let Endpoints {
+        connect, listen, ..
+    } = endpoints::effective(|key| setting(config, key));
+    let others: Vec<&String> = listen.iter().filter(|to| !connect.contains(to)).collect();
+    match others.len() < listen.len() {
+        true => insert(
+            config,
+            "listen/endpoints",
+            &Value::from_iter(others.into_iter().cloned()).to_string(),
+        ),
+        false => Ok(()),
+    }
+}
+
+/// Nobody to connect to, or no port to listen on, is no reason to end: zenoh tries again.
+fn keep_trying(config: &mut Config) -> Result<(), BusError> {
+    insert(config, "connect/timeout_ms", "-1")?;
+    insert(config, "connect/exit_on_failure", "false")?;
+    insert(config, "listen/exit_on_failure", "false")?;
+    for key in ["connect/endpoints", "listen/endpoints"] {
+        let endpoints = setting(config, key).to_string();
+        let mild = endpoints.replace("exit_on_failure=true", "exit_on_failure=false");
+        if mild != endpoints {
+            insert(config, key, &mild)?;
+        }
+    }
+    Ok(())
+}
+
 fn insert(config: &mut Config, key: &str, value: &str) -> Result<(), BusError> {
     config
         .insert_json5(key, value)
@@ -139,7 +188,8 @@ fn insert(config: &mut Config, key: &str, value: &str) -> Result<(), BusError> {
         })
 }
 
-fn setting(config: &Config, key: &str) -> Value {
+/// The value at a path, or null.
+pub(crate) fn setting(config: &Config, key: &str) -> Value {
     let json = config.get_json(key).ok();
     let value = json.and_then(|json| serde_json::from_str(&json).ok());
     value.unwrap_or(Value::Null)
@@ -277,6 +327,41 @@ mod tests {
             refused.to_string().contains("tls/vehicle.local:7447"),
             "{refused}"
         );
+    }
+
+    #[test]
+    fn no_file_of_the_users_ends_a_dive_because_nobody_is_there() {
+        let file = file(
+            "{ mode: 'peer', connect: { endpoints: { peer: ['tcp/127.0.0.1:1#exit_on_failure=true'] }, \
+             timeout_ms: { router: -1, peer: 0, client: 0 }, exit_on_failure: { peer: true, client: true } }, \
+             listen: { endpoints: ['tcp/127.0.0.1:2'], exit_on_failure: true } }",
+        );
+        let config = BusConfig {
+            zenoh_config_file: Some(file.path().to_owned()),
+            ..BusConfig::default()
+        };
+        let plan = plan(&config);
+        for key in ["connect/exit_on_failure", "listen/exit_on_failure"] {
+            assert_eq!(setting(&plan.config, key), Value::Bool(false), "{key}");
+        }
+        assert_eq!(setting(&plan.config, "connect/timeout_ms"), Value::from(-1));
+        assert_eq!(
+            plan.endpoints.connect,
+            ["tcp/127.0.0.1:1#exit_on_failure=false"]
+        );
+    }
+
+    #[test]
+    fn a_client_leaves_the_port_of_its_router_alone() {
+        let client = plan(&with(&[("mode", "'client'")])).endpoints;
+        assert_eq!(client.connect, [LOOPBACK]);
+        assert_eq!(client.listen, Vec::<String>::new());
+        let own = (
+            "listen/endpoints",
+            "['tcp/127.0.0.1:7500', 'tcp/127.0.0.1:7447']",
+        );
+        let client = plan(&with(&[("mode", "'client'"), own])).endpoints;
+        assert_eq!(client.listen, ["tcp/127.0.0.1:7500"]);
     }
 
     #[test]

@@ -29,7 +29,8 @@ pub enum PoseUrl {
     Zenoh,
     /// `zenoh://KEY`: another key.
     ZenohKey(String),
-    /// `ros2:///TOPIC`: `nav_msgs/msg/Odometry` of ROS 2 with `rmw_zenoh`; the topic's whole name.
+    /// `ros2:///TOPIC`: `Odometry`, `PoseStamped` or `PoseWithCovarianceStamped` of ROS 2 with
+    /// `rmw_zenoh`; the topic's whole name.
     Ros2(String),
     /// `mavlink+udp://HOST:PORT` listens there, `mavlink+udp://HOST:PORT?out` sends there first.
     MavlinkUdp {

@@ -1,5 +1,6 @@
 //! The session.
 
+mod opening;
 mod parts;
 mod sending;
 mod threads;
@@ -17,6 +18,7 @@ use crate::alive::{self, AliveToken, Watch};
 use crate::endpoints::{self, Endpoints};
 use crate::keys::Keys;
 use crate::listening::{self, Tried};
+use crate::reach::{Reach, Unreached};
 use crate::ros2::NodeSlot;
 use crate::taps::TapBoard;
 use crate::zenoh_config::Plan;
@@ -40,6 +42,7 @@ pub struct Bus {
     ping_heartbeat: Heartbeat,
     tally: Arc<Tally>,
     others: OnceLock<Watch>,
+    reach: Reach,
 }
 
 /// What publishers and subscribers share.
@@ -63,14 +66,18 @@ impl Bus {
         let environment = environment.filter(|path| !path.is_empty());
         let plan = Plan::new(&config, environment.map(PathBuf::from))?;
         let keys = Keys::new(&config.prefix, &config.node)?;
-        let (mut endpoints, is_lone_peer) = (plan.endpoints, plan.is_lone_peer);
+        let (mut endpoints, is_lone_peer) = (plan.endpoints.clone(), plan.is_lone_peer);
+        let relies_on_scouting = plan.is_client() && endpoints.connect.is_empty();
         let tried = listening::try_all(&endpoints.listen);
         let limit = Duration::from_secs_f64(config.open_timeout_s);
         let session = within("opening the zenoh session", limit, move || {
-            zenoh::open(plan.config).wait()
+            opening::open(plan)
         })?
         .map_err(BusError::zenoh("open a session"))?;
         look_around(&session, tried, &mut endpoints);
+        if relies_on_scouting && endpoints.connected_count == 0 {
+            endpoints.warn_of_no_router_found();
+        }
         if is_lone_peer && session.info().routers_zid().wait().count() > 0 {
             endpoints.warn_of_peers_out_of_reach();
         }
@@ -88,6 +95,9 @@ impl Bus {
         let tally = Arc::new(Tally::default());
         let ping_heartbeat = Heartbeat::new("bus-pings");
         let pings = sending::start_ping_thread(&link, &tally, ping_heartbeat.clone())?;
+        let elsewhere = endpoints.connects_elsewhere();
+        let elsewhere = elsewhere.into_iter().map(str::to_owned).collect();
+        let reach = Reach::start(&link, elsewhere)?;
         Ok(Self {
             link,
             endpoints,
@@ -96,6 +106,7 @@ impl Bus {
             ping_heartbeat,
             tally,
             others: OnceLock::new(),
+            reach,
         })
     }
 
@@ -103,6 +114,19 @@ impl Bus {
     #[must_use]
     pub fn endpoints(&self) -> &Endpoints {
         &self.endpoints
+    }
+
+    /// While nobody is connected: each endpoint it connects to, and what is in the way there. They are
+    /// tried again until somebody answers.
+    #[must_use]
+    pub fn unreached(&self) -> Vec<Unreached> {
+        self.reach.unreached()
+    }
+
+    /// Of its threads, which all else goes on without.
+    #[must_use]
+    pub fn heartbeats(&self) -> [&Heartbeat; 2] {
+        [&self.ping_heartbeat, self.reach.heartbeat()]
     }
 
     /// The keys it uses.
@@ -193,7 +217,7 @@ fn look_around(session: &zenoh::Session, tried: Vec<Tried>, endpoints: &mut Endp
 }
 
 /// How many other sessions are connected.
-fn company(session: &zenoh::Session) -> usize {
+pub(crate) fn company(session: &zenoh::Session) -> usize {
     let info = session.info();
     info.peers_zid().wait().count() + info.routers_zid().wait().count()
 }

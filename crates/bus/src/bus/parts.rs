@@ -7,7 +7,7 @@ use echosplat_model::Pose;
 use super::Bus;
 use crate::BusError;
 use crate::publisher::MapPublisher;
-use crate::ros2::{self, RosPublisher};
+use crate::ros2::{PoseTopic, RosPublisher};
 use crate::streams::{MessageSubscription, PingSubscription, PoseSubscription, StatusSubscription};
 use crate::subscriber::MapSubscriber;
 use crate::tape::{TapeFollower, TapeKeeper};
@@ -60,7 +60,7 @@ impl Bus {
     /// # Errors
     /// If zenoh refuses.
     pub fn subscribe_poses(&self) -> Result<PoseSubscription, BusError> {
-        PoseSubscription::start(&self.link, &self.link.keys.pose(), None)
+        PoseSubscription::start(&self.link, &self.link.keys.pose())
     }
 
     /// Starts to take poses from a key of another program.
@@ -68,16 +68,16 @@ impl Bus {
     /// # Errors
     /// If zenoh refuses, for example a text that is no key.
     pub fn subscribe_poses_on(&self, key: &str) -> Result<PoseSubscription, BusError> {
-        PoseSubscription::start(&self.link, key, None)
+        PoseSubscription::start(&self.link, key)
     }
 
-    /// Starts to take poses from a topic of ROS 2, `nav_msgs/msg/Odometry`.
+    /// Starts to take poses from a topic of ROS 2: `nav_msgs/msg/Odometry`,
+    /// `geometry_msgs/msg/PoseStamped` or `geometry_msgs/msg/PoseWithCovarianceStamped`.
     ///
     /// # Errors
     /// If no domain of ROS is configured, it is no topic that poses can come from, or zenoh refuses.
-    pub fn subscribe_odometry_of_ros(&self, topic: &str) -> Result<PoseSubscription, BusError> {
-        let (key, token) = ros2::odometry_of(&self.link, topic)?;
-        PoseSubscription::start(&self.link, &key, Some(token))
+    pub fn subscribe_poses_of_ros(&self, topic: &str) -> Result<PoseSubscription, BusError> {
+        PoseSubscription::on_topic(&self.link, PoseTopic::open(&self.link, topic)?)
     }
 
     /// Starts to take the messages of other programs on `keys`, which may be patterns.

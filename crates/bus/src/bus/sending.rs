@@ -77,12 +77,6 @@ impl Bus {
         }
     }
 
-    /// Whether the thread that sends pings is alive; it goes on after a panic.
-    #[must_use]
-    pub fn heartbeat(&self) -> &Heartbeat {
-        &self.ping_heartbeat
-    }
-
     /// Pings that [`Bus::publish_ping`] took and that were not sent.
     #[must_use]
     pub fn pings_dropped(&self) -> u64 {

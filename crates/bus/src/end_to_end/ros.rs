@@ -60,7 +60,7 @@ fn a_node_is_there_with_its_topics_while_it_publishes() {
     let (vehicle, other) = with_ros();
     assert_eq!(tokens(&other), BTreeSet::new());
     let publisher = vehicle.publish_ros(Pose::IDENTITY).unwrap().unwrap();
-    let taken = vehicle.subscribe_odometry_of_ros("odom").unwrap();
+    let taken = vehicle.subscribe_poses_of_ros("odom").unwrap();
     let of_node = format!("@ros2_lv/7/{}/0", vehicle.zenoh_id());
     let node = "%/%echosplat%rov_1/echosplat";
     let mut ends = Vec::new();
@@ -192,7 +192,7 @@ fn attachments_count_and_name_their_publisher(samples: &[Sample], tokens: &BTree
 #[test]
 fn odometry_of_others_comes_in_whatever_its_types_hash() {
     let (vehicle, other) = with_ros();
-    let taken = vehicle.subscribe_odometry_of_ros("/rov/odom").unwrap();
+    let taken = vehicle.subscribe_poses_of_ros("/rov/odom").unwrap();
     let message = odometry::encode(&pose(3), "odom", "base_link");
     for hash in [HASHED, "TypeHashNotSupported"] {
         let key = format!("7/rov/odom/{ODOMETRY_TYPE}/{hash}");
@@ -217,14 +217,84 @@ fn odometry_of_others_comes_in_whatever_its_types_hash() {
     );
 }
 
+/// Tokens of what `bus` takes of a topic, without what they begin and end with.
+fn subscribed(bus: &Bus, topic: &str) -> Vec<String> {
+    let found = tokens(bus).into_iter();
+    let of_topic =
+        found.filter(|token| token.contains(&format!("/MS/%/%echosplat%rov_1/echosplat/{topic}/")));
+    let message = |token: String| token.split('/').nth(10).map(str::to_owned);
+    of_topic.filter_map(message).collect()
+}
+
+#[test]
+fn poses_of_other_messages_come_in_and_nodes_are_told_which() {
+    let (vehicle, other) = with_ros();
+    let sent = pose(3);
+    let odometry = odometry::encode(&sent, "odom", "base_link");
+    // Header and pose; with the covariance between.
+    let mut header = CdrReader::new(&odometry).unwrap();
+    Header::read(&mut header).unwrap();
+    let of_pose = |extra: usize| {
+        let mut writer = echosplat_ros::CdrWriter::with_capacity(400);
+        let (stamp, frame_id) = (sent.time, "odom");
+        Header { stamp, frame_id }.write(&mut writer);
+        writer.f64s(&sent.world_from_vehicle.translation_m.to_array());
+        writer.f64s(&sent.world_from_vehicle.rotation.to_array());
+        writer.f64s(&vec![0.0; extra]);
+        writer.finish()
+    };
+    let node = "@ros2_lv/7/abc/0/9/MP/%/%/driver";
+    let session = other.session_for_tests();
+    for (name, message) in [
+        ("PoseStamped", of_pose(0)),
+        ("PoseWithCovarianceStamped", of_pose(36)),
+    ] {
+        let taken = vehicle.subscribe_poses_of_ros("/rov/pose").unwrap();
+        let dds = format!("geometry_msgs::msg::dds_::{name}_");
+        // As of July 2026 a token may bear one field more.
+        let token = format!("{node}/%rov%pose/{dds}/RIHS01_ab/::,10:,:,:,,/more");
+        let token = session.liveliness().declare_token(token).wait().unwrap();
+        until("nodes are told of that message alone", || {
+            subscribed(&other, "%rov%pose") == [dds.clone()]
+        });
+        let publisher = session
+            .declare_publisher(format!("7/rov/pose/{dds}/RIHS01_ab"))
+            .congestion_control(CongestionControl::Block)
+            .wait()
+            .unwrap();
+        until("somebody takes it", || {
+            publisher.matching_status().wait().unwrap().matching()
+        });
+        publisher.put(message).wait().unwrap();
+        let found = taken.next_within(LONG).unwrap().pose;
+        assert_eq!(found.world_from_vehicle, sent.world_from_vehicle, "{name}");
+        assert_eq!(taken.unfit(), None);
+        token.undeclare().wait().unwrap();
+        drop(taken);
+        until("it is over", || subscribed(&other, "%rov%pose").is_empty());
+    }
+}
+
+#[test]
+fn a_topic_without_poses_is_named_as_what_it_is() {
+    let (vehicle, other) = with_ros();
+    let taken = vehicle.subscribe_poses_of_ros("/rov/points").unwrap();
+    let token = "@ros2_lv/7/abc/0/9/MP/%/%/driver/%rov%points/sensor_msgs::msg::dds_::PointCloud2_/\
+                 RIHS01_ab/::,10:,:,:,,";
+    let session = other.session_for_tests();
+    let token = session.liveliness().declare_token(token).wait().unwrap();
+    until("it is told", || {
+        let told = taken.unfit().unwrap_or_default();
+        told.contains("/rov/points carries sensor_msgs/msg/PointCloud2")
+    });
+    token.undeclare().wait().unwrap();
+    until("it is over", || taken.unfit().is_none());
+}
+
 #[test]
 fn topics_that_poses_cannot_come_from_are_refused_in_words() {
     let (vehicle, other) = with_ros();
-    let refused = |bus: &Bus, topic| {
-        bus.subscribe_odometry_of_ros(topic)
-            .unwrap_err()
-            .to_string()
-    };
+    let refused = |bus: &Bus, topic| bus.subscribe_poses_of_ros(topic).unwrap_err().to_string();
     let own = refused(&vehicle, "/echosplat/rov_1/odometry");
     assert!(own.contains("publishes itself"), "{own}");
     let illegal = refused(&vehicle, "rov-1/odom");

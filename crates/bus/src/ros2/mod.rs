@@ -1,5 +1,5 @@
 //! The map, the vehicle's odometry and its frames for ROS 2 with `rmw_zenoh`, as one of its nodes
-//! would publish them, and odometry taken from there.
+//! would publish them, and poses taken from there.
 //!
 //! | topic | message | what |
 //! |---|---|---|
@@ -13,6 +13,7 @@
 
 mod cloud;
 mod node;
+mod poses;
 mod rounds;
 
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -21,14 +22,13 @@ use std::time::{Duration, Instant};
 
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{Pose, PosedPing, Snapshot, StampedPose};
-use echosplat_ros::rmw_zenoh::topic_name;
 use serde::Serialize;
-use zenoh::liveliness::LivelinessToken;
 
 use crate::bus::{Link, spawn};
 use crate::{BusConfig, BusError};
 pub(crate) use node::NodeSlot;
 use node::Topics;
+pub(crate) use poses::PoseTopic;
 use rounds::Rounds;
 
 /// What was put on topics of ROS so far.
@@ -164,22 +164,6 @@ impl Drop for RosPublisher {
             let _ = thread.join();
         }
     }
-}
-
-/// Where a topic's odometry is to be taken from, and the token that says so.
-pub(crate) fn odometry_of(link: &Link, topic: &str) -> Result<(String, LivelinessToken), BusError> {
-    let name = topic_name(topic).map_err(|error| BusError::RosTopic(error.to_string()))?;
-    let node = link.ros.node(link)?;
-    if name == node.topics().odometry().name {
-        return Err(BusError::RosTopic(format!(
-            "{name} is what this program publishes itself; name the topic of the vehicle's odometry"
-        )));
-    }
-    let topic = node::odometry_of_others(name);
-    Ok((
-        topic.key_of_any_hash(node.domain_id()),
-        node.subscribes(&topic)?,
-    ))
 }
 
 /// # Errors

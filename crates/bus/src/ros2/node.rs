@@ -77,9 +77,9 @@ fn of_name(name: String, message: MessageType) -> Topic {
     }
 }
 
-/// Where others' odometry is taken from, by its whole name.
-pub(super) fn odometry_of_others(name: String) -> Topic {
-    of_name(name, ODOMETRY)
+/// A topic of others, by its whole name.
+pub(super) fn topic_of_others(name: String, message: MessageType) -> Topic {
+    of_name(name, message)
 }
 
 /// The node while it is there; what it has for topics holds it.

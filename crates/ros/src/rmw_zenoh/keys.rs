@@ -40,6 +40,16 @@ pub const ODOMETRY: MessageType = MessageType {
     name: "nav_msgs::msg::dds_::Odometry_",
     hash: "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
 };
+/// `geometry_msgs/msg/PoseStamped`.
+pub const POSE_STAMPED: MessageType = MessageType {
+    name: "geometry_msgs::msg::dds_::PoseStamped_",
+    hash: "RIHS01_10f3786d7d40fd2b54367835614bff85d4ad3b5dab62bf8bca0cc232d73b4cd8",
+};
+/// `geometry_msgs/msg/PoseWithCovarianceStamped`.
+pub const POSE_WITH_COVARIANCE_STAMPED: MessageType = MessageType {
+    name: "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_",
+    hash: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
+};
 /// `tf2_msgs/msg/TFMessage`.
 pub const TF_MESSAGE: MessageType = MessageType {
     name: "tf2_msgs::msg::dds_::TFMessage_",
@@ -69,6 +79,13 @@ impl Topic {
     #[must_use]
     pub fn key_of_any_hash(&self, domain_id: u32) -> String {
         format!("{domain_id}/{}/*", self.middle())
+    }
+
+    /// The tokens of all that publish on it in this domain, whatever message.
+    #[must_use]
+    pub fn tokens_of_publishers(&self, domain_id: u32) -> String {
+        let name = mangled(&self.name);
+        format!("{ADMIN_SPACE}/{domain_id}/*/*/*/MP/*/*/*/{name}/**")
     }
 
     fn middle(&self) -> String {

@@ -10,5 +10,8 @@ mod keys;
 mod names;
 
 pub use attachment::{ATTACHMENT_BYTES, Attachment, Gid};
-pub use keys::{EndpointKind, MessageType, Node, ODOMETRY, POINT_CLOUD2, TF_MESSAGE, Topic};
+pub use keys::{
+    EndpointKind, MessageType, Node, ODOMETRY, POINT_CLOUD2, POSE_STAMPED,
+    POSE_WITH_COVARIANCE_STAMPED, TF_MESSAGE, Topic,
+};
 pub use names::{NameError, namespace, topic_name};

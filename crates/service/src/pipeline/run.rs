@@ -116,7 +116,7 @@ impl Run {
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
             saving,
             album,
-            diagnosis: Diagnosis::new(setup.expectations, begin),
+            diagnosis: Diagnosis::new(setup.expectations, &config.pose, begin),
             notices: Notices::new(begin),
             supervisor,
             heartbeat: own_heartbeat(config),
@@ -302,7 +302,7 @@ fn supervisor(config: &Config, setup: &Setup, helpers: &Helpers) -> Supervisor {
     let limit = Duration::from_secs_f64(config.pipeline.hang_limit_s);
     let mut supervisor = Supervisor::new(limit);
     let spared = setup.hooks.page_heartbeats.iter();
-    let spared = spared.chain(setup.bus.iter().map(|bus| bus.heartbeat()));
+    let spared = spared.chain(setup.bus.iter().flat_map(|bus| bus.heartbeats()));
     let spared = spared.chain(helpers.prediction.iter().map(Prediction::heartbeat));
     supervisor.spare(spared.chain([helpers.frame_check.heartbeat()]));
     if let Some(heartbeat) = setup.poses.heartbeat() {

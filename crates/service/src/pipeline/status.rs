@@ -3,7 +3,7 @@
 
 use std::time::{Duration, Instant};
 
-use echosplat_bus::{MapPublisherCounters, RosCounters};
+use echosplat_bus::{MapPublisherCounters, RosCounters, Unreached};
 use echosplat_driver::DriverStatus;
 use echosplat_liveness::Drill;
 use serde::Serialize;
@@ -56,6 +56,8 @@ pub(crate) struct Status {
     pub(crate) map_fault: Option<String>,
     /// That another service maps under the same name.
     pub(crate) other_service: Option<String>,
+    /// Where nobody is reached on the bus, while nobody is.
+    pub(crate) bus_unreached: Vec<Unreached>,
     /// Whether a replay is held; `null` where nothing is replayed.
     pub(crate) replay_is_held: Option<bool>,
     /// Whether the threads of the run are alive.
@@ -186,6 +188,7 @@ impl Status {
             recording_fault: None,
             map_fault: None,
             other_service: None,
+            bus_unreached: Vec::new(),
             replay_is_held: None,
             parts: Vec::new(),
             drill: Drill::armed().map(ToString::to_string),

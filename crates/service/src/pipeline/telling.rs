@@ -99,6 +99,11 @@ impl Run {
                 .map(str::to_owned)
                 .or_else(|| self.album.as_ref().and_then(AlbumWriter::fault)),
             other_service: other_service(&others.unwrap_or_default()),
+            bus_unreached: self
+                .bus
+                .as_ref()
+                .map(|bus| bus.unreached())
+                .unwrap_or_default(),
             replay_is_held: self.drivers.is_held(),
             parts: self.supervisor.reports(),
             notices: self.notices.all(),

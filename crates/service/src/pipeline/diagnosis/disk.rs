@@ -2,6 +2,8 @@
 
 use std::time::Instant;
 
+use echosplat_bus::Unreached;
+
 use super::{Diagnosis, loss, warning};
 use crate::pipeline::notices::Finding;
 use crate::pipeline::status::Status;
@@ -25,6 +27,7 @@ impl Diagnosis {
         if let Some(other) = &status.other_service {
             findings.push(loss("other-service", other.clone()));
         }
+        findings.extend(unreached(&status.bus_unreached));
         let poses = &status.report.poses;
         let dropped = [
             (
@@ -104,4 +107,22 @@ impl Diagnosis {
             ));
         }
     }
+}
+
+/// The bus leads nowhere yet.
+fn unreached(endpoints: &[Unreached]) -> Option<Finding> {
+    let told = endpoints
+        .iter()
+        .map(|Unreached { endpoint, reason }| format!("{endpoint} ({reason})"));
+    let told: Vec<String> = told.collect();
+    (!told.is_empty()).then(|| {
+        warning(
+            "bus-not-connected",
+            format!(
+                "zenoh reaches nobody at {}: it is tried again until somebody answers, and the dive goes on \
+                 meanwhile; start the router there, or name another with connect/endpoints",
+                told.join(", ")
+            ),
+        )
+    })
 }
