@@ -22,9 +22,11 @@ mod outlet;
 mod source;
 mod source_task;
 mod status;
+mod tum_file;
 mod url;
 
 pub use log::{LogPosesError, poses_of_mcap, poses_of_svlog};
 pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
 pub use status::PoseSourceStatus;
+pub use tum_file::FilePoses;
 pub use url::{POSE_URL_FORMS, PoseUrl, PoseUrlError};

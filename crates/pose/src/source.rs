@@ -1,7 +1,6 @@
 //! Poses of any source, one after another.
 
-use std::io::BufReader;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -10,7 +9,7 @@ use crossbeam_channel::Receiver;
 use echosplat_bus::{Bus, BusError, PoseSubscription};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::StampedPose;
-use echosplat_recording::tum::{self, TumError};
+use echosplat_recording::tum::TumError;
 use tokio::runtime::Handle;
 
 use crate::link::Address;
@@ -19,6 +18,7 @@ use crate::mavlink::run::{JSON_MESSAGES, OverLink};
 use crate::now::now;
 use crate::source_task::{SourceTask, Work};
 use crate::status::{PoseSourceStatus, Rate};
+use crate::tum_file::FilePoses;
 use crate::url::PoseUrl;
 use echosplat_join::{ArrivedPose, StampClock};
 
@@ -28,7 +28,7 @@ pub enum PoseSource {
     /// None at all.
     None,
     /// All at once, in order of time; they arrived when they were valid.
-    File(std::vec::IntoIter<StampedPose>),
+    File(FilePoses),
     /// All at once, with the times at which they arrived then.
     Recorded(std::vec::IntoIter<ArrivedPose>),
     /// One after another as they are asked for, in order of time: of a dive too long to be held.
@@ -115,6 +115,27 @@ pub enum PoseSourceError {
     /// The file holds no pose.
     #[error("poses: {path} holds no pose; lines are `timestamp tx ty tz qx qy qz qw`", path = .0.display())]
     Empty(PathBuf),
+    /// Every row of the file is one that no pose can be made of.
+    #[error("poses: all {rows} rows hold NaN or infinity: {path} holds no pose", path = .path.display())]
+    NoneFinite {
+        /// Which.
+        path: PathBuf,
+        /// How many.
+        rows: usize,
+    },
+    /// Poses of one time go with no ping.
+    #[error(
+        "poses: {path}: all {rows} rows have the timestamp {stamp_s}; the first column has to be the time of each \
+         pose in seconds, on the clock of the pings", path = .path.display()
+    )]
+    OneTime {
+        /// Which.
+        path: PathBuf,
+        /// How many.
+        rows: usize,
+        /// What all of them say, seconds.
+        stamp_s: f64,
+    },
     /// A source on the bus, without a bus.
     #[error("poses come over zenoh, but the bus is off")]
     NoBus,
@@ -153,14 +174,14 @@ impl PoseSource {
         };
         match url {
             PoseUrl::None => Ok(Self::None),
-            PoseUrl::Tum(path) => file(path),
+            PoseUrl::Tum(path) => FilePoses::open(path).map(Self::File),
             PoseUrl::Log(_) => Err(PoseSourceError::NoLog),
             PoseUrl::Zenoh => Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses()?))),
             PoseUrl::ZenohKey(key) => {
                 Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses_on(key)?)))
             }
             PoseUrl::Ros2(topic) => {
-                let poses = need_bus()?.subscribe_odometry_of_ros(topic)?;
+                let poses = need_bus()?.subscribe_poses_of_ros(topic)?;
                 Ok(live(url, Feed::Bus(poses)))
             }
             PoseUrl::MavlinkZenoh(prefix) => {
@@ -293,7 +314,7 @@ impl PoseSource {
         };
         match self {
             Self::None => named("none"),
-            Self::File(_) => named("tum://"),
+            Self::File(poses) => poses.status(),
             Self::Recorded(_) => named("log://"),
             Self::Made(_) => named("simulated"),
             Self::Taped(taped) => {
@@ -367,6 +388,7 @@ fn status_of_bus(poses: &PoseSubscription) -> PoseSourceStatus {
         covariance_ignored: counters.covariance_ignored,
         dropped_full: counters.dropped_full,
         first_fault: poses.first_fault(),
+        missing: poses.unfit(),
         ..PoseSourceStatus::default()
     }
 }
@@ -381,34 +403,6 @@ fn live(url: &PoseUrl, feed: Feed) -> PoseSource {
 
 fn task(runtime: &Handle, url: &PoseUrl, work: Work) -> PoseSource {
     live(url, Feed::Task(SourceTask::start(runtime, work)))
-}
-
-fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {
-    let path = path.to_owned();
-    let file = match echosplat_input::open(&path) {
-        Ok(file) => file,
-        Err(reason) => return Err(PoseSourceError::Open { path, reason }),
-    };
-    let read = match tum::read(BufReader::new(file)) {
-        Ok(read) => read,
-        Err(reason) => return Err(PoseSourceError::Read { path, reason }),
-    };
-    if read.poses.is_empty() {
-        return Err(PoseSourceError::Empty(path));
-    }
-    let path = path.display();
-    if read.out_of_order_count > 0 {
-        let count = read.out_of_order_count;
-        tracing::info!("{path}: {count} poses stood after later ones; all are sorted by time");
-    }
-    let (duplicates, contradicting) = (read.duplicate_count, read.contradicting_count);
-    if duplicates + contradicting > 0 {
-        tracing::warn!(
-            "{path}: {duplicates} poses left out that stand there twice, {contradicting} that \
-             contradict an earlier line of the same time"
-        );
-    }
-    Ok(PoseSource::File(read.poses.into_iter()))
 }
 
 #[cfg(test)]

@@ -25,6 +25,10 @@ pub struct TumFile {
     pub duplicate_count: usize,
     /// Poses left out because an earlier line of the same time says something else.
     pub contradicting_count: usize,
+    /// Rows left out because a number in them is NaN or infinite.
+    pub not_finite_count: usize,
+    /// The first of these rows, counted from 1.
+    pub first_not_finite: Option<usize>,
 }
 
 /// Why a trajectory was refused.
@@ -43,7 +47,8 @@ pub enum TumError {
     Io(#[from] io::Error),
 }
 
-/// Reads poses; blank lines and lines starting with `#` are skipped, commas count as spaces.
+/// Reads poses; blank lines and lines starting with `#` are skipped, commas count as spaces. Rows with
+/// NaN or infinity, as estimators write them before they have begun, are left out and counted.
 ///
 /// # Errors
 /// Names the first line that is not a pose, or the read error.
@@ -56,8 +61,14 @@ pub fn read(mut reader: impl BufRead) -> Result<TumFile, TumError> {
         if limited.read_until(b'\n', &mut bytes)? == 0 {
             break;
         }
-        let pose = parse_line(&bytes).map_err(|what| TumError::Line { line, what })?;
-        file.poses.extend(pose);
+        match parse_line(&bytes).map_err(|what| TumError::Line { line, what })? {
+            Row::Nothing => {}
+            Row::Pose(pose) => file.poses.push(pose),
+            Row::NotFinite => {
+                file.not_finite_count += 1;
+                file.first_not_finite.get_or_insert(line);
+            }
+        }
         if file.poses.len() > MAX_POSES {
             let what = format!("more than {MAX_POSES} poses; give those of one dive");
             return Err(TumError::Line { line, what });
@@ -107,8 +118,16 @@ pub fn write(poses: &[StampedPose], mut writer: impl Write) -> io::Result<()> {
 
 const NANOS: u64 = 1_000_000_000;
 
-/// `None` for a blank line or a comment.
-fn parse_line(bytes: &[u8]) -> Result<Option<StampedPose>, String> {
+/// What a line holds.
+enum Row {
+    /// It is blank or a comment.
+    Nothing,
+    Pose(StampedPose),
+    /// A number of it is NaN or infinite.
+    NotFinite,
+}
+
+fn parse_line(bytes: &[u8]) -> Result<Row, String> {
     if bytes.len() as u64 == MAX_LINE_BYTES {
         return Err(format!(
             "longer than {MAX_LINE_BYTES} bytes; not a trajectory"
@@ -118,7 +137,7 @@ fn parse_line(bytes: &[u8]) -> Result<Option<StampedPose>, String> {
         .map_err(|_| "not text; expected `timestamp tx ty tz qx qy qz qw`".to_owned())?;
     let text = text.trim_start_matches('\u{feff}').trim();
     if text.is_empty() || text.starts_with('#') {
-        return Ok(None);
+        return Ok(Row::Nothing);
     }
     let fields: Vec<&str> = text
         .split(|c: char| c.is_whitespace() || c == ',')
@@ -130,16 +149,19 @@ fn parse_line(bytes: &[u8]) -> Result<Option<StampedPose>, String> {
             fields.len()
         ));
     }
-    let time = nanos_of_decimal(fields[0])
-        .ok_or_else(|| format!("timestamp `{}` is not a time in seconds", fields[0]))?;
     let mut numbers = [0.0; 7];
     for (number, field) in numbers.iter_mut().zip(&fields[1..]) {
-        *number = finite(field)?;
+        *number = number_of(field)?;
     }
+    let is_stamp_finite = number_of(fields[0]).map_or(true, f64::is_finite);
+    if !is_stamp_finite || !numbers.iter().all(|number| number.is_finite()) {
+        return Ok(Row::NotFinite);
+    }
+    let time = nanos_of_decimal(fields[0]).ok_or_else(|| no_time(fields[0]))?;
     let [x, y, z, qx, qy, qz, qw] = numbers;
     let pose = pose_of(DQuat::from_xyzw(qx, qy, qz, qw), DVec3::new(x, y, z))
         .ok_or("the quaternion has no length; expected qx qy qz qw of length 1")?;
-    Ok(Some(StampedPose {
+    Ok(Row::Pose(StampedPose {
         time: Timestamp::from_nanos(time),
         world_from_vehicle: pose,
         uncertainty: None,
@@ -147,11 +169,53 @@ fn parse_line(bytes: &[u8]) -> Result<Option<StampedPose>, String> {
     }))
 }
 
-fn finite(field: &str) -> Result<f64, String> {
-    match field.parse::<f64>() {
-        Ok(number) if number.is_finite() => Ok(number),
-        Ok(_) => Err(format!("`{field}` is not finite")),
-        Err(_) => Err(format!("`{field}` is not a number")),
+/// As Rust, C and Microsoft's C write numbers; these two have `-nan(ind)` and `1.#INF` besides.
+fn number_of(field: &str) -> Result<f64, String> {
+    let bare = field.trim_start_matches(['-', '+']).to_ascii_lowercase();
+    if bare.starts_with("nan(") || bare.starts_with("1.#") {
+        return Ok(f64::NAN);
+    }
+    let number = field.parse::<f64>();
+    number.map_err(|_| format!("`{field}` is not a number"))
+}
+
+/// Units that stamps are in by mistake, and how many of each make a second.
+const SMALLER_UNITS: [(&str, f64); 3] = [
+    ("milliseconds", 1e3),
+    ("microseconds", 1e6),
+    ("nanoseconds", 1e9),
+];
+/// Unix times of 1973 to 2286, seconds.
+const UNIX_S: std::ops::Range<f64> = 1e8..1e10;
+
+/// Why a stamp is none: text, or a number beyond what seconds reach to.
+fn no_time(field: &str) -> String {
+    let Ok(stamp) = field.parse::<f64>() else {
+        return format!("timestamp `{field}` is not a time in seconds");
+    };
+    let is_of = |per_second: f64| UNIX_S.contains(&(stamp / per_second).abs());
+    let unit = SMALLER_UNITS.iter().find(|(_, count)| is_of(*count));
+    unit.map_or_else(
+        || {
+            format!(
+                "timestamp `{field}` is no time in seconds, which reach to 9.2e9: write seconds, by \
+                 dividing all of them by 1e3, 1e6 or 1e9 if they are milliseconds, microseconds or nanoseconds"
+            )
+        },
+        |(unit, per_second)| {
+            let seconds = in_seconds(field, *per_second);
+            format!("timestamp `{field}` is in {unit}; write seconds, here {seconds}")
+        },
+    )
+}
+
+/// The same time in seconds; of whole numbers to the last digit.
+fn in_seconds(field: &str, per_second: f64) -> String {
+    let digits = per_second.log10() as usize;
+    let is_whole = field.bytes().all(|byte| byte.is_ascii_digit());
+    match field.len().checked_sub(digits) {
+        Some(at) if is_whole => format!("{}.{}", &field[..at], &field[at..]),
+        _ => format!("{:.3}", field.parse().unwrap_or(0.0) / per_second),
     }
 }
 
@@ -244,12 +308,66 @@ mod tests {
     #[test]
     fn errors_name_the_line_and_what_would_be_right() {
         assert!(error("# a\n1 2 3\n").starts_with("line 2: 3 fields, expected 8"));
-        assert!(error("1 nan 0 0 0 0 0 1").contains("line 1: `nan` is not finite"));
         assert!(error("1 0 0 0 0 0 0 0").contains("quaternion has no length"));
-        assert!(error("1 0 0 0 0 0 inf 1").contains("not finite"));
         assert!(error("x 0 0 0 0 0 0 1").contains("`x` is not a time"));
         assert!(error(&"9".repeat(10_000)).contains("longer than"));
         assert!(read(&[0xff_u8, 0xfe, 0x00][..]).is_err());
+    }
+
+    #[test]
+    fn rows_that_are_not_finite_are_left_out_whoever_wrote_them() {
+        let odd = [
+            "nan",
+            "NaN",
+            "-nan",
+            "-nan(ind)",
+            "nan(snan)",
+            "1.#QNAN",
+            "-1.#IND",
+            "inf",
+            "-Infinity",
+            "1.#INF",
+            "1e999",
+        ];
+        for odd in odd {
+            for column in 0..8 {
+                let mut fields = ["2.5", "0", "0", "0", "0", "0", "0", "1"];
+                fields[column] = odd;
+                let rows = format!(
+                    "1 0 0 0 0 0 0 1\n# c\n{}\n3 0 0 0 0 0 0 1\n",
+                    fields.join(" ")
+                );
+                let file = read_str(&rows).unwrap_or_else(|error| panic!("{odd}: {error}"));
+                let found = (
+                    file.poses.len(),
+                    file.not_finite_count,
+                    file.first_not_finite,
+                );
+                assert_eq!(found, (2, 1, Some(3)), "{odd} in column {column}");
+            }
+        }
+        assert!(error("1 x 0 0 0 0 0 nan").contains("`x` is not a number"));
+    }
+
+    #[test]
+    fn stamps_in_smaller_units_are_named_with_what_to_write() {
+        let refused = |stamp: &str| error(&format!("{stamp} 0 0 0 0 0 0 1"));
+        for (stamp, unit, seconds) in [
+            ("1700000000123456789", "nanoseconds", "1700000000.123456789"),
+            ("1.7e18", "nanoseconds", "1700000000.000"),
+            ("1700000000123456", "microseconds", "1700000000.123456"),
+            ("1700000000123456.7", "microseconds", "1700000000.123"),
+            ("1700000000123", "milliseconds", "1700000000.123"),
+            ("1893456000000000000", "nanoseconds", "1893456000.000000000"),
+            ("123456789012", "milliseconds", "123456789.012"),
+        ] {
+            let said = refused(stamp);
+            let wanted = format!("`{stamp}` is in {unit}; write seconds, here {seconds}");
+            assert!(said.ends_with(&wanted), "{said}");
+            assert!(read_str(&format!("{seconds} 0 0 0 0 0 0 1")).is_ok());
+        }
+        assert!(refused("50000000000").contains("dividing all of them by"));
+        assert!(refused("9e99").contains("dividing all of them by"));
     }
 
     #[test]

@@ -120,7 +120,7 @@ fn placed(dive: &Dive, place: &Pose) -> PoseSource {
         ..*pose
     };
     let poses: Vec<StampedPose> = dive.reported_poses().iter().map(put).collect();
-    PoseSource::File(poses.into_iter())
+    PoseSource::File(poses.into())
 }
 
 fn pings(sonar: &SimulatedSonar, range: std::ops::Range<usize>) -> anyhow::Result<Vec<Arc<Ping>>> {

@@ -212,6 +212,10 @@ pub(super) fn trajectory(file: &Path) -> anyhow::Result<Facts> {
         .map(|pose| pose.world_from_vehicle.translation_m);
     let mut facts = Facts::new();
     facts.insert("poses".to_owned(), found.poses.len().into());
+    if found.not_finite_count > 0 {
+        let count = found.not_finite_count;
+        facts.insert("rows_not_finite".to_owned(), count.into());
+    }
     facts.insert("pose_span".to_owned(), span_fact(span));
     let (low, high) = positions.fold((None, None), |(low, high), p| {
         let low = low.map_or(p, |low: glam::DVec3| low.min(p));
