@@ -1,9 +1,12 @@
 //! From a source's task to whoever takes the poses: a bounded queue, and the status beside it.
 
+use std::pin::pin;
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_liveness::Heartbeat;
+use tokio::time::timeout;
 use tokio_util::sync::CancellationToken;
 
 use crate::status::PoseSourceStatus;
@@ -11,6 +14,8 @@ use echosplat_join::ArrivedPose;
 
 /// Poses that wait to be taken: 20 minutes at 50 Hz.
 const QUEUE_LEN: usize = 65_536;
+/// While nothing is read the status is renewed so often.
+const TELL_EVERY: Duration = Duration::from_millis(500);
 
 /// The task's end.
 #[derive(Debug)]
@@ -67,10 +72,34 @@ impl Outlet {
         shared.link = Some(link);
     }
 
-    /// Tells counters, clock and what is missing, and that the task is alive.
+    /// What became of the link, as told last.
+    pub(crate) fn link_so_far(&self) -> Option<&str> {
+        self.link.as_deref()
+    }
+
+    /// Waits for `work` on the link, telling the status meanwhile: what was missing before may not be what is now.
+    pub(crate) async fn meanwhile<T>(
+        &self,
+        status: impl Fn() -> PoseSourceStatus,
+        work: impl Future<Output = T>,
+    ) -> T {
+        let mut work = pin!(work);
+        loop {
+            self.tell(status());
+            self.heartbeat.rest();
+            if let Ok(done) = timeout(TELL_EVERY, &mut work).await {
+                return done;
+            }
+        }
+    }
+
+    /// Tells counters, clock and what is missing, and that the task is alive. A link that the status
+    /// names goes before the one told.
     pub(crate) fn tell(&self, mut status: PoseSourceStatus) {
         self.heartbeat.beat();
-        status.link.clone_from(&self.link);
+        if status.link.is_none() {
+            status.link.clone_from(&self.link);
+        }
         status.dropped_full += self.dropped;
         status.accepted = status.accepted.saturating_sub(self.dropped);
         *self.shared.lock().unwrap_or_else(PoisonError::into_inner) = status;

@@ -13,6 +13,7 @@ mod track;
 use std::convert::Infallible;
 use std::io;
 
+use echosplat_model::Timestamp;
 use tokio::task::block_in_place;
 
 use self::report::Report;
@@ -20,6 +21,7 @@ use self::track::Track;
 use crate::link::{Address, BackOff};
 use crate::now::now;
 use crate::outlet::Outlet;
+use crate::status::PoseSourceStatus;
 use echosplat_join::StampClock;
 
 /// Longest line read; a velocity with four transducers has some 1,000 bytes.
@@ -34,11 +36,25 @@ pub(crate) async fn run(address: &Address, stamps: StampClock, outlet: &mut Outl
     let name = address.name();
     outlet.link(format!("waiting for the DVL on {name}"));
     loop {
-        outlet.heartbeat.rest();
         let Err(error) = read(address, &mut track, &mut back_off, outlet).await;
         outlet.link(format!("lost: {name}: {error}; trying again"));
-        outlet.heartbeat.rest();
-        back_off.wait().await;
+        let waiting = outlet.meanwhile(|| status(&track, outlet, now()), back_off.wait());
+        waiting.await;
+    }
+}
+
+/// With a silence in place of a link that is up.
+fn status(track: &Track, outlet: &Outlet, now: Timestamp) -> PoseSourceStatus {
+    let silence = track.silent_s(now).map(|silent_s| {
+        let link = outlet.link_so_far().filter(|link| *link != "up");
+        let link = link.map_or(String::new(), |link| format!("; {link}"));
+        format!(
+            "nothing from the DVL for {silent_s:.0} s: is it powered, and its cable whole?{link}"
+        )
+    });
+    PoseSourceStatus {
+        link: silence,
+        ..track.status(now)
     }
 }
 
@@ -49,7 +65,8 @@ async fn read(
     back_off: &mut BackOff,
     outlet: &mut Outlet,
 ) -> io::Result<Infallible> {
-    let mut link = address.open().await?;
+    let opening = outlet.meanwhile(|| status(track, outlet, now()), address.open());
+    let mut link = opening.await?;
     let mut lines = Lines::default();
     let mut buffer = [0; 4096];
     let mut heard_at = now();
@@ -67,7 +84,7 @@ async fn read(
                 let poses = track.take(report, arrived);
                 poses.into_iter().for_each(|pose| outlet.hand_on(pose));
             });
-            outlet.tell(track.status(arrived));
+            outlet.tell(status(track, outlet, arrived));
         });
         if arrived.seconds_since(heard_at).abs() > SILENT_AFTER_S {
             let what = "it sends no reports";

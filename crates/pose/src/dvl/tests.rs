@@ -147,14 +147,33 @@ fn reports_that_the_dvl_calls_invalid_are_counted_and_what_is_missing_is_told() 
     assert!(take(&mut track, &position(0.0, [0.0; 3], 0.0, 1), 0.0).is_empty());
     assert!(take(&mut track, r#"{"type":"position_local","ts":1}"#, 0.1).is_empty());
     assert!(take(&mut track, "not json", 0.2).is_empty());
+    assert!(take(&mut track, &position(5.9, [0.0; 3], 0.0, 1), 5.9).is_empty());
     let later = Timestamp::from_nanos((UNIX + 6) * 1_000_000_000);
     let status = track.status(later);
     assert_eq!(
         (status.received, status.malformed, status.accepted),
-        (3, 3, 0)
+        (4, 4, 0)
     );
     assert!(status.first_fault.unwrap().contains("status 1"));
     assert!(status.missing.unwrap().contains("bottom"));
+}
+
+#[test]
+fn a_dvl_that_falls_silent_is_not_told_to_see_the_bottom() {
+    for is_valid in [true, false] {
+        let mut track = Track::new(StampClock::Host);
+        for i in 0..40 {
+            let at_s = f64::from(i) * 0.2;
+            let line = position(at_s, [0.0; 3], 0.0, i64::from(!is_valid));
+            take(&mut track, &line, at_s);
+        }
+        let after = |seconds: f64| Timestamp::from_nanos(UNIX * 1_000_000_000).offset_by(seconds);
+        assert_eq!(track.status(after(7.9)).missing.is_some(), !is_valid);
+        assert_eq!(track.silent_s(after(8.0)), None);
+        assert_eq!(track.status(after(14.8)).missing, None);
+        let silent_s = track.silent_s(after(14.8)).unwrap();
+        assert!((silent_s - 7.0).abs() < 1e-6, "{silent_s}");
+    }
 }
 
 #[test]

@@ -17,6 +17,8 @@ use echosplat_join::{ArrivedPose, StampClock};
 const ONE_CLOCK_NANOS: i64 = 5_000_000_000;
 /// Reports without a usable position for so long are told.
 const MISSING_AFTER_S: f64 = 5.0;
+/// It sends five positions a second: without any report for so long it is silent.
+const SILENT_AFTER_S: f64 = 1.5;
 /// Velocities kept between two positions: 26 a second at most, 5 positions a second.
 const VELOCITY_COUNT: usize = 64;
 
@@ -48,6 +50,7 @@ pub(super) struct Track {
     /// Since that position, in order of time.
     velocities: VecDeque<Velocity>,
     first_report: Option<Timestamp>,
+    last_line: Option<Timestamp>,
     last_position: Option<Timestamp>,
 }
 
@@ -61,6 +64,7 @@ impl Track {
             fix: None,
             velocities: VecDeque::new(),
             first_report: None,
+            last_line: None,
             last_position: None,
         }
     }
@@ -71,6 +75,7 @@ impl Track {
         report: Result<Option<Report>, String>,
         arrived: Timestamp,
     ) -> Vec<ArrivedPose> {
+        self.last_line = Some(arrived);
         let poses = match report {
             Ok(None) => return Vec::new(),
             Ok(Some(report)) => {
@@ -92,10 +97,17 @@ impl Track {
         poses.map(|pose| ArrivedPose { pose, arrived }).collect()
     }
 
-    /// Counters, clock and what is missing.
+    /// For how long nothing has come from a DVL that was heard before, seconds; `None` while something does.
+    pub(super) fn silent_s(&self, now: Timestamp) -> Option<f64> {
+        let silent_s = now.seconds_since(self.last_line?);
+        (silent_s > SILENT_AFTER_S).then_some(silent_s)
+    }
+
+    /// Counters, clock and what is missing from its reports, while these come.
     pub(super) fn status(&self, now: Timestamp) -> PoseSourceStatus {
         let since = self.last_position.or(self.first_report);
-        let lacks = since.is_some_and(|since| now.seconds_since(since) > MISSING_AFTER_S);
+        let lacks = since.is_some_and(|since| now.seconds_since(since) > MISSING_AFTER_S)
+            && self.silent_s(now).is_none();
         let what = "the DVL reports but gives no valid position; it needs to see the bottom (0.05 \
                     to 50 m away) and its dead reckoning reset once it does";
         PoseSourceStatus {

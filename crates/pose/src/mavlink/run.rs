@@ -50,11 +50,10 @@ impl OverLink {
         let mut back_off = BackOff::default();
         let name = self.address.name();
         loop {
-            outlet.heartbeat.rest();
             let Err(error) = self.feed(&mut vehicle, &mut back_off, outlet).await;
             outlet.link(format!("lost: {name}: {error}; trying again"));
-            outlet.heartbeat.rest();
-            back_off.wait().await;
+            let waiting = outlet.meanwhile(|| vehicle.status(now()), back_off.wait());
+            waiting.await;
         }
     }
 
@@ -65,7 +64,8 @@ impl OverLink {
         back_off: &mut BackOff,
         outlet: &mut Outlet,
     ) -> io::Result<Infallible> {
-        let mut link = self.address.open().await?;
+        let opening = outlet.meanwhile(|| vehicle.status(now()), self.address.open());
+        let mut link = opening.await?;
         let mut talk = Talk::new(self.address.name());
         let mut buffer = vec![0; PIECE_BYTES];
         loop {
