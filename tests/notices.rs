@@ -1,10 +1,12 @@
 //! Nothing that is wrong goes by in silence: each condition is told in a sentence that says what to
 //! do, and shows in the exit code.
 
+use std::io::Write;
+use std::net::TcpListener;
 use std::time::Duration;
 
 use echosplat_firmware_protocol::Message;
-use echosplat_model::StampedPose;
+use echosplat_model::{StampedPose, Timestamp};
 
 use crate::fake_sonar::{FakeSonar, FakeVehicle, encoded, now, pose_at, profile, profile_of};
 use crate::harness::{Program, bus_at, free_port, wait_until_listening};
@@ -120,6 +122,86 @@ fn poses_of_another_time() {
     told_of_poses(hour_ago, &["have no time in common", "--time-offset-s -3"]);
 }
 
+/// What is told of these poses, and what is not told beside it.
+fn told_of_stamps(stamp: impl Fn(i64) -> i64 + Send + 'static, words: &[&str]) {
+    let sonar = FakeSonar::start(|i| profile(i, |_| {}));
+    let port = free_port();
+    let mut service = service(&sonar.url(), port);
+    let _vehicle = FakeVehicle::start(port, move |seconds| {
+        let mut pose = pose_at(now(), seconds);
+        pose.time = Timestamp::from_nanos(stamp(pose.time.nanos()));
+        Some(pose)
+    });
+    service.wait_for_text(words[0], LONG);
+    // What a slower notice would be told by then.
+    std::thread::sleep(Duration::from_secs(4));
+    for wrong in [
+        "--time-offset-s",
+        "second source",
+        "two sources",
+        "too far apart",
+        "ask for more",
+    ] {
+        assert!(
+            !service.stderr().contains(wrong),
+            "{wrong}\n{}",
+            service.account()
+        );
+    }
+    told(service, words);
+}
+
+#[test]
+fn poses_without_a_stamp_and_of_another_unit() {
+    told_of_stamps(
+        |_| 0,
+        &["poses so far are stamped 0", "leaves their time out"],
+    );
+    told_of_stamps(
+        |nanos| nanos / 1_000_000,
+        &["which is the time in milliseconds", "1000000 times as much"],
+    );
+}
+
+/// A DVL that sees the bottom, and after two seconds sends nothing more.
+#[test]
+fn a_dvl_that_falls_silent() {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("loopback has free ports");
+    let dvl = format!("dvl://{}", listener.local_addr().expect("it is bound"));
+    let _dvl = std::thread::spawn(move || {
+        let (mut first, _) = listener.accept()?;
+        for i in 0..10 {
+            let report = format!(
+                "{{\"ts\":{:.1},\"x\":{i},\"y\":0,\"z\":1,\"std\":0.01,\"roll\":0,\"pitch\":0,\"yaw\":0,\
+                 \"type\":\"position_local\",\"status\":0,\"format\":\"json_v3.1\"}}\r\n",
+                f64::from(i) * 0.2
+            );
+            first.write_all(report.as_bytes())?;
+            std::thread::sleep(Duration::from_millis(200));
+        }
+        // Held, and then connected again.
+        let again = listener.accept()?;
+        std::thread::sleep(LONG);
+        std::io::Result::Ok((first, again))
+    });
+    let sonar = FakeSonar::start(|i| profile(i, |_| {}));
+    let port = free_port();
+    let bus = bus_at(port);
+    let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
+    let url = sonar.url();
+    let arguments = [&["run", "--sonar", &url, "--pose", &dvl][..], &bus].concat();
+    let mut service = Program::echosplat(&arguments);
+    service.wait_for_text("nothing from the DVL for", LONG);
+    // Past the time after which a DVL is told to see the bottom, and that after which it is called again.
+    service.wait_for_text("it sends no reports; trying again", LONG);
+    assert!(
+        !service.stderr().contains("bottom"),
+        "{}",
+        service.account()
+    );
+    told(service, &["is it powered"]);
+}
+
 #[test]
 fn a_second_publisher_of_poses() {
     let sonar = FakeSonar::start(|i| profile(i, |_| {}));
@@ -204,9 +286,16 @@ fn a_second_service_of_the_same_name_is_refused() {
     let bus = bus_at(port);
     let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
     let url = sonar.url();
-    let mut second = Program::echosplat(&[&["run", "--sonar", &url][..], &bus].concat());
-    second.wait_exit_code(2, LONG);
-    assert!(second.stderr().contains("--node"), "{}", second.account());
+    let second = [&["run", "--sonar", &url][..], &bus].concat();
+    let mut refused = Program::echosplat(&second);
+    refused.wait_exit_code(2, LONG);
+    assert!(
+        refused.stderr().contains("(--node)"),
+        "{}",
+        refused.account()
+    );
+    let mut advised = Program::echosplat(&[&second[..], &["--node", "another"]].concat());
+    advised.wait_for_text("sonar link is up", LONG);
 }
 
 #[test]
@@ -219,4 +308,7 @@ fn a_replay_without_poses_says_what_to_give() {
         "{}",
         replay.account()
     );
+    let poses = crate::dive::file("dive.tum");
+    Program::echosplat(&["replay", &log, "--poses", &poses, "--finished-only"])
+        .wait_exit_code(0, LONG);
 }

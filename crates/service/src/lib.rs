@@ -4,6 +4,8 @@
 //! file format of its own, and no bench: the program adds those. What is public here is what the
 //! program and the benches use.
 
+#[cfg(test)]
+mod advised;
 pub mod arguments;
 pub mod clock;
 pub mod commands;

@@ -9,7 +9,7 @@
 
 mod track;
 
-use echosplat_model::StampedPose;
+use echosplat_model::{StampedPose, Timestamp};
 use serde::Serialize;
 
 use crate::{ArrivedPose, StampClock};
@@ -27,6 +27,8 @@ pub struct GuardReport {
     pub epoch: u32,
     /// Why the newest epoch began.
     pub epoch_reason: Option<String>,
+    /// Poses refused since they are stamped 0, which is no time.
+    pub stamps_zero: u64,
     /// Poses refused since their stamp is far from where the clock is.
     pub stamps_far: u64,
     /// Poses refused since they lie far from the track, which goes on without them.
@@ -91,6 +93,10 @@ impl PoseGuard {
 
     /// Judges the next pose; `take` gets what is to be joined with pings, in order.
     pub fn push(&mut self, mut arrived: ArrivedPose, take: &mut dyn FnMut(Guarded)) {
+        if self.is_unstamped(&arrived) {
+            self.report.stamps_zero += 1;
+            return;
+        }
         let shift_s = self.report.clock_shift_s;
         arrived.pose.time = arrived.pose.time.offset_by(shift_s);
         let Some(track) = &self.track else {
@@ -121,6 +127,13 @@ impl PoseGuard {
     #[must_use]
     pub fn report(&self) -> &GuardReport {
         &self.report
+    }
+
+    /// Whether nobody filled in its stamp. A clock of the data's own may begin at 0, and goes on.
+    fn is_unstamped(&self, arrived: &ArrivedPose) -> bool {
+        let newest = self.track.as_ref().map(|track| track.newest().pose.time);
+        arrived.pose.time == Timestamp::ZERO
+            && (self.clock == StampClock::Host || newest == Some(Timestamp::ZERO))
     }
 
     fn begin(&mut self, poses: &[ArrivedPose], take: &mut dyn FnMut(Guarded)) {

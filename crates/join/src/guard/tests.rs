@@ -238,3 +238,45 @@ fn a_backlog_after_a_stalled_link_is_taken() {
         .sum();
     assert_eq!((taken, guard.report().stamps_far), (300, 0));
 }
+
+#[test]
+fn poses_without_a_stamp_are_counted_as_such_and_as_nothing_else() {
+    let unstamped = |index: u32| {
+        let mut arrived = pose(index);
+        arrived.pose.time = Timestamp::ZERO;
+        arrived
+    };
+    let mut guard = PoseGuard::new(StampClock::Host);
+    let taken: usize = (0..100).map(|i| push(&mut guard, unstamped(i)).len()).sum();
+    let report = guard.report();
+    assert_eq!((taken, report.stamps_zero, report.epoch), (0, 100, 0));
+    let refused = (report.stamps_far, report.off_track, report.out_of_order);
+    assert_eq!((refused, report.lead_s.abs() > 0.0), ((0, 0, 0), false));
+
+    // One in ten of an otherwise sound source.
+    let mut guard = PoseGuard::new(StampClock::Host);
+    let sent = |i: u32| if i % 10 == 3 { unstamped(i) } else { pose(i) };
+    let taken: usize = (0..100).map(|i| push(&mut guard, sent(i)).len()).sum();
+    assert_eq!((taken, guard.report().stamps_zero), (90, 10));
+}
+
+#[test]
+fn a_clock_of_the_datas_own_may_begin_at_nothing() {
+    let at = |seconds: f64| {
+        let mut arrived = pose(0);
+        arrived.pose.time = Timestamp::from_secs_f64(seconds);
+        arrived
+    };
+    let mut guard = PoseGuard::new(StampClock::Data);
+    let taken: usize = [0.0, 0.02, 0.04]
+        .map(|s| push(&mut guard, at(s)).len())
+        .iter()
+        .sum();
+    assert_eq!((taken, guard.report().stamps_zero), (3, 0));
+    let mut guard = PoseGuard::new(StampClock::Data);
+    let taken: usize = [0.0, 0.0, 0.0]
+        .map(|s| push(&mut guard, at(s)).len())
+        .iter()
+        .sum();
+    assert_eq!((taken, guard.report().stamps_zero), (1, 2));
+}

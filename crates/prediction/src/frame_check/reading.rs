@@ -95,7 +95,18 @@ impl FrameReading {
         }
     }
 
-    /// What poses look like, and what to do about it.
+    /// How the sonar is turned on the vehicle if this is what is wrong with the mount as configured; `None` if it is the
+    /// poses.
+    #[must_use]
+    pub fn mount_instead(&self, vehicle_from_sensor: &Pose) -> Option<DQuat> {
+        let is_mount = matches!(
+            self,
+            Self::MountYaw(_) | Self::MountPitch(_) | Self::MountRoll(_)
+        );
+        is_mount.then(|| self.mount(vehicle_from_sensor).rotation)
+    }
+
+    /// What poses look like and what to send instead, or how the sonar looks ([`Self::mount_instead`] says what to set).
     #[must_use]
     pub fn sentence(&self) -> &'static str {
         match self {
@@ -120,29 +131,17 @@ impl FrameReading {
                 "poses look like vehicle_from_world: send their inverse, where the vehicle is in \
                  the world"
             }
-            Self::MountYaw(degrees) if *degrees == 180 => {
-                "the sonar looks the other way: add 180 to the yaw in \
-                 pose.vehicle_from_sensor.yaw_pitch_roll_deg"
-            }
+            Self::MountYaw(degrees) if *degrees == 180 => "the sonar looks the other way",
             Self::MountYaw(degrees) if *degrees < 0 => {
-                "the sonar looks to the right of where it is said to: subtract 90 from the yaw in \
-                 pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+                "the sonar looks to the right of where it is said to"
             }
-            Self::MountYaw(_) => {
-                "the sonar looks to the left of where it is said to: add 90 to the yaw in \
-                 pose.vehicle_from_sensor.yaw_pitch_roll_deg"
-            }
+            Self::MountYaw(_) => "the sonar looks to the left of where it is said to",
             Self::MountPitch(degrees) if *degrees < 0 => {
-                "the sonar looks up from where it is said to: subtract 90 from the pitch in \
-                 pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+                "the sonar looks up from where it is said to"
             }
-            Self::MountPitch(_) => {
-                "the sonar looks down from where it is said to: add 90 to the pitch in \
-                 pose.vehicle_from_sensor.yaw_pitch_roll_deg"
-            }
+            Self::MountPitch(_) => "the sonar looks down from where it is said to",
             Self::MountRoll(_) => {
-                "the wide axis of the sonar's beam lies across the one it is said to: add 90 to the \
-                 roll in pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+                "the wide axis of the sonar's beam lies across the one it is said to"
             }
         }
     }

@@ -97,19 +97,29 @@ pub enum Command {
     },
 }
 
+/// What the program adds its own commands to.
+#[cfg(test)]
+#[derive(Debug, clap::Parser)]
+#[command(name = "echosplat")]
+pub(crate) struct Arguments {
+    #[command(flatten)]
+    logging: LoggingArguments,
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+/// A command line without the program's name, as the program reads it.
+#[cfg(test)]
+pub(crate) fn parsed(words: impl IntoIterator<Item = String>) -> Result<Command, clap::Error> {
+    use clap::Parser;
+    let words = ["echosplat".to_owned()].into_iter().chain(words);
+    Arguments::try_parse_from(words).map(|arguments| arguments.command)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use clap::{CommandFactory, Parser};
-
-    /// What the program adds its own commands to.
-    #[derive(Debug, Parser)]
-    struct Arguments {
-        #[command(flatten)]
-        logging: LoggingArguments,
-        #[command(subcommand)]
-        command: Command,
-    }
 
     #[test]
     fn the_command_line_is_consistent() {

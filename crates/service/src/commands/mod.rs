@@ -17,6 +17,9 @@ mod run;
 mod simulate;
 mod watch;
 
+#[cfg(test)]
+pub(crate) use run::configuration as run_configuration;
+
 use std::time::{Duration, Instant};
 
 use echosplat_metrics::{MapPoints, Truth, evaluate};

@@ -10,10 +10,10 @@ use crate::arguments::ReplayArguments;
 use crate::commands::dive_report::{self, Heading};
 use crate::commands::judging::{Judge, TruthOf};
 use crate::commands::show_figures;
-use crate::config::{Config, Overrides};
+use crate::config::{Config, MOST_OFFSET_S, Overrides};
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Gate, Hooks, Outcome, Pace, Part, Setup, Shedding, Span,
+    self, Album, Expectations, Gate, Hooks, Outcome, Pace, Part, PoseReport, Setup, Shedding, Span,
 };
 use crate::replayed::Replayed;
 use crate::signals::Stop;
@@ -159,6 +159,7 @@ fn once(
                 false => Pace::AsMapped,
             },
             ping_interval_s: 0.0,
+            range_m: [0.0; 2],
         },
         hooks: Hooks {
             observer: judge
@@ -182,7 +183,7 @@ fn once(
         return Err(Usage::error(no_ping_from(arguments)));
     }
     match !takes_poses_live && nothing_overlaps(&outcome) {
-        true => Err(Usage::error(no_time_in_common(arguments, &outcome))),
+        true => Err(Usage::error(no_time_in_common(arguments, &outcome, config))),
         false => Ok(outcome),
     }
 }
@@ -216,9 +217,16 @@ fn is_live(url: &PoseUrl) -> bool {
     !matches!(url, PoseUrl::Tum(_) | PoseUrl::Log(_) | PoseUrl::None)
 }
 
-/// Both spans, and the offset that would join their beginnings.
-fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome) -> String {
+/// Why no ping has a pose: stamps that say no time, poses too far apart, or two times. Of these both spans, and the
+/// offset that would join their beginnings.
+fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome, config: &Config) -> String {
     let poses = &outcome.status.report.poses;
+    let given = asked_poses(arguments).map_or("the log".to_owned(), |url| url.to_string());
+    let stamps =
+        pipeline::no_time(poses).or_else(|| too_far_apart(poses, config.pose.max_pose_gap_s));
+    if let Some(why) = stamps {
+        return format!("the poses of {given}: {why}");
+    }
     let span = |span: Option<Span>| {
         span.map_or("none".to_owned(), |span| {
             let [first_s, last_s] = [span.first_ns, span.last_ns].map(|ns| ns as f64 * 1e-9);
@@ -229,10 +237,14 @@ fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome) -> String {
         .pose_times
         .zip(poses.ping_times)
         .map(|(poses, pings)| {
-            let offset_s = (poses.first_ns - pings.first_ns) as f64 * 1e-9;
-            format!("; --time-offset-s {offset_s:.3} would join their beginnings")
+            let offset_s = poses.first_ns.saturating_sub(pings.first_ns) as f64 * 1e-9;
+            match offset_s.abs() <= MOST_OFFSET_S {
+                true => format!(
+                    "; --time-offset-s {offset_s:.3} would join their beginnings, which is right if both began together"
+                ),
+                false => "; one of the two clocks tells no time".to_owned(),
+            }
         });
-    let given = asked_poses(arguments).map_or("the log".to_owned(), |url| url.to_string());
     format!(
         "the poses of {given} ({}) and the pings of {} ({}) have no time in common{}",
         span(poses.pose_times),
@@ -240,6 +252,27 @@ fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome) -> String {
         span(poses.ping_times),
         offset.unwrap_or_default()
     )
+}
+
+/// Poses among the pings, none of which lie near enough together; mostly their stamps are in another unit.
+fn too_far_apart(poses: &PoseReport, max_gap_s: f64) -> Option<String> {
+    let span = poses.pose_times?;
+    let steps = poses
+        .join
+        .poses_taken
+        .checked_sub(1)
+        .filter(|steps| *steps > 0)?;
+    let apart_s = span.last_ns.saturating_sub(span.first_ns) as f64 * 1e-9 / steps as f64;
+    let unit = match apart_s {
+        _ if apart_s <= max_gap_s => return None,
+        ..1e3 => "milliseconds",
+        ..1e6 => "microseconds",
+        _ => "nanoseconds",
+    };
+    Some(format!(
+        "they lie {apart_s:.1} s apart, and only {max_gap_s} s are interpolated across (pose.max_pose_gap_s): if \
+         their times are {unit}, write seconds"
+    ))
 }
 
 fn nothing_overlaps(outcome: &Outcome) -> bool {

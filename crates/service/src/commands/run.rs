@@ -16,7 +16,7 @@ use crate::decided::Decided;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
     self, Album, Expectations, Gate, Hooks, Input, Outcome, Pace, Part, Patience, Poses, Setup,
-    Shedding,
+    Shedding, range_of,
 };
 use crate::recorder::Recorder;
 use crate::rig::{PosesTo, Rig};
@@ -29,17 +29,25 @@ use crate::{clock, dives, inputs, logging, maps, truth};
 /// If something asked for cannot be, or the map cannot be written.
 pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
     refuse_what_is_the_others(arguments)?;
+    let config = configuration(arguments)?;
+    match arguments.role {
+        Role::Driver => drive(&config),
+        Role::All | Role::Mapper => run_and_map(arguments, &config),
+    }
+}
+
+/// The file's settings with the command line's on top.
+///
+/// # Errors
+/// If one of them is wrong.
+pub(crate) fn configuration(arguments: &RunArguments) -> anyhow::Result<Config> {
     let overrides = Overrides {
         sonar: arguments.sonar.clone(),
         pose: arguments.pose.clone(),
         time_offset_s: arguments.time_offset_s,
         ..Overrides::default()
     };
-    let config = Config::assemble(&arguments.service, overrides)?;
-    match arguments.role {
-        Role::Driver => drive(&config),
-        Role::All | Role::Mapper => run_and_map(arguments, &config),
-    }
+    Config::assemble(&arguments.service, overrides)
 }
 
 /// What is asked for on the command line and another role does.
@@ -194,6 +202,7 @@ fn map_what_the_driver_hears(
             sonar: begin.sonar.clone(),
             pace: Pace::Live,
             ping_interval_s: begin.session.expected_interval_s(),
+            range_m: range_of(&begin.session),
         },
         part: Part::Mapper(tape.state()),
         inputs: vec![tape.recorded_by(recorder.clone()).into_input()],
@@ -264,6 +273,7 @@ fn serve(
                 false => Pace::Live,
             },
             ping_interval_s: driver.session.expected_interval_s(),
+            range_m: range_of(&driver.session),
         },
         part: Part::Whole,
         inputs: vec![Input::link(driver)],

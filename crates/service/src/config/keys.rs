@@ -44,6 +44,12 @@ fn keys_in(table: &str) -> impl Iterator<Item = &'static str> {
     })
 }
 
+/// Whether there is such a key or table.
+#[cfg(test)]
+pub(crate) fn is_known(name: &str) -> bool {
+    find(name).is_some() || is_table(name)
+}
+
 /// Table and last word of a dotted name.
 pub(super) fn split(name: &str) -> (&str, &str) {
     name.rsplit_once('.').unwrap_or(("", name))

@@ -24,6 +24,8 @@ use serde::{Deserialize, Serialize};
 use crate::exit::Usage;
 pub(crate) use choices::{Calibrate, RecordFormat};
 use errors::BadSetting;
+#[cfg(test)]
+pub(crate) use keys::is_known;
 pub(crate) use overrides::Overrides;
 
 /// `config/default.toml`, which equals [`Config::default`].
@@ -257,6 +259,10 @@ impl Config {
     }
 }
 
+/// What stamps in nanoseconds reach to, 292 years, and so the most that two clocks can be apart, seconds: Unix time
+/// against one that begins with the dive is 1.8e9.
+pub(crate) const MOST_OFFSET_S: f64 = 9.2e9;
+
 /// Finest voxels that can be asked for, metres: a beam of 0.8° is as wide 36 cm from the sonar, within
 /// its blanking, and every halving takes eight times the memory.
 const FINEST_M: f64 = 0.005;
@@ -330,7 +336,8 @@ impl SonarConfig {
 
 impl PoseConfig {
     fn check(&self) -> Result<(), BadSetting> {
-        within("pose.time_offset_s", self.time_offset_s, -1e9, 1e9)?;
+        let most_s = MOST_OFFSET_S;
+        within("pose.time_offset_s", self.time_offset_s, -most_s, most_s)?;
         for value in self.compass_deviation_deg {
             within("pose.compass_deviation_deg", value, -45.0, 45.0)?;
         }

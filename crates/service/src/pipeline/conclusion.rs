@@ -55,7 +55,7 @@ impl Run {
         };
         let snapshot = finished.unwrap_or_else(|| self.map_as_it_stands());
         let status = self.status(false);
-        let frames = diagnosis::frames(&status).into_iter();
+        let frames = self.diagnosis.frames(&status).into_iter();
         let found = frames.chain(diagnosis::calibration(&status));
         self.note(found.collect(), Instant::now());
         self.keep_room(Some(&snapshot));

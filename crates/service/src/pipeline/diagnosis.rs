@@ -4,15 +4,20 @@
 mod disk;
 mod poses;
 mod sonar;
+mod stamps;
 mod tape;
 
 use std::collections::HashMap;
 use std::time::{Duration, Instant};
 
+use echosplat_session::SessionConfig;
+
 use super::Pace;
 use super::notices::Finding;
 use super::status::Status;
-pub(crate) use poses::{calibration, frames};
+use crate::config::PoseConfig;
+pub(crate) use poses::calibration;
+pub(crate) use stamps::no_time;
 
 /// Growth of a counter is news for so long.
 const NEWS: Duration = Duration::from_millis(1200);
@@ -28,12 +33,21 @@ pub(crate) struct Expectations {
     pub(crate) pace: Pace,
     /// Between pings as configured, seconds.
     pub(crate) ping_interval_s: f64,
+    /// Where bins begin and how far they reach as the device is asked for, metres.
+    pub(crate) range_m: [f64; 2],
+}
+
+/// Where bins begin and how far they reach, metres, as this session asks the device.
+pub(crate) fn range_of(session: &SessionConfig) -> [f64; 2] {
+    [session.range_start_m, session.range_length_m]
 }
 
 /// Remembers what counters were, so that growth can be told.
 #[derive(Debug)]
 pub(crate) struct Diagnosis {
     expectations: Expectations,
+    /// How pings are joined with poses.
+    pose: PoseConfig,
     begin: Instant,
     /// When a driver elsewhere was last found to be silent.
     without_driver: Option<Instant>,
@@ -41,9 +55,10 @@ pub(crate) struct Diagnosis {
 }
 
 impl Diagnosis {
-    pub(crate) fn new(expectations: Expectations, begin: Instant) -> Self {
+    pub(crate) fn new(expectations: Expectations, pose: &PoseConfig, begin: Instant) -> Self {
         Self {
             expectations,
+            pose: pose.clone(),
             begin,
             without_driver: None,
             grown: HashMap::new(),
@@ -107,5 +122,7 @@ fn warning(code: &'static str, sentence: String) -> Finding {
     }
 }
 
+#[cfg(test)]
+mod advice;
 #[cfg(test)]
 mod tests;

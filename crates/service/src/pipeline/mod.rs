@@ -48,7 +48,7 @@ use crate::signals::Stop;
 use crate::split::{TapeReport, TapeState};
 
 pub(crate) use album::Album;
-pub(crate) use diagnosis::{Diagnosis, Expectations};
+pub(crate) use diagnosis::{Diagnosis, Expectations, no_time, range_of};
 pub(crate) use drivers::{Drivers, Input};
 use earlier::EarlierMaps;
 use ending::Ending;
@@ -60,7 +60,7 @@ pub(crate) use notices::{Finding, Notice, Notices};
 use outlet::Outlet;
 pub use outlet::{Moment, Observed, Observer, Schedule};
 pub use poses::{Joined, Poses};
-pub(crate) use poses::{Patience, Span};
+pub(crate) use poses::{Patience, PoseReport, Span};
 use run::Run;
 pub(crate) use shared::{Link, Phase, Shared};
 pub use shared::{MapperReport, Spent};

@@ -19,7 +19,7 @@ use crate::config::Config;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
     Diagnosis, Drivers, Expectations, Finding, Gate, Input, IsOver, Listening, MapperReport,
-    Notices, Pace, Passage, RateMeter, Shared, Status,
+    Notices, Pace, Passage, RateMeter, Shared, Status, range_of,
 };
 use crate::recorder::Recorder;
 use crate::runtime;
@@ -122,12 +122,13 @@ impl<'a> Run<'a> {
             sonar: url,
             pace: Pace::Live,
             ping_interval_s: driver.session.expected_interval_s(),
+            range_m: range_of(&driver.session),
         };
         let limit = Duration::from_secs_f64(config.pipeline.hang_limit_s);
         let heartbeat = Heartbeat::new("run");
         heartbeat.set_limit(limit);
         let mut supervisor = Supervisor::new(limit);
-        supervisor.spare([bus.heartbeat(), keeper.heartbeat()]);
+        supervisor.spare(bus.heartbeats().into_iter().chain([keeper.heartbeat()]));
         supervisor.watch(runtime::heartbeat()?, Policy::Needed);
         if let Some(of_poses) = poses.heartbeat() {
             supervisor.watch(of_poses, Policy::Source);
@@ -152,7 +153,7 @@ impl<'a> Run<'a> {
             is_closed: false,
             shared: Shared::new(),
             listening: Listening::default(),
-            diagnosis: Diagnosis::new(expectations, begin),
+            diagnosis: Diagnosis::new(expectations, &config.pose, begin),
             notices: Notices::new(begin),
             supervisor,
             systemd: Systemd::of_environment(),
@@ -285,6 +286,7 @@ impl<'a> Run<'a> {
         status.rates = self.rates.rates();
         status.recording = self.recorder.as_ref().and_then(Recorder::counters);
         status.recording_fault = self.recorder.as_ref().and_then(Recorder::fault);
+        status.bus_unreached = self.bus.unreached();
         let findings: Vec<Finding> = self.diagnosis.findings(&status, now);
         self.notices.add(findings, now);
         self.notices.end_old(now);

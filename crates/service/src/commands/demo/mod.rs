@@ -123,6 +123,7 @@ fn set_up(
             sonar: rig.url().to_owned(),
             pace: Pace::AsMapped,
             ping_interval_s: 0.0,
+            range_m: [0.0; 2],
         },
         inputs: vec![Input::link(driver)],
         poses: Poses::new(&config.pose, poses, Patience::HoldBack, recorder.clone())?,

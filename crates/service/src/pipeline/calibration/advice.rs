@@ -12,6 +12,9 @@ const LEAST_MS: f64 = 5.0;
 const LEAST_DEG: f64 = 0.4;
 const LEAST_M: f64 = 0.05;
 const LEAST_PERCENT: f64 = 0.4;
+/// What can be set, degrees and metres a second.
+const MOST_DEVIATION_DEG: f64 = 45.0;
+const WATER_MPS: std::ops::RangeInclusive<f64> = 1300.0..=1700.0;
 
 /// One thing that is off.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -83,16 +86,12 @@ impl Settings {
         }
         let [yaw, pitch, roll] = off.map(|angle| angle.map_or(0.0, |(_, a)| a.value.to_radians()));
         let turn = DQuat::from_scaled_axis(DVec3::new(roll, pitch, yaw));
-        let (yaw, pitch, roll) = (self.vehicle_from_sensor * turn).to_euler(EulerRot::ZYX);
-        // In tenths of a degree; a zero is added since there is one below zero too.
-        let shown = |angle: f64| (10.0 * angle.to_degrees()).round() / 10.0 + 0.0;
-        let [yaw, pitch, roll] = [yaw, pitch, roll].map(shown);
         Some(Advice {
             code: "pose-mount",
             sentence: format!(
-                "the sonar is turned against its mount by {}: set pose.vehicle_from_sensor.yaw_pitch_roll_deg \
-                 = [{yaw:.1}, {pitch:.1}, {roll:.1}]",
-                told.join(" and ")
+                "the sonar is turned against its mount by {}: {}",
+                told.join(" and "),
+                set_mount(self.vehicle_from_sensor * turn)
             ),
         })
     }
@@ -136,13 +135,16 @@ impl Settings {
         let b_deg = -(sine.value * across + cosine.value * along);
         let c_deg = -(sine.value * along - cosine.value * across);
         let [set_b_deg, set_c_deg] = self.compass_deviation_deg;
+        let (set_b_deg, set_c_deg) = (set_b_deg + b_deg + 0.0, set_c_deg + c_deg + 0.0);
+        let can_be_set = set_b_deg.abs().max(set_c_deg.abs()) <= MOST_DEVIATION_DEG;
+        let advice = match can_be_set {
+            true => format!("set pose.compass_deviation_deg = [{set_b_deg:.1}, {set_c_deg:.1}]"),
+            false => "that is more than can be set; compensate the compass itself".to_owned(),
+        };
         Some(Advice {
             code: "pose-compass",
             sentence: format!(
-                "the compass deviates by up to {most_deg:.1} ± {sigma_deg:.1}°: set pose.compass_deviation_deg \
-                 = [{:.1}, {:.1}]",
-                set_b_deg + b_deg + 0.0,
-                set_c_deg + c_deg + 0.0
+                "the compass deviates by up to {most_deg:.1} ± {sigma_deg:.1}°: {advice}"
             ),
         })
     }
@@ -151,15 +153,29 @@ impl Settings {
         let Estimate { value, sigma, .. } = telling(found.sound_speed_percent, LEAST_PERCENT)?;
         let side = if value > 0.0 { "faster" } else { "slower" };
         let set_mps = self.speed_of_sound_mps * (1.0 + 0.01 * value);
+        let advice = match WATER_MPS.contains(&set_mps.round()) {
+            true => format!("set session.speed_of_sound_mps = {set_mps:.0}"),
+            false => format!(
+                "no water has {set_mps:.0} m/s, so ranges are wrong for another reason; look how the sonar is set up"
+            ),
+        };
         Some(Advice {
             code: "sound-speed",
             sentence: format!(
-                "sound is {:.1} ± {sigma:.1} % {side} than ranges were worked out with: set \
-                 session.speed_of_sound_mps = {set_mps:.0}",
+                "sound is {:.1} ± {sigma:.1} % {side} than ranges were worked out with: {advice}",
                 value.abs()
             ),
         })
     }
+}
+
+/// What to set for a sonar that is turned like this.
+pub(crate) fn set_mount(vehicle_from_sensor: DQuat) -> String {
+    let (yaw, pitch, roll) = vehicle_from_sensor.to_euler(EulerRot::ZYX);
+    // In tenths of a degree; a zero is added since there is one below zero too.
+    let shown = |angle: f64| (10.0 * angle.to_degrees()).round() / 10.0 + 0.0;
+    let [yaw, pitch, roll] = [yaw, pitch, roll].map(shown);
+    format!("set pose.vehicle_from_sensor.yaw_pitch_roll_deg = [{yaw:.1}, {pitch:.1}, {roll:.1}]")
 }
 
 fn telling(estimate: Estimate, least: f64) -> Option<Estimate> {
@@ -256,5 +272,46 @@ mod tests {
         ] {
             assert!(said(&config, &found).is_empty(), "{found:?}");
         }
+    }
+
+    #[test]
+    fn whatever_is_advised_can_be_set() {
+        use crate::advised::{advised, configured};
+        let is = |value: f64| Estimate {
+            value,
+            sigma: 1e-3,
+            is_believed: true,
+        };
+        let mut set = 0;
+        for step in [-9.7, -3.1, -1.0, -0.51, 0.51, 1.0, 3.1, 9.7, 60.0] {
+            let mut config = Config::default();
+            config.pose.time_offset_s = -1.795e9;
+            config.pose.compass_deviation_deg = [20.0, -44.0];
+            config.pose.vehicle_from_sensor.yaw_pitch_roll_deg = [179.0, -89.0, 33.0];
+            config.session.speed_of_sound_mps = 1540.0;
+            let found = Calibration {
+                time_offset_ms: is(100.0 * step),
+                mount_yaw_deg: is(step),
+                mount_pitch_deg: is(-step),
+                mount_roll_deg: is(0.7 * step),
+                lever_left_m: is(0.3 * step),
+                lever_up_m: is(-0.2 * step),
+                sound_speed_percent: is(step),
+                compass_sine_deg: is(step),
+                compass_cosine_deg: is(step),
+                ..nothing()
+            };
+            for sentence in said(&config, &found) {
+                let (_, settings) = advised(&sentence);
+                assert_eq!(
+                    settings.len(),
+                    sentence.matches("set pose.").count()
+                        + sentence.matches("set session.").count()
+                );
+                configured(&settings);
+                set += settings.len();
+            }
+        }
+        assert!(set > 30, "{set}");
     }
 }

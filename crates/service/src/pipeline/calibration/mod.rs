@@ -15,7 +15,7 @@ use serde::Serialize;
 use crate::config::{Calibrate, Config};
 use crate::pipeline::Pace;
 use crate::processor;
-pub(crate) use advice::{Advice, Settings};
+pub(crate) use advice::{Advice, Settings, set_mount};
 
 /// Pings of the first estimate, two minutes at 40 a second: less tells next to nothing of small errors.
 const FIRST_PINGS: u64 = 4800;

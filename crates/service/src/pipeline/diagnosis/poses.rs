@@ -4,26 +4,18 @@ use std::time::Instant;
 
 use super::{Diagnosis, PATIENCE, loss, warning};
 use crate::pipeline::Pace;
+use crate::pipeline::calibration::set_mount;
 use crate::pipeline::notices::Finding;
-use crate::pipeline::poses::{PoseReport, Span};
+use crate::pipeline::poses::PoseReport;
 use crate::pipeline::status::Status;
 
 /// A live source that was heard and then is silent for so long has stopped, seconds.
 const STOPPED_S: f64 = 1.5;
 /// Poses that stay the same to the last bit for so long, while the view changes, are frozen, seconds.
 const FROZEN_S: f64 = 1.0;
-/// No link delays poses by more and is any use, seconds.
-const ODD_LEAD_S: f64 = 0.5;
-/// A few poses in another order are the network's; so many more are news.
-const STAMPS_REPEATED: u64 = 10;
-const NANOS_PER_SECOND: f64 = 1e9;
-
-/// Poses that cannot be what they are read as.
-pub(crate) fn frames(status: &Status) -> Option<Finding> {
-    let verdict = status.report.frames.as_ref();
-    let verdict = verdict.filter(|verdict| verdict.is_telling)?;
-    Some(loss("pose-frame", verdict.best.sentence().to_owned()))
-}
+/// The longest that pings can be told to wait, seconds, and the most that can wait.
+const MOST_WAIT_S: f64 = 3599.0;
+const MOST_WAITING: f64 = 65_536.0;
 
 /// Clock, mount or speed of sound, where the dive shows that they are not as configured.
 pub(crate) fn calibration(status: &Status) -> Vec<Finding> {
@@ -35,15 +27,35 @@ pub(crate) fn calibration(status: &Status) -> Vec<Finding> {
 }
 
 impl Diagnosis {
+    /// Poses, or a mount, that cannot be what they are read as.
+    pub(crate) fn frames(&self, status: &Status) -> Option<Finding> {
+        let verdict = status.report.frames.as_ref();
+        let verdict = verdict.filter(|verdict| verdict.is_telling)?;
+        let what = verdict.best.sentence();
+        let mount = verdict
+            .best
+            .mount_instead(&self.pose.vehicle_from_sensor.pose());
+        let sentence = mount.map_or_else(
+            || what.to_owned(),
+            |mount| format!("{what}: {}", set_mount(mount)),
+        );
+        Some(loss("pose-frame", sentence))
+    }
+
     pub(super) fn poses(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         let poses = &status.report.poses;
         findings.extend(self.malformed(poses, now));
         if self.expectations.pace == Pace::Live && self.has_run_for(PATIENCE, now) {
             findings.extend(missing(poses, status.pings_received));
         }
-        findings.extend(apart(poses));
+        let unit = self.unit(poses);
+        if unit.is_some() {
+            findings.extend(unit);
+            return;
+        }
+        findings.extend(self.stamps(poses, now));
         if self.expectations.pace == Pace::Live {
-            findings.extend(self.untimely(poses, now));
+            findings.extend(self.untimely(status, now));
         }
         findings.extend(self.guarded(poses, now));
         let is_frozen = poses.guard.still_s > FROZEN_S && status.report.listening.view_changes;
@@ -57,7 +69,7 @@ impl Diagnosis {
                 ),
             ));
         }
-        findings.extend(frames(status));
+        findings.extend(self.frames(status));
         findings.extend(calibration(status));
     }
 
@@ -68,63 +80,94 @@ impl Diagnosis {
             return None;
         }
         let first = source.first_fault.as_deref().unwrap_or("of unknown form");
-        Some(loss(
-            "poses-malformed",
-            format!("{bad} poses so far cannot be used; the first: {first}"),
-        ))
+        let sentence = format!("{bad} poses so far cannot be used; the first: {first}");
+        // What a file leaves out costs only the pings beside it, which are counted.
+        let is_loss = self.expectations.pace == Pace::Live;
+        Some(match is_loss {
+            true => loss("poses-malformed", sentence),
+            false => warning("poses-malformed", sentence),
+        })
     }
 
-    /// Poses that come too rarely, too late, or with stamps that cannot be theirs.
-    fn untimely(&mut self, poses: &PoseReport, now: Instant) -> Vec<Finding> {
-        let (join, guard) = (&poses.join, &poses.guard);
+    /// Poses that come too rarely, or too late.
+    fn untimely(&mut self, status: &Status, now: Instant) -> Vec<Finding> {
+        let poses = &status.report.poses;
+        let is_explained = self.is_refusing(poses, now);
+        let join = &poses.join;
         let mut findings = Vec::new();
-        if self.grows("pings in gaps", join.pings_in_gap, now) {
-            findings.push(loss(
-                "poses-rare",
-                format!(
-                    "{} pings so far lie between poses that are too far apart (pose.max_pose_gap_s); \
-                     poses come {:.1} times a second: ask for more",
-                    join.pings_in_gap, poses.source.rate_hz
-                ),
-            ));
+        let in_gaps = self.grows("pings in gaps", join.pings_in_gap, now);
+        let late = self.grows("poses too late", join.pings_pose_never_came, now);
+        if is_explained {
+            return findings;
         }
-        let is_late = self.grows("poses too late", join.pings_pose_never_came, now);
-        if is_late && poses.source.age_s.is_some_and(|age_s| age_s < STOPPED_S) {
-            findings.push(loss(
-                "poses-late",
-                format!(
-                    "{} pings so far were given up before their poses came (pose.max_wait_s); poses \
-                     are late, or stamped by another clock",
-                    join.pings_pose_never_came
-                ),
-            ));
+        if in_gaps {
+            findings.push(self.rare(poses));
         }
-        if guard.lead_s.abs() > ODD_LEAD_S {
-            findings.push(loss(
-                "pose-clock",
-                format!(
-                    "poses are stamped {:.2} s {} they arrive: the clock of whoever sends them is \
-                     wrong, or the link is that slow; set the clock, or --time-offset-s",
-                    guard.lead_s.abs(),
-                    if guard.lead_s > 0.0 {
-                        "after"
-                    } else {
-                        "before"
-                    },
-                ),
-            ));
-        }
-        if self.grows("pose order", guard.out_of_order / STAMPS_REPEATED, now) {
-            findings.push(loss(
-                "pose-stamps-repeat",
-                format!(
-                    "{} poses so far are stamped no later than the one before and were refused; the \
-                     clock that stamps them stands still, or two sources send the same poses",
-                    guard.out_of_order
-                ),
-            ));
+        if late && poses.source.age_s.is_some_and(|age_s| age_s < STOPPED_S) {
+            findings.push(self.late(status));
         }
         findings
+    }
+
+    /// Whether poses come often enough and are refused, which is told by itself: pings without a pose are no
+    /// wonder then.
+    fn is_refusing(&mut self, poses: &PoseReport, now: Instant) -> bool {
+        let (source, guard) = (&poses.source, &poses.guard);
+        let unusable = source.malformed + source.not_finite + source.bad_quaternion;
+        let refused = guard.stamps_zero + guard.stamps_far + guard.off_track + guard.out_of_order;
+        let is_unusable = self.grows("poses unusable", unusable, now);
+        let is_refused = self.grows("poses refused", refused, now);
+        let come_often = source.rate_hz * self.pose.max_pose_gap_s > 1.0;
+        is_unusable || is_refused && come_often
+    }
+
+    fn rare(&self, poses: &PoseReport) -> Finding {
+        let (gap_s, rate_hz) = (self.pose.max_pose_gap_s, poses.source.rate_hz);
+        let advice = match rate_hz * gap_s > 1.0 {
+            true => "as they come in bursts; have them sent evenly".to_owned(),
+            false => format!(
+                "have them sent at least {:.0} times a second",
+                (2.0 / gap_s).ceil()
+            ),
+        };
+        loss(
+            "poses-rare",
+            format!(
+                "{} pings so far lie between poses more than {gap_s} s apart (pose.max_pose_gap_s); poses come \
+                 {rate_hz:.1} times a second: {advice}",
+                poses.join.pings_in_gap
+            ),
+        )
+    }
+
+    fn late(&self, status: &Status) -> Finding {
+        let poses = &status.report.poses;
+        let count = poses.join.pings_pose_never_came;
+        let late_s = self.pose.time_offset_s - poses.guard.lead_s;
+        let wait_s = (late_s + 1.0).ceil();
+        let is_slow = (0.0..self.pose.max_wait_s).contains(&late_s);
+        let sentence = match !is_slow && (0.0..MOST_WAIT_S).contains(&late_s) {
+            true => format!(
+                "{count} pings so far were given up before their poses came, which takes {late_s:.1} s: if the link \
+                 is that slow, set pose.max_wait_s = {wait_s:.0}{}",
+                self.room_for(wait_s * status.rates.pings_per_s)
+            ),
+            false => format!(
+                "{count} pings so far were given up before their poses came (pose.max_wait_s is {} s); poses are \
+                 late, or stamped by another clock",
+                self.pose.max_wait_s
+            ),
+        };
+        loss("poses-late", sentence)
+    }
+
+    /// What else is to be set where so many pings wait.
+    fn room_for(&self, pings: f64) -> String {
+        let wanted = (1.5 * pings).ceil().clamp(1.0, MOST_WAITING);
+        match wanted > self.pose.waiting_pings as f64 {
+            true => format!(" and pose.waiting_pings = {wanted:.0}"),
+            false => String::new(),
+        }
     }
 
     fn guarded(&mut self, poses: &PoseReport, now: Instant) -> Vec<Finding> {
@@ -190,34 +233,4 @@ fn missing(poses: &PoseReport, pings: u64) -> Option<Finding> {
         )),
         _ => None,
     }
-}
-
-/// Pings and poses that have no time in common.
-fn apart(poses: &PoseReport) -> Option<Finding> {
-    let (pings, held) = (poses.ping_times?, poses.pose_times?);
-    let without = poses.join.pings_without_pose() + poses.waiting as u64;
-    let is_apart = pings.first_ns > held.last_ns.saturating_add(2_000_000_000)
-        || pings.last_ns < held.first_ns;
-    if !is_apart || poses.join.pings_joined > 0 || without < 10 {
-        return None;
-    }
-    let offset_s = held.last_ns.saturating_sub(pings.last_ns) as f64 / NANOS_PER_SECOND;
-    Some(loss(
-        "pose-times",
-        format!(
-            "pings and poses have no time in common: pings {}, poses {}; --time-offset-s {offset_s:.3} \
-             would join their newest, if both clocks are right otherwise",
-            shown(pings),
-            shown(held)
-        ),
-    ))
-}
-
-fn shown(span: Span) -> String {
-    let seconds = |nanos: i64| nanos as f64 / NANOS_PER_SECOND;
-    format!(
-        "{:.3} to {:.3} s",
-        seconds(span.first_ns),
-        seconds(span.last_ns)
-    )
 }

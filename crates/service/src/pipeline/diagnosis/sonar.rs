@@ -17,12 +17,14 @@ const SLOW_AFTER: u64 = 5;
 const SLOW_SHARE: f64 = 0.4;
 /// Pings may fail to come for so many intervals.
 const INTERVALS: f64 = 5.0;
+/// The shortest range that can be set, metres.
+const LEAST_LENGTH_M: f64 = 0.1;
 
 impl Diagnosis {
     pub(super) fn sonar(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         if self.expectations.pace == Pace::Live {
             findings.extend(self.silence(status, now).or_else(|| self.slow(status, now)));
-            findings.extend(long_range(status));
+            findings.extend(self.long_range(status));
             findings.extend(own_vehicle(status));
         }
         findings.extend(self.refused(status, now));
@@ -127,6 +129,33 @@ impl Diagnosis {
         })
     }
 
+    /// The unit hears so much further than what is there that the map is coarser than it could be.
+    fn long_range(&self, status: &Status) -> Option<Finding> {
+        let mapper = &status.report.mapper;
+        let (working_m, useful_m) = mapper.working_range_m.zip(mapper.useful_range_m)?;
+        let (end_m, useful_m) = (f64::from(mapper.range_end_m), f64::from(useful_m));
+        let [start_m, length_m] = self.expectations.range_m;
+        // The unit counts range by another speed of sound than pings are scaled to.
+        let asked_per_true = (start_m + length_m) / end_m;
+        let useful_length_m = useful_m * asked_per_true - start_m;
+        let advice = match useful_length_m >= LEAST_LENGTH_M {
+            true => format!(
+                "set session.range_length_m to {} m or less",
+                at_most(useful_length_m)
+            ),
+            false => "set session.range_start_m nearer".to_owned(),
+        };
+        (end_m > useful_m).then(|| {
+            warning(
+                "long-range",
+                format!(
+                    "pings end at {end_m:.0} m, and half of the strongest echoes come from within {working_m:.1} m: the \
+                     map is coarser than the beam resolves there; {advice}"
+                ),
+            )
+        })
+    }
+
     fn refused(&mut self, status: &Status, now: Instant) -> Option<Finding> {
         let refused = status.profiles_refused();
         if !self.grows("refused", refused, now) {
@@ -158,21 +187,12 @@ fn own_vehicle(status: &Status) -> Option<Finding> {
     ))
 }
 
-/// The unit hears so much further than what is there that the map is coarser than it could be.
-fn long_range(status: &Status) -> Option<Finding> {
-    let mapper = &status.report.mapper;
-    let (working_m, useful_m) = mapper.working_range_m.zip(mapper.useful_range_m)?;
-    (mapper.range_end_m > useful_m).then(|| {
-        warning(
-            "long-range",
-            format!(
-                "pings end at {:.0} m, and half of the strongest echoes come from within {working_m:.1} m: the \
-                 map is coarser than the beam resolves there; set session.range_length_m to {useful_m:.0} m or \
-                 less",
-                mapper.range_end_m
-            ),
-        )
-    })
+/// A length in tenths of a metre, or whole ones where that is fine enough, that is no more than this.
+fn at_most(length_m: f64) -> String {
+    match length_m < 10.0 {
+        true => format!("{:.1}", (10.0 * length_m).floor() / 10.0),
+        false => format!("{:.0}", length_m.floor()),
+    }
 }
 
 /// Profiles left out, by reason, those that are none left unsaid.

@@ -12,8 +12,9 @@ fn diagnosis(begin: Instant) -> Diagnosis {
         sonar: "tcp://127.0.0.1:51200".to_owned(),
         pace: Pace::Live,
         ping_interval_s: 0.017,
+        range_m: [0.0, 40.0],
     };
-    Diagnosis::new(expectations, begin)
+    Diagnosis::new(expectations, &PoseConfig::default(), begin)
 }
 
 /// Codes found two seconds into a run in this state.
