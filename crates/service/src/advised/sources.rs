@@ -9,9 +9,10 @@ use crate::arguments::Arguments;
 use crate::config::is_known;
 
 /// Whose sentences an owner reads.
-const CRATES: [&str; 13] = [
+const CRATES: [&str; 14] = [
     "bus",
     "driver",
+    "input",
     "join",
     "liveness",
     "mapper",

@@ -222,8 +222,9 @@ fn is_live(url: &PoseUrl) -> bool {
 fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome, config: &Config) -> String {
     let poses = &outcome.status.report.poses;
     let given = asked_poses(arguments).map_or("the log".to_owned(), |url| url.to_string());
-    let stamps =
-        pipeline::no_time(poses).or_else(|| too_far_apart(poses, config.pose.max_pose_gap_s));
+    let stamps = pipeline::no_time(poses)
+        .or_else(|| of_one_time(poses))
+        .or_else(|| too_far_apart(poses, config.pose.max_pose_gap_s));
     if let Some(why) = stamps {
         return format!("the poses of {given}: {why}");
     }
@@ -252,6 +253,20 @@ fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome, config: &Co
         span(poses.ping_times),
         offset.unwrap_or_default()
     )
+}
+
+/// Poses that all bear one stamp, of which but the first is taken.
+fn of_one_time(poses: &PoseReport) -> Option<String> {
+    let span = poses.pose_times?;
+    let refused = poses.join.poses_out_of_order;
+    (span.first_ns == span.last_ns && refused > 0).then(|| {
+        format!(
+            "all {} of them are stamped {:.3} s; each needs the time at which the vehicle was there, on the clock of the \
+             pings",
+            refused + poses.join.poses_taken,
+            span.first_ns as f64 * 1e-9
+        )
+    })
 }
 
 /// Poses among the pings, none of which lie near enough together; mostly their stamps are in another unit.

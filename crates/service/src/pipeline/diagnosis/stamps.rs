@@ -67,17 +67,9 @@ impl Diagnosis {
         if !is_apart || poses.join.pings_joined > 0 || without < 10 {
             return None;
         }
-        let lead_s = poses.guard.lead_s;
-        let between_newest_s = held.last_ns.saturating_sub(pings.last_ns) as f64 / NANOS_PER_SECOND;
-        // What poses lead their arrival by is told apart from how long they take.
-        let offset_s = match lead_s.abs() > 0.0 {
-            true => lead_s,
-            false => between_newest_s,
-        };
+        let (offset_s, ends) = offset(poses, pings, held);
         let advice = match offset_s.abs() <= MOST_OFFSET_S {
-            true => format!(
-                "--time-offset-s {offset_s:.3} would join their newest, if both clocks are right otherwise"
-            ),
+            true => format!("--time-offset-s {offset_s:.3} would join their {ends}"),
             false => "one of the two clocks tells no time; set it".to_owned(),
         };
         Some(loss(
@@ -115,6 +107,24 @@ impl Diagnosis {
                 ),
             )
         })
+    }
+}
+
+/// What is to be added to the pings' times, and what of both it joins. What poses lead their arrival by is told apart
+/// from how long they take; a file's are all there at once.
+fn offset(poses: &PoseReport, pings: Span, held: Span) -> (f64, &'static str) {
+    let between_s = |held: i64, ping: i64| held.saturating_sub(ping) as f64 / NANOS_PER_SECOND;
+    let lead_s = poses.guard.lead_s;
+    let newest = "newest, if both clocks are right otherwise";
+    if lead_s.abs() > 0.0 {
+        (lead_s, newest)
+    } else if poses.source.age_s.is_some() {
+        (between_s(held.last_ns, pings.last_ns), newest)
+    } else {
+        (
+            between_s(held.first_ns, pings.first_ns),
+            "beginnings, which is right if both began together",
+        )
     }
 }
 
