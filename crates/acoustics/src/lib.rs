@@ -69,6 +69,7 @@ mod real;
 pub mod reference;
 #[cfg(any(test, feature = "sample"))]
 pub mod sample;
+pub mod simd_level;
 mod spatial_index;
 mod triple;
 

@@ -1,12 +1,12 @@
 //! (14) to (19) for one ping, and the splat that the `online` measurement makes of a Gaussian.
 
 use echosplat_model::glam::{Mat3, Vec3};
-use fearless_simd::{Level, Simd, dispatch};
+use fearless_simd::{Simd, dispatch};
 
 use crate::online::constants::{
     BEAM_REACH_SIGMAS, LEAST_FAN, LEAST_VARIANCE_M2, NEAREST_M, RANGE_REACH_SIGMAS, SIDEWAYS,
 };
-use crate::{Beam, online};
+use crate::{Beam, online, simd_level};
 
 /// A covariance as its six different numbers, square metres, world axes.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -244,7 +244,7 @@ impl PingGeometry {
     /// Appends the energy of a splat in each of `bins`:
     /// `energy · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]`.
     pub fn spread(&self, splat: &Splat, bins: std::ops::Range<usize>, energies: &mut Vec<f32>) {
-        dispatch!(Level::new(), simd => online::spread::append(simd, self, splat, bins, energies));
+        dispatch!(simd_level::level(), simd => online::spread::append(simd, self, splat, bins, energies));
     }
 
     /// [`Self::spread`] inside a kernel, in place: `energies` and `sums` begin at the first of `bins` and go on to a multiple of

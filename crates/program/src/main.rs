@@ -9,7 +9,7 @@ use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use echosplat_service::arguments::{self, LoggingArguments, VERSION};
 use echosplat_service::exit::{self, Finish};
-use echosplat_service::{commands, logging};
+use echosplat_service::{commands, logging, simd};
 
 /// Maps what an imaging sonar hears into Gaussians while the vehicle moves.
 #[derive(Debug, Parser)]
@@ -48,6 +48,7 @@ fn main() -> ExitCode {
 }
 
 fn run(command: Command) -> anyhow::Result<Finish> {
+    simd::start()?;
     match command {
         Command::Product(command) => commands::run(*command),
         #[cfg(feature = "bench")]

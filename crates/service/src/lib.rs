@@ -26,6 +26,7 @@ mod rig;
 mod runtime;
 mod scene_files;
 pub mod signals;
+pub mod simd;
 mod split;
 mod supervisor;
 mod thinned;

@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 const MAX_DEPTH: usize = 8;
 
 /// Words of the status that are one of a few.
-const STATES: [&str; 2] = ["phase", "link_state"];
+const STATES: [&str; 3] = ["phase", "link_state", "simd"];
 
 /// The exposition text: the status's numbers, its notices, and `own` counters of the page.
 pub(crate) fn text(status: Option<&Value>, age_s: Option<f64>, own: &[(&str, u64)]) -> String {
@@ -101,6 +101,7 @@ mod tests {
             "pings_received": 7,
             "final": false,
             "phase": "running",
+            "simd": "avx2",
             "link": {"state": "up", "losses": 2, "device": "type 1"},
             "rates": {"pings-per.s": 39.5},
             "nothing": null,
@@ -115,6 +116,7 @@ mod tests {
             "echosplat_pings_received 7",
             "echosplat_final 0",
             "echosplat_phase{is=\"running\"} 1",
+            "echosplat_simd{is=\"avx2\"} 1",
             "echosplat_link_state{is=\"up\"} 1",
             "echosplat_link_losses 2",
             "echosplat_rates_pings_per_s 39.5",
@@ -125,6 +127,6 @@ mod tests {
         ] {
             assert!(lines.contains(&wanted), "{wanted} in {text}");
         }
-        assert_eq!(lines.len(), 10, "{text}");
+        assert_eq!(lines.len(), 11, "{text}");
     }
 }

@@ -24,6 +24,7 @@ use fearless_simd::{Level, dispatch};
 
 use crate::PingGeometry;
 use crate::parameters::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
+use crate::simd_level;
 use occlusion::Occlusion;
 pub use rows::OnlineRow;
 use rows::RowGradient;
@@ -58,10 +59,10 @@ pub struct OnlineRenderer {
 }
 
 impl OnlineRenderer {
-    /// For the best instructions that this processor has.
+    /// For the level of the process, [`simd_level::level`].
     #[must_use]
     pub fn new(options: OnlineOptions) -> Self {
-        Self::with_level(options, Level::new())
+        Self::with_level(options, simd_level::level())
     }
 
     /// For one processor feature level: results differ between levels in their last digits.

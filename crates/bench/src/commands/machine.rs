@@ -3,7 +3,7 @@
 use serde::Serialize;
 
 use echosplat_service::arguments::COMMIT;
-use echosplat_service::processor;
+use echosplat_service::{processor, simd};
 
 /// The machine and this program.
 #[derive(Debug, Clone, Serialize)]
@@ -25,7 +25,7 @@ impl Machine {
         Self {
             processor: processor::model_name(),
             cores: processor::core_count(),
-            simd: simd_level().to_owned(),
+            simd: simd::name().to_owned(),
             version: env!("CARGO_PKG_VERSION"),
             commit: COMMIT,
         }
@@ -40,23 +40,4 @@ impl Machine {
             fact("commit", self.commit.to_owned()),
         ]
     }
-}
-
-#[cfg(target_arch = "x86_64")]
-fn simd_level() -> &'static str {
-    match () {
-        () if is_x86_feature_detected!("avx2") && is_x86_feature_detected!("fma") => "avx2",
-        () if is_x86_feature_detected!("sse4.2") => "sse4.2",
-        () => "sse2",
-    }
-}
-
-#[cfg(target_arch = "aarch64")]
-fn simd_level() -> &'static str {
-    "neon"
-}
-
-#[cfg(not(any(target_arch = "x86_64", target_arch = "aarch64")))]
-fn simd_level() -> &'static str {
-    "none"
 }

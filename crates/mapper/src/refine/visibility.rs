@@ -9,8 +9,9 @@ use std::ops::Range;
 use echosplat_acoustics::PingGeometry;
 use echosplat_acoustics::lanes::{self, LANES};
 use echosplat_acoustics::packed::{self, MatrixRow, View};
+use echosplat_acoustics::simd_level;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x8};
+use fearless_simd::{dispatch, f32x8};
 
 use crate::accumulate::history::Keyframe;
 use crate::detect::bin_state::BinState;
@@ -75,7 +76,7 @@ impl Sight {
         self.listen(keyframe, scene);
         let view = View::of(&geometry, scene.at_work.elevation);
         field.in_fan(&keyframe.fan, &mut self.near);
-        dispatch!(Level::new(), simd => {
+        dispatch!(simd_level::level(), simd => {
             self.find(simd, &view, field);
             self.spread(simd, &geometry);
             self.compare(simd, scene.at_work.speckle);
@@ -180,7 +181,7 @@ impl Sight {
     /// Each row against what the ping measured, in the rows' order.
     pub(crate) fn against_prediction(&self, against: &mut Vec<Against>) {
         against.clear();
-        dispatch!(Level::new(), simd => self.against(simd, against));
+        dispatch!(simd_level::level(), simd => self.against(simd, against));
     }
 
     #[inline(always)]
@@ -216,7 +217,7 @@ impl Sight {
     /// Each row's moments, in the rows' order; `geometry` is any of the ping.
     pub(crate) fn moments(&self, geometry: &PingGeometry, moments: &mut Vec<Moments>) {
         moments.clear();
-        dispatch!(Level::new(), simd => {
+        dispatch!(simd_level::level(), simd => {
             for row in &self.rows {
                 moments.push(self.moments_of(simd, geometry, row));
             }

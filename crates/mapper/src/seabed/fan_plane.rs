@@ -1,10 +1,11 @@
 //! The plane of a ping's fan over the ground.
 
 use echosplat_acoustics::lanes::{self, LANES};
+use echosplat_acoustics::simd_level;
 use echosplat_acoustics::{Beam, PingGeometry};
 use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x8};
+use fearless_simd::{dispatch, f32x8};
 
 /// Steps of the table of the fan's sensitivity.
 const STEPS: usize = 256;
@@ -106,7 +107,7 @@ impl FanPlane {
         ranges_m: &[f32],
         into_rad: &mut [f32],
     ) {
-        dispatch!(Level::new(), simd => self.elevations(simd, depth_m, ranges_m, into_rad));
+        dispatch!(simd_level::level(), simd => self.elevations(simd, depth_m, ranges_m, into_rad));
     }
 
     #[inline(always)]

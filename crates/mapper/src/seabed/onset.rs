@@ -10,9 +10,10 @@
 //! dive's first onsets, which tell the power of range.
 
 use echosplat_acoustics::lanes::{self, LANES};
+use echosplat_acoustics::simd_level;
 use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x8};
+use fearless_simd::{dispatch, f32x8};
 use rayon::prelude::*;
 
 use crate::detect::profile::mean_of_noise;
@@ -257,7 +258,7 @@ impl Runs {
     /// Gain of ground lit from its onset to wherever the sum is best, from run `enough` on.
     fn gain(&self, energy: &[f32], brightness: f32, enough: usize, of_runs: &mut Vec<f32>) -> f32 {
         of_runs.resize(energy.len(), 0.0);
-        dispatch!(Level::new(), simd => self.gains(simd, energy, brightness, of_runs));
+        dispatch!(simd_level::level(), simd => self.gains(simd, energy, brightness, of_runs));
         let (mut sum, mut most) = (0.0, f32::MIN);
         for (run, gain) in of_runs.iter().enumerate() {
             sum += gain;

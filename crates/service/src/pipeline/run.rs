@@ -31,9 +31,9 @@ use crate::config::Config;
 use crate::exit::Usage;
 use crate::maps::MapNotes;
 use crate::recorder::Recorder;
-use crate::runtime;
 use crate::signals::{LastWill, Stop};
 use crate::supervisor::{Policy, Supervisor, Systemd};
+use crate::{runtime, simd};
 
 /// How often flags and heartbeats are looked at.
 const TICK: Duration = Duration::from_millis(20);
@@ -73,6 +73,7 @@ pub(super) struct Run {
 
 impl Run {
     pub(super) fn start(config: &Config, mut setup: Setup) -> anyhow::Result<Self> {
+        simd::tell();
         let shared = Arc::new(Shared::new());
         let published = Published::start(&setup, config.pose.vehicle_from_sensor.pose())?;
         let notes = notes(config);

@@ -14,7 +14,7 @@ use super::shared::{Link, MapperReport, Phase};
 use crate::recorder::RecorderCounters;
 use crate::split::TapeReport;
 use crate::supervisor::PartReport;
-use crate::{logging, processor};
+use crate::{logging, processor, simd};
 
 /// Share of pings left out beyond which a run counts as lossy.
 const LOSSY_SHARE: f64 = 0.01;
@@ -38,6 +38,8 @@ pub(crate) struct Status {
     pub(crate) rates: Rates,
     /// The link to the sonar.
     pub(crate) link: Link,
+    /// Vector instructions that the map is made with.
+    pub(crate) simd: &'static str,
     /// Of the mapper's thread.
     #[serde(flatten)]
     pub(crate) report: MapperReport,
@@ -178,6 +180,7 @@ impl Status {
                 + report.pings_shed,
             rates: Rates::default(),
             link: Link::default(),
+            simd: simd::name(),
             ledger: Ledger::of(&report, &sonar),
             report,
             sonar,
@@ -212,6 +215,7 @@ impl Status {
             "pings_without_pose": self.report.poses.join.pings_without_pose(),
             "frames_bad": session.frames_bad,
             "bytes_skipped": session.bytes_skipped,
+            "simd": self.simd,
             "gaussians": self.report.mapper.confident,
             "ambiguous": self.report.mapper.ambiguous,
             "compute_s": self.report.work.compute_s,

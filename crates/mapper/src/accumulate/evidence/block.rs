@@ -3,9 +3,10 @@
 use std::sync::Arc;
 
 use echosplat_acoustics::lanes::{self, LANES};
+use echosplat_acoustics::simd_level;
 use echosplat_model::glam::{IVec3, Vec3};
 use fearless_simd::prelude::*;
-use fearless_simd::{Level, dispatch, f32x8, i32x8};
+use fearless_simd::{dispatch, f32x8, i32x8};
 
 use super::packed::SectorSums;
 use super::sector::{STEPS, Sector, Totals};
@@ -165,7 +166,7 @@ impl Block {
                 if let Some(sums) = self.sectors[sector].sums() {
                     let glance = Glance::of(keyframe, self.key, voxel_m);
                     let (observations, most) =
-                        dispatch!(Level::new(), simd => glance.add(simd, sums));
+                        dispatch!(simd_level::level(), simd => glance.add(simd, sums));
                     work += observations;
                     self.most += most;
                 }
@@ -212,7 +213,7 @@ impl Block {
     /// itself or has specular returns elsewhere, contradicts the others only so far.
     fn totals(&self, width: SectorWidth) -> Totals {
         let mut totals = [0; VOXELS];
-        dispatch!(Level::new(), _simd => match width {
+        dispatch!(simd_level::level(), _simd => match width {
             SectorWidth::Eighth => self.add_sectors(&mut totals, &EIGHTH_SECTORS, AGAINST_EIGHTH),
             SectorWidth::Quarter => self.add_sectors(&mut totals, &QUARTER_SECTORS, AGAINST_QUARTER),
         });
