@@ -13,7 +13,8 @@
 
 Poses are sent in step with their times (--rate 2: twice as fast; 0: at once). The vehicle's clock
 counts from --boot-s at the first pose, --drift-ppm too fast. With --now, poses with a Unix stamp get
-one as if the first were sent now. Every line on standard output is `wall_ns stamp_ns`: when a pose
+one as if the first were sent now. Beside `echosplat emulate`, whose dive begins when it is first asked to
+ping, --sonar HOST:PORT starts them with its first ping and keeps them in step. Every line on standard output is `wall_ns stamp_ns`: when a pose
 was sent, and its time in the file.
 """
 
@@ -24,6 +25,8 @@ import socket
 import sys
 import threading
 import time
+
+from sonar_clock import SonarClock
 
 HALF = math.sqrt(0.5)
 
@@ -86,15 +89,27 @@ def angles(q):
 class Clock:
     """When poses are sent, and what the vehicle's clock says then."""
 
-    def __init__(self, options, first_nanos):
+    def __init__(self, options, first_nanos, sonar=None):
         self.options = options
         self.first_nanos = first_nanos
         self.start_nanos = time.time_ns()
         self.pace = options.rate if options.rate > 0 else math.inf
+        self.sonar = sonar
 
     def wait_for(self, nanos):
+        if self.sonar:
+            return self.wait_for_sonar(nanos)
         due = self.start_nanos + (nanos - self.first_nanos) / self.pace
         time.sleep(max(0.0, (due - time.time_ns()) * 1e-9))
+
+    def wait_for_sonar(self, nanos):
+        """Until the sonar's dive is there: the file's times are its."""
+        while True:
+            offset = self.sonar.offset_nanos()
+            if offset is not None and offset + nanos <= time.time_ns():
+                self.start_nanos = offset + self.first_nanos
+                return
+            time.sleep(0.002)
 
     def boot_nanos(self, nanos):
         elapsed = nanos - self.first_nanos
@@ -364,11 +379,25 @@ def main():
     parser.add_argument("--system-time", action="store_true")
     parser.add_argument("--dvl-unix", action="store_true")
     parser.add_argument("--now", action="store_true")
+    parser.add_argument("--sonar", metavar="HOST:PORT",
+                        help="go in step with the dive of `echosplat emulate` at this address (TCP)")
     parser.add_argument("--check-asked", action="store_true",
                         help="fail unless the pose messages were asked for")
     options = parser.parse_args()
     poses = read_tum(options.file)
-    KINDS[options.kind](options, poses, Clock(options, poses[0][0]))
+    sonar = None
+    if options.sonar:
+        try:
+            sonar = SonarClock(endpoint(options.sonar))
+        except OSError as error:
+            sys.exit(f"no sonar at {options.sonar} ({error}): start `echosplat emulate` first")
+        options.now = True
+        print(f"poses start with the first ping of the sonar at {options.sonar}", file=sys.stderr)
+    elif options.now:
+        print("poses start now, whatever a sonar does: beside `echosplat emulate`, whose dive begins with "
+              "its first ping, give --sonar HOST:PORT to start together, or they are poses of another time",
+              file=sys.stderr)
+    KINDS[options.kind](options, poses, Clock(options, poses[0][0], sonar))
 
 
 if __name__ == "__main__":

@@ -244,28 +244,6 @@ fn every_client_hears_everything_but_one_that_does_not_listen_loses_whole_frames
 }
 
 #[test]
-fn the_hook_is_called_before_each_profile_with_its_index_and_time() {
-    let calls = Arc::new(Mutex::new(Vec::new()));
-    let called = Arc::clone(&calls);
-    let options = ServeOptions {
-        rate: 0.0,
-        on_ping: Some(Box::new(move |index, time| {
-            called.lock().unwrap().push((index, time));
-        })),
-    };
-    let listen = "tcp://127.0.0.1:0".parse().unwrap();
-    let server = serve(&listen, Scripted::new(50).0, options).unwrap();
-    let mut client = bare_client(server.url(), 200);
-    let heard = numbers(&mut client, &mut Decoder::new(), 50);
-    assert_eq!(heard, (0..50).collect::<Vec<_>>());
-    let expected: Vec<_> = (0..50)
-        .map(|i| (i, Timestamp::from_millis(i as i64 * common::INTERVAL_MS)))
-        .collect();
-    assert_eq!(*calls.lock().unwrap(), expected);
-    let _ = server.stop();
-}
-
-#[test]
 fn a_log_is_read_to_its_end_with_its_own_time() {
     let mut log = Vec::new();
     let json = r#"{"session_id": 1, "timestamp": "1970-01-01T00:01:40Z"}"#;

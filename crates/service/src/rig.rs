@@ -1,28 +1,26 @@
 //! A simulated sonar behind the real protocol on a real port, with its dive's poses on the bus in
 //! step with its pings.
 
+mod vehicle;
+
+pub(crate) use vehicle::PosesTo;
+
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
-use echosplat_bus::Bus;
 use echosplat_driver::{
-    DriverConfig, EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus, Server,
-    serve,
+    DriverConfig, EmulatedDevice, ListenUrl, ServeError, ServeOptions, ServeStatus, Server, serve,
 };
-use echosplat_model::{StampedPose, Timestamp};
+use echosplat_model::Timestamp;
 use echosplat_session::{ClockSource, SessionConfig};
 use echosplat_simulator::{DeviceCounters, Dive, SimulatedDevice, SimulatedSonar};
 
-use crate::arguments::PoseClock;
 use crate::config::Config;
 use crate::exit::Usage;
+use crate::inputs;
 use crate::pipeline::IsOver;
-use crate::{clock, inputs};
+use crate::rig::vehicle::Vehicle;
 
-/// Poses go out so long before the ping that needs them.
-const AHEAD_S: f64 = 0.3;
-/// The first pose waits so long for somebody to take it.
-const FIRST_POSE_WAIT: Duration = Duration::from_secs(5);
 /// After the dive, so long without a ping means that no more will come.
 const QUIET: Duration = Duration::from_secs(10);
 
@@ -41,12 +39,6 @@ pub(crate) struct Seen {
     pub(crate) is_finished: bool,
 }
 
-/// Where poses go, and on which clock.
-pub(crate) struct PosesTo {
-    pub(crate) bus: Arc<Bus>,
-    pub(crate) clock: PoseClock,
-}
-
 impl Rig {
     /// # Errors
     /// If the address is taken or cannot be listened on.
@@ -58,14 +50,13 @@ impl Rig {
     ) -> anyhow::Result<Self> {
         let dive = Arc::clone(sonar.dive());
         let seen = Arc::new(Mutex::new(Seen::default()));
+        let is_real_time = (rate - 1.0).abs() < 1e-9;
         let device = Watched {
             device: SimulatedDevice::new(Arc::new(sonar)),
+            vehicle: poses.map(|to| Vehicle::new(to, Arc::clone(&dive), is_real_time)),
             seen: Arc::clone(&seen),
         };
-        let options = ServeOptions {
-            rate,
-            on_ping: poses.map(|to| publishing(to, Arc::clone(&dive))),
-        };
+        let options = ServeOptions { rate };
         let server = serve(listen, Box::new(device), options).map_err(|error| match error {
             ServeError::Thread(_) => anyhow::Error::new(error),
             wrong => Usage::error(wrong),
@@ -134,44 +125,10 @@ impl Rig {
     }
 }
 
-/// Publishes before each ping the poses up to a little after it.
-fn publishing(to: PosesTo, dive: Arc<Dive>) -> OnPing {
-    let mut next = 0;
-    let mut host_offset_nanos = None;
-    Box::new(move |_index, due| {
-        if next == 0 {
-            wait_for_subscriber(&to.bus);
-        }
-        let offset_nanos = match to.clock {
-            PoseClock::Device => 0,
-            PoseClock::Host => *host_offset_nanos
-                .get_or_insert_with(|| clock::now().nanos().saturating_sub(due.nanos())),
-        };
-        let horizon = due.offset_by(AHEAD_S);
-        let waiting = dive.reported_poses().get(next..).unwrap_or_default();
-        for pose in waiting.iter().take_while(|pose| pose.time <= horizon) {
-            next += 1;
-            let shifted = StampedPose {
-                time: pose.time.offset_by_nanos(offset_nanos),
-                ..*pose
-            };
-            if let Err(error) = to.bus.publish_pose(&shifted) {
-                tracing::debug!(%error, "pose not published");
-            }
-        }
-    })
-}
-
-fn wait_for_subscriber(bus: &Bus) {
-    let begin = Instant::now();
-    while !bus.has_pose_subscriber() && begin.elapsed() < FIRST_POSE_WAIT {
-        std::thread::sleep(Duration::from_millis(10));
-    }
-}
-
-/// The device, with its counters where others can read them.
+/// The device, with its counters where others can read them and the vehicle that carries it.
 struct Watched {
     device: SimulatedDevice,
+    vehicle: Option<Vehicle>,
     seen: Arc<Mutex<Seen>>,
 }
 
@@ -182,25 +139,69 @@ impl Watched {
             is_finished: self.device.is_finished(),
         };
     }
+
+    /// Says what a client made of the device that was pinging or not.
+    fn has_been_asked(&mut self, was_pinging: bool, enables: u64) {
+        let is_pinging = self.device.is_pinging();
+        let at = self.device.dive_time();
+        match (was_pinging, is_pinging) {
+            (false, true) => {
+                tracing::info!("asked to ping, {:.1} s into the dive", at.as_secs_f64());
+            }
+            (true, false) => tracing::info!(
+                "told to stop, {:.1} s into the dive, which waits there",
+                at.as_secs_f64()
+            ),
+            _ => {}
+        }
+        let Some(vehicle) = &mut self.vehicle else {
+            return;
+        };
+        if is_pinging && !was_pinging {
+            vehicle.begin(at);
+        }
+        vehicle.is_asked_again |= self.device.counters().enables > enables;
+    }
 }
 
 impl EmulatedDevice for Watched {
     fn receive(&mut self, bytes: &[u8], now: Timestamp, out: &mut Vec<u8>) {
+        let was_pinging = self.device.is_pinging();
+        let enables = self.device.counters().enables;
         EmulatedDevice::receive(&mut self.device, bytes, now, out);
+        self.has_been_asked(was_pinging, enables);
         self.tell();
     }
 
     fn next_due(&self) -> Option<Timestamp> {
+        let is_held = self.vehicle.as_ref().is_some_and(|vehicle| vehicle.waits);
+        if is_held {
+            return None;
+        }
         self.device.next_due()
     }
 
     fn next_ping_due(&self) -> Option<Timestamp> {
-        self.device.next_ping_due()
+        self.next_due().and(self.device.next_ping_due())
     }
 
     fn transmit(&mut self, out: &mut Vec<u8>) {
+        let is_ping = self.device.next_ping_due() == self.device.next_due();
+        if let Some(vehicle) = self.vehicle.as_mut().filter(|_| is_ping) {
+            vehicle.before_ping(self.device.dive_time());
+        }
         self.device.transmit(out);
+        if is_ping && self.device.is_finished() {
+            tracing::info!("the dive is over; stopped and started again it begins anew");
+        }
         self.tell();
+    }
+
+    fn go_along(&mut self, clients_seen: u64) {
+        let is_pinging = self.device.is_pinging() && !self.device.is_finished();
+        if let Some(vehicle) = self.vehicle.as_mut().filter(|_| is_pinging) {
+            vehicle.go_along(self.device.dive_time(), clients_seen);
+        }
     }
 
     fn is_finished(&self) -> bool {

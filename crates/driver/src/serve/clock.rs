@@ -7,13 +7,15 @@ use echosplat_model::Timestamp;
 /// Further behind than this is not caught up: the machine stood still, and so did the device.
 const MAX_BEHIND_S: f64 = 1.0;
 
-/// The device's clock: at 0 until it starts, then so many times as fast as the wall's, whether it
-/// is pinging or not. At rate 0 it goes from one frame to the next.
+/// The device's clock: at 0 until it starts, then so many times as fast as the wall's while the
+/// device is pinging; it stands while it is not. At rate 0 it goes from one frame to the next.
 #[derive(Debug)]
 pub(super) struct DeviceClock {
     rate: f64,
     started: Option<Instant>,
-    /// What the device's clock was held back by.
+    /// Where it stood when it was started.
+    base: Timestamp,
+    /// What it was held back by since.
     slip_s: f64,
     newest: Timestamp,
 }
@@ -23,6 +25,7 @@ impl DeviceClock {
         Self {
             rate,
             started: None,
+            base: Timestamp::ZERO,
             slip_s: 0.0,
             newest: Timestamp::ZERO,
         }
@@ -33,13 +36,21 @@ impl DeviceClock {
         self.started.get_or_insert(wall);
     }
 
+    /// Has the clock stand if it runs.
+    pub(super) fn stop(&mut self, wall: Instant) {
+        self.base = self.now(wall);
+        self.started = None;
+        self.slip_s = 0.0;
+    }
+
     /// Device time at `wall`.
     pub(super) fn now(&self, wall: Instant) -> Timestamp {
         match self.started {
             Some(started) if self.rate > 0.0 => {
                 let passed_s = wall.saturating_duration_since(started).as_secs_f64();
-                Timestamp::from_secs_f64(passed_s * self.rate - self.slip_s)
+                self.base.offset_by(passed_s * self.rate - self.slip_s)
             }
+            None if self.rate > 0.0 => self.base,
             _ => self.newest,
         }
     }
@@ -80,6 +91,21 @@ mod tests {
         assert_eq!(clock.now(later), at(6.0));
         assert_eq!(clock.wait(at(7.0), later), Duration::from_millis(500));
         assert_eq!(clock.wait(at(5.5), later), Duration::ZERO);
+    }
+
+    #[test]
+    fn it_stands_while_it_is_stopped_and_goes_on_from_there() {
+        let wall = Instant::now();
+        let after = |seconds| wall + Duration::from_secs(seconds);
+        let mut clock = DeviceClock::new(1.0);
+        clock.stop(wall);
+        clock.start(wall);
+        clock.stop(after(3));
+        clock.stop(after(50));
+        assert_eq!(clock.now(after(100)), at(3.0));
+        clock.start(after(100));
+        assert_eq!(clock.now(after(102)), at(5.0));
+        assert_eq!(clock.wait(at(5.5), after(102)), Duration::from_millis(500));
     }
 
     #[test]

@@ -29,11 +29,11 @@ pub trait EmulatedDevice: Send {
     /// Handles one whole request frame at device time `now`; appends its answers to `out`.
     fn receive(&mut self, bytes: &[u8], now: Timestamp, out: &mut Vec<u8>);
 
-    /// Device time at which the next frame is due unasked; `None` while not pinging. The clock
-    /// stands at 0 until this is first due, then runs on.
+    /// Device time at which the next frame is due unasked; `None` while not pinging.
     fn next_due(&self) -> Option<Timestamp>;
 
-    /// Device time of the next profile.
+    /// Device time of the next profile; `None` while not pinging. The device's clock begins at 0,
+    /// runs while there is one and stands while there is none.
     fn next_ping_due(&self) -> Option<Timestamp> {
         self.next_due()
     }
@@ -41,23 +41,22 @@ pub trait EmulatedDevice: Send {
     /// Appends the frames due next to `out` and goes on to those after; of a lost ping, nothing.
     fn transmit(&mut self, out: &mut Vec<u8>);
 
-    /// Whether it has nothing more to send, whatever it is asked.
+    /// Called every few milliseconds, with the number of clients there were so far: for what goes
+    /// along with the device. Must not wait.
+    fn go_along(&mut self, _clients_seen: u64) {}
+
+    /// Whether it has nothing more to send until it is stopped and started again.
     fn is_finished(&self) -> bool {
         false
     }
 }
 
-/// Called before each profile is sent, with its index (from 0) and its device time.
-pub type OnPing = Box<dyn FnMut(u64, Timestamp) + Send>;
-
 /// How a device is served.
-#[derive(Default)]
+#[derive(Debug, Clone, Copy, Default)]
 pub struct ServeOptions {
     /// Times real time. 0 is as fast as the slowest client takes it (over UDP, which tells
     /// nothing, as fast as the socket does); above 0 a slow client loses whole profiles.
     pub rate: f64,
-    /// Called before each profile is sent.
-    pub on_ping: Option<OnPing>,
 }
 
 /// What a server has done, latest value.

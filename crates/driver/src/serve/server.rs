@@ -9,7 +9,7 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 
 use super::clock::DeviceClock;
 use super::port::{Asked, Port};
-use super::{EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus};
+use super::{EmulatedDevice, ListenUrl, ServeError, ServeOptions, ServeStatus};
 use super::{serial, tcp, udp};
 use crate::stop::{Stop, Stopper, stop_pair};
 
@@ -60,7 +60,6 @@ pub fn serve(
         device,
         clock: DeviceClock::new(options.rate),
         as_fast_as_taken: options.rate <= 0.0,
-        on_ping: options.on_ping,
         stop,
         shared: Arc::clone(&status),
         status: ServeStatus::default(),
@@ -121,7 +120,6 @@ struct Worker {
     device: Box<dyn EmulatedDevice>,
     clock: DeviceClock,
     as_fast_as_taken: bool,
-    on_ping: Option<OnPing>,
     stop: Stop,
     shared: Arc<Mutex<ServeStatus>>,
     status: ServeStatus,
@@ -158,8 +156,10 @@ impl Worker {
             device: &mut *self.device,
         };
         let was_busy = self.port.serve(&mut asked, &mut self.status);
-        if self.device.next_due().is_some() {
-            self.clock.start(wall);
+        self.device.go_along(self.status.clients_seen);
+        match self.device.next_ping_due() {
+            Some(_) => self.clock.start(wall),
+            None => self.clock.stop(wall),
         }
         self.publish();
         was_busy
@@ -181,10 +181,7 @@ impl Worker {
         let Some(due) = self.device.next_due() else {
             return;
         };
-        if let Some(ping_due) = self.device.next_ping_due().filter(|&ping| ping <= due) {
-            if let Some(on_ping) = &mut self.on_ping {
-                on_ping(self.status.pings, ping_due);
-            }
+        if self.device.next_ping_due().is_some_and(|ping| ping <= due) {
             self.status.pings += 1;
         }
         frames.clear();

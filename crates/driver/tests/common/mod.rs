@@ -126,11 +126,7 @@ impl EmulatedDevice for Scripted {
 
 pub(crate) fn serve_at(listen: &str, device: Box<Scripted>, rate: f64) -> Server {
     let listen: ListenUrl = listen.parse().unwrap();
-    let options = ServeOptions {
-        rate,
-        on_ping: None,
-    };
-    serve(&listen, device, options).unwrap()
+    serve(&listen, device, ServeOptions { rate }).unwrap()
 }
 
 pub(crate) fn config(url: &str, clock: ClockSource) -> DriverConfig {

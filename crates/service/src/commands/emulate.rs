@@ -31,6 +31,12 @@ pub(crate) fn run(arguments: &EmulateArguments) -> anyhow::Result<Finish> {
     });
     let rig = Rig::start(sonar, &listen, arguments.rate, poses)?;
     tracing::info!(pings = rig.dive().pings(), "listening on {}", rig.url());
+    if !arguments.publish_poses {
+        tracing::info!(
+            "no poses are published: --publish-poses does so, in step with the pings; whoever sends \
+             others starts them with the first ping"
+        );
+    }
     while !stop.is_set() {
         std::thread::sleep(TICK);
     }

@@ -61,7 +61,8 @@ pub struct DeviceCounters {
 /// An `OmniScan` 450 FS carried along a dive: bytes in, bytes out, and when to come back.
 ///
 /// Its clock is the dive's: it stands at 0 until a client first starts pinging, then runs with the
-/// time its caller passes in, on which the dive goes on whether it is pinging or not. What it sends
+/// time its caller passes in, on which the dive goes on whether it is pinging or not. Stopped and
+/// started again after its end, the dive begins anew, as after a restart of the device. What it sends
 /// is meant for all its clients; so is what it is told: the last settings hold.
 pub struct SimulatedDevice {
     sonar: Arc<SimulatedSonar>,
@@ -73,6 +74,7 @@ pub struct SimulatedDevice {
     began: Option<Timestamp>,
     pinging: Option<Asked>,
     due: Due,
+    /// Counted from the beginning of the dive.
     ping_number: u64,
     range_has_changed: bool,
     replies: Vec<u8>,
@@ -87,6 +89,14 @@ struct Due {
     nop_ms: i64,
 }
 
+impl Due {
+    const AT_FIRST: Self = Self {
+        ping_ms: 0,
+        status_ms: STATUS_INTERVAL_MS,
+        nop_ms: NOP_INTERVAL_MS,
+    };
+}
+
 impl SimulatedDevice {
     /// Powered up and silent.
     #[must_use]
@@ -99,11 +109,7 @@ impl SimulatedDevice {
             speed_of_sound_mps: SPEED_OF_SOUND_MPS,
             began: None,
             pinging: None,
-            due: Due {
-                ping_ms: 0,
-                status_ms: STATUS_INTERVAL_MS,
-                nop_ms: NOP_INTERVAL_MS,
-            },
+            due: Due::AT_FIRST,
             ping_number: 0,
             range_has_changed: false,
             replies: Vec::new(),
@@ -141,6 +147,12 @@ impl SimulatedDevice {
     pub fn next_ping_due(&self) -> Option<Timestamp> {
         let pings = self.pinging.is_some() && !self.is_finished();
         pings.then(|| self.callers_time(self.due.ping_ms))
+    }
+
+    /// How far into the dive the next ping is.
+    #[must_use]
+    pub fn dive_time(&self) -> Timestamp {
+        Timestamp::from_millis(self.due.ping_ms)
     }
 
     /// All that is to be sent by the caller's time `now`: answers first, then what is due, in
@@ -214,6 +226,9 @@ impl SimulatedDevice {
             return;
         }
         self.counters.enables += 1;
+        if self.pinging.is_none() && self.is_finished() {
+            self.begin_anew();
+        }
         let began = *self.began.get_or_insert(now);
         if self.pinging.is_none() {
             // What was due while it was silent is not made up for.
@@ -229,6 +244,13 @@ impl SimulatedDevice {
             self.speed_of_sound_mps,
             frequency_hz,
         ));
+    }
+
+    fn begin_anew(&mut self) {
+        self.began = None;
+        self.due = Due::AT_FIRST;
+        self.ping_number = 0;
+        self.range_has_changed = false;
     }
 
     fn set_speed_of_sound(&mut self, speed_of_sound_mmps: u32) {

@@ -131,6 +131,28 @@ fn enabled_it_sends_the_dives_pings_and_disabled_nothing() {
 }
 
 #[test]
+fn a_dive_that_is_over_begins_anew_once_it_is_stopped_and_started_again() {
+    let mut device = device(NoiseLevel::Nominal);
+    let sonar = device.sonar.clone();
+    send(&mut device, &Message::OsPingParams(params(true)), ms(0));
+    run_until(&mut device, ms(60_000));
+    // Asked again by the same client, it has nothing more to send.
+    send(&mut device, &Message::OsPingParams(params(true)), ms(8_000));
+    assert!(device.is_finished() && device.next_due().is_none());
+    for enable in [false, true] {
+        send(
+            &mut device,
+            &Message::OsPingParams(params(enable)),
+            ms(9_000),
+        );
+    }
+    assert_eq!(device.next_ping_due(), Some(ms(9_000)));
+    assert_eq!(device.dive_time(), ms(0));
+    let again = frames(&device.advance(ms(9_000)));
+    assert_eq!(again[0].1, sonar.ping(0).frame(DEVICE_ID).unwrap());
+}
+
+#[test]
 fn it_obeys_the_settings_of_its_client() {
     let mut device = device(NoiseLevel::None);
     let asked = OsPingParams {

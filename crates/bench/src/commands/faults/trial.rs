@@ -321,10 +321,7 @@ const WAITING_PINGS: u64 = 20;
 pub(super) const PING_INTERVAL_S: f64 = 0.025;
 
 fn real_time() -> ServeOptions {
-    ServeOptions {
-        rate: 1.0,
-        on_ping: None,
-    }
+    ServeOptions { rate: 1.0 }
 }
 
 fn listening(link: Link, folder: &Path, sonar: &Arc<Sonar>) -> anyhow::Result<(Server, ListenUrl)> {
