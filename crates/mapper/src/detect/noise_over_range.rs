@@ -5,6 +5,8 @@
 
 use echosplat_model::{Ping, PingSettings};
 
+use crate::detect::profile::SILENCE;
+
 /// Sections of range for each factor of e, in which noise is told.
 const SECTIONS_PER_E: f32 = 6.0;
 /// Sections that are told apart, from [`NEAREST_M`] to 400 m.
@@ -57,6 +59,8 @@ impl Quartile {
     pub(crate) fn of_ping(ping: &Ping, blank: usize, log_gain: f32) -> Vec<Self> {
         let (settings, power) = (ping.settings(), ping.intensity());
         let loudest = power[blank..].iter().copied().fold(0.0, f32::max);
+        // A section that is mostly at the floor of the ping's decibels says nothing of what lies below.
+        let least = power.iter().copied().fold(f32::INFINITY, f32::min);
         let section_of = |bin: usize| {
             let log = log_range(settings, bin) - NEAREST_M.ln();
             (log.max(0.0) * SECTIONS_PER_E) as usize
@@ -68,7 +72,8 @@ impl Quartile {
             let end = (start..power.len()).find(is_beyond).unwrap_or(power.len());
             if section < SECTIONS && end - start >= LEAST_BINS {
                 let quartile = lower_quartile(&mut power[start..end].to_vec());
-                if quartile > SILENT * loudest {
+                let is_at_floor = quartile <= least && least > SILENCE;
+                if quartile > SILENT * loudest && !is_at_floor {
                     told.push(Self {
                         section,
                         log_power: (quartile * (-log_gain).exp()).ln(),

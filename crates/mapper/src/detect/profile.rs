@@ -268,8 +268,11 @@ impl Levels {
         let blank = profile.first_bin().min(intensity.len());
         let open = &intensity[blank..];
         let peak = greatest(open);
-        let noise = self.learn_noise(open, ground.most.get(blank..).unwrap_or_default());
-        let threshold = config.detection_factor * noise;
+        let ground_here = ground.most.get(blank..).unwrap_or_default();
+        let (measured, floor) = self.learn_noise(open, ground_here);
+        // What is at the floor is no echo, and is reckoned with as the noise that it shows.
+        let noise = measured.max(floor);
+        let threshold = (config.detection_factor * measured).max(ABOVE_FLOOR * floor);
         let loudest = self.learn_strongest_at(profile, intensity, threshold);
         let near = self.strongest_near();
         if let Some(section) = loudest {
@@ -339,22 +342,31 @@ impl Levels {
         !is_wild
     }
 
-    /// Mean power of the noise. A ping full of echoes is held to what pings before it showed.
-    fn learn_noise(&mut self, open: &[f32], ground: &[f32]) -> f32 {
+    /// Mean power of the noise, and the floor of the ping's decibels if noise lies below it, else 0. A ping full of echoes is
+    /// held to what pings before it showed.
+    fn learn_noise(&mut self, open: &[f32], ground: &[f32]) -> (f32, f32) {
         let mut sorted = open.to_vec();
         if let Some(before) = self.noise.filter(|_| !ground.is_empty()) {
             let bins = open.iter().zip(ground);
             let quiet = bins.filter(|&(_, &ground)| ground < 0.3 * before);
             sorted = quiet.map(|(&power, _)| power).collect();
             if sorted.len() < LEAST_QUIET_BINS {
-                return before;
+                return (before, 0.0);
             }
         }
         if sorted.is_empty() {
-            return self.noise.unwrap_or(0.0);
+            return (self.noise.unwrap_or(0.0), 0.0);
         }
-        let here = mean_of_noise(&mut sorted);
+        let heard = Noise::of(&mut sorted);
+        let here = match heard {
+            Noise::Mean(mean) | Noise::AtMost { mean, .. } => mean,
+        };
         let before = self.noise.unwrap_or(here);
+        let here = match heard {
+            Noise::Mean(_) => here,
+            // Nothing speaks against what was before: that there is at most so much does not say that there is more.
+            Noise::AtMost { .. } => here.min(before),
+        };
         // The floor sinks fast and rises slowly: gain steps are a few decibels, echoes many.
         let now = if here < before {
             0.5 * (before + here)
@@ -362,8 +374,62 @@ impl Levels {
             before + 0.05 * (here.min(4.0 * before) - before)
         };
         self.noise = Some(now.max(f32::MIN_POSITIVE));
-        here.min(4.0 * now).max(f32::MIN_POSITIVE)
+        (here.min(4.0 * now).max(f32::MIN_POSITIVE), heard.floor())
     }
+}
+
+/// An echo is so far above the floor of a ping whose noise lies below it, 1 dB: what is at the floor itself may be anything
+/// less.
+const ABOVE_FLOOR: f32 = 1.26;
+/// Where real units' decibels begin, −45 dB: what is there holds no noise at all. By a margin for rounding.
+pub(crate) const SILENCE: f32 = 3.2e-5;
+
+/// What the bins of a ping say of the mean power of its noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Noise {
+    Mean(f32),
+    /// A quarter of the bins or more is at the floor of the ping's decibels, which span 90 dB at most: what they held is not
+    /// known.
+    AtMost {
+        mean: f32,
+        floor: f32,
+    },
+}
+
+impl Noise {
+    /// Of bins that are mostly noise; sorts them.
+    ///
+    /// Of exponential noise the fraction `1 − exp(−floor/mean)` lies below the floor. The mean that makes the fraction that is
+    /// there the likeliest is `−floor/ln(1 − fraction)`; echoes in other bins only raise it.
+    fn of(powers: &mut [f32]) -> Self {
+        let mean = mean_of_noise(powers);
+        let Some(floor) = floor_of(powers) else {
+            return Self::Mean(mean);
+        };
+        let at_floor = powers.iter().filter(|&&power| power <= floor).count() as f32;
+        // All of them: half a bin may have been above it.
+        let fraction = at_floor.min(powers.len() as f32 - 0.5) / powers.len() as f32;
+        Self::AtMost {
+            mean: -floor / (-fraction).ln_1p(),
+            floor,
+        }
+    }
+
+    /// 0 where noise is above it.
+    fn floor(self) -> f32 {
+        match self {
+            Self::Mean(_) => 0.0,
+            Self::AtMost { floor, .. } => floor,
+        }
+    }
+}
+
+/// The least power, where a quarter of the bins have it and it is not silence: the ping's decibels end there, and what was
+/// less is shown as that.
+fn floor_of(powers: &[f32]) -> Option<f32> {
+    let least = powers.iter().copied().min_by(f32::total_cmp)?;
+    let at_least = powers.iter().filter(|&&power| power <= least).count();
+    (least > SILENCE && 4 * at_least > powers.len()).then_some(least)
 }
 
 /// Mean power of exponentially distributed noise from the lower quartile of bins that are mostly noise:
@@ -525,6 +591,37 @@ mod tests {
         assert!(profile.echoes.is_empty());
         assert_eq!(profile.state.at(24), BinState::Blank);
         assert_eq!(profile.state.at(25), BinState::Dark);
+    }
+
+    #[test]
+    fn noise_below_the_floor_of_a_pings_decibels_is_at_most_that_and_echoes_above_it_are_heard() {
+        let factor = strict().detection_factor;
+        for (below, clamped_of_100) in [0.1_f32, 0.3, 0.6, 0.9, 0.99, 0.9999]
+            .into_iter()
+            .flat_map(|below| [8, 50, 100].map(|share| (below, share)))
+        {
+            let floor = -(-below).ln_1p();
+            let echo = 2.0 * (1.05 * factor).max(ABOVE_FLOOR * floor);
+            let mut levels = Levels::default();
+            for index in 0..100 {
+                let is_clamped = index * 37 % 100 < clamped_of_100;
+                let mut power = noise(600);
+                power[300..303].fill(echo);
+                if is_clamped {
+                    power.iter_mut().for_each(|power| *power = power.max(floor));
+                }
+                let ground = Backdrop::default();
+                let heard = levels.profile(&ping(power), 0.04, &ground, Box::default(), &strict());
+                let case = format!("{below} below, {clamped_of_100} of 100, {index}");
+                assert_eq!(*heard.echoes, [(300, 303)], "{case}");
+                let is_hidden = is_clamped && below > 0.25;
+                let most = if is_hidden { floor.max(1.1) } else { 1.1 };
+                assert!(heard.noise <= most, "{} with {case}", heard.noise);
+            }
+            // What all pings hide is at most what they show; else it is what the others heard.
+            let learnt = levels.noise.unwrap();
+            assert!(learnt < 1.15, "{learnt} with {below} below");
+        }
     }
 
     #[test]
