@@ -41,6 +41,7 @@ mod slow_link;
 mod strangers;
 mod supervision;
 mod trajectories;
+mod units;
 mod watch;
 mod web;
 mod wrong_input;

@@ -44,7 +44,7 @@ pub use error::{EncodeError, FrameError, ParseError};
 pub use frame::{Frame, MAX_FRAME_BYTES, MAX_PAYLOAD_BYTES, checksum};
 pub use message::{
     DeviceInformation, MAX_RESULT_COUNT, Message, OsMonoProfile, OsPingParams, PowerResults,
-    ProtocolVersion, Status, SyncChannel, Text, power_db,
+    ProtocolVersion, Status, SyncChannel, Text, power_db, product_of_message,
 };
 pub use payload_lengths::PayloadLengths;
 pub use skip::{SkipReason, Skipped};

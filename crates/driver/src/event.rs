@@ -5,7 +5,7 @@ use std::sync::Arc;
 use bytes::Bytes;
 use echosplat_firmware_protocol::DeviceInformation;
 use echosplat_model::Ping;
-use echosplat_session::SessionCounters;
+use echosplat_session::{SessionCounters, UnitHeard};
 use serde::Serialize;
 
 use crate::path::PingPath;
@@ -95,6 +95,12 @@ pub struct DriverStatus {
     /// What the first profile refused says, and what is allowed, as in `speed of sound 0 m/s;
     /// allowed is 1300 to 1700 m/s`.
     pub first_refusal: Option<String>,
+    /// The units whose profiles came, the one that is mapped first.
+    pub units: Vec<UnitHeard>,
+    /// Whether the configuration says which of several units is mapped.
+    pub unit_is_chosen: bool,
+    /// The product that is connected, if it is known to be no `OmniScan` 450.
+    pub other_product: Option<&'static str>,
     /// Seconds since the last byte came, by the host's monotonic clock; `None` before the first.
     /// Bytes without frames are noise, or another baud rate.
     pub since_byte_s: Option<f64>,

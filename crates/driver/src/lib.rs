@@ -36,8 +36,6 @@ pub use pause::Pause;
 pub use probe::{
     Discovered, Discovery, ProbedIdentity, ProbedProfile, ProbedUnit, discover, probe, serial_ports,
 };
-pub use serve::{
-    EmulatedDevice, ListenUrl, OnPing, ServeError, ServeOptions, ServeStatus, Server, serve,
-};
+pub use serve::{EmulatedDevice, ListenUrl, ServeError, ServeOptions, ServeStatus, Server, serve};
 pub use tap::{RawTap, Tape, TapeItem, Tapped};
 pub use url::{SonarUrl, UrlError};

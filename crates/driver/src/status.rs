@@ -76,6 +76,9 @@ impl SharedStatus {
         let counters = session.counters();
         state.last.note(&state.status.session, &counters);
         state.status.session = counters;
+        state.status.units = session.units();
+        state.status.unit_is_chosen = session.chooses_a_unit();
+        state.status.other_product = session.other_product();
         if state.status.first_refusal.is_none() {
             state.status.first_refusal = session.first_refusal().map(str::to_owned);
         }

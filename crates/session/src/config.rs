@@ -52,8 +52,13 @@ pub struct SessionConfig {
     pub absorption_db_per_m: f64,
     /// What each gain step adds to the reported power, by gain index; subtracted. Empty is none.
     pub gain_offset_db: Vec<f64>,
-    /// Channel listened to; without one, the first that is heard.
+    /// Of several units, the one of this channel is listened to. Without this, `source` and
+    /// `heading_deg` it is the first that is heard.
     pub channel: Option<u8>,
+    /// The one whose frames have this source, the device's id.
+    pub source: Option<u8>,
+    /// The one that says that it looks there, within 30°; -180 to 360°.
+    pub heading_deg: Option<f64>,
     /// Which clock transmit times are on.
     pub clock: ClockSource,
     /// Least delay from transmit to arrival, subtracted on the host's clock. 0 to 5 s.
@@ -75,6 +80,8 @@ impl Default for SessionConfig {
             absorption_db_per_m: 0.0,
             gain_offset_db: Vec::new(),
             channel: None,
+            source: None,
+            heading_deg: None,
             clock: ClockSource::Host,
             link_latency_s: 0.0,
         }
@@ -119,7 +126,15 @@ impl SessionConfig {
         for &offset in &self.gain_offset_db {
             within("gain_offset_db", offset, -100.0, 100.0)?;
         }
+        let heading_deg = self.heading_deg.unwrap_or(0.0);
+        within("heading_deg", heading_deg, -180.0, 360.0)?;
         within("link_latency_s", self.link_latency_s, 0.0, 5.0)
+    }
+
+    /// Whether it says which of several units is listened to.
+    #[must_use]
+    pub fn chooses_a_unit(&self) -> bool {
+        self.channel.is_some() || self.source.is_some() || self.heading_deg.is_some()
     }
 
     /// Time from ping to ping to expect: what is asked, or what the range takes if that is longer.

@@ -62,13 +62,13 @@ impl Advance {
     }
 
     /// Milliseconds per ping.
-    fn pace(self) -> Option<f64> {
+    pub(crate) fn pace(self) -> Option<f64> {
         self.is_forward()
             .then(|| self.millis as f64 / self.pings as f64)
     }
 
     /// Whether so many pings take about so long: within a factor of two and 5 ms.
-    fn keeps(self, pace_ms: f64) -> bool {
+    pub(crate) fn keeps(self, pace_ms: f64) -> bool {
         let expected_ms = self.pings as f64 * pace_ms;
         let millis = self.millis as f64;
         self.is_forward() && millis >= 0.5 * expected_ms - 5.0 && millis <= 2.0 * expected_ms + 5.0
@@ -188,6 +188,16 @@ impl Continuity {
             return verdict;
         }
         self.judge_by_last(&last, stamp)
+    }
+
+    /// Whether it was taken already, or there is a place for it before the last one.
+    pub(crate) fn has_place_for(&self, stamp: &Stamp) -> bool {
+        let Some(last) = &self.last else {
+            return true;
+        };
+        let step = Advance::between(last, stamp);
+        let is_behind = step.is_behind() && self.may_be_late(step);
+        self.is_again(last, stamp) || (is_behind && self.place_of(step, stamp) == Place::Free)
     }
 
     /// Nothing more comes: whether the held one is taken after all, which it is if nothing but

@@ -9,6 +9,8 @@ pub struct ProfilesRejected {
     pub payload: u64,
     /// Of another channel than the one listened to.
     pub other_channel: u64,
+    /// Of another unit of that channel.
+    pub other_unit: u64,
     /// Start or length of the range outside 0 to 300 m, or length 0.
     pub range: u64,
     /// No bins.
@@ -39,12 +41,13 @@ impl ProfilesRejected {
         let Self {
             payload,
             other_channel,
+            other_unit,
             duplicate,
             late,
             unconfirmed,
             ..
         } = *self;
-        payload + other_channel + self.implausible() + duplicate + late + unconfirmed
+        payload + other_channel + other_unit + self.implausible() + duplicate + late + unconfirmed
     }
 
     /// Whole profiles that say what no sonar can have: settings or decibel scale.

@@ -22,9 +22,11 @@ mod profile;
 mod seen;
 mod session;
 mod stream;
+mod units;
 mod words;
 
 pub use config::{ClockSource, SessionConfig, SessionConfigError, Spreading};
 pub use counters::{ProfilesRejected, SessionCounters};
 pub use event::SessionEvent;
 pub use session::Session;
+pub use units::{UnitHeard, UnitLabel};

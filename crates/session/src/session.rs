@@ -1,19 +1,23 @@
 //! The session: frames to messages, messages to events, time-outs to requests.
 
+mod profiles;
+
 use std::collections::VecDeque;
 
+use bytes::Bytes;
 use echosplat_firmware_protocol::{
-    Decoder, DeviceInformation, Event, Frame, Message, OsMonoProfile, ParseError, SkipReason,
-    Skipped, id,
+    Decoder, DeviceInformation, Event, Frame, Message, ParseError, SkipReason, Skipped, id,
+    product_of_message,
 };
 use echosplat_model::{RateLimit, Timestamp};
 
 use crate::config::SessionConfig;
 use crate::counters::SessionCounters;
 use crate::event::SessionEvent;
-use crate::handshake::{Confirmation, Handshake};
+use crate::handshake::Handshake;
 use crate::log_header::{self, LogJson};
 use crate::stream::Stream;
+use crate::units::{Settled, UnitHeard, Units};
 use crate::words::{printable, with_count};
 
 /// A half frame that has not grown for so long will not be completed.
@@ -36,7 +40,6 @@ enum Kind {
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Warned {
     NoProfiles,
-    OtherChannel,
     UnknownType,
     Disputed,
     LogWithoutTime,
@@ -57,11 +60,16 @@ struct Core {
     config: SessionConfig,
     /// None when only listening.
     handshake: Option<Handshake>,
+    units: Units,
+    /// Profiles that wait to show which unit they are of, and when they came.
+    waiting: Vec<(Bytes, Timestamp)>,
     stream: Stream,
     events: VecDeque<SessionEvent>,
     outgoing: VecDeque<Vec<u8>>,
     counters: SessionCounters,
     identity: Option<DeviceInformation>,
+    /// Another product that messages came from.
+    other_product: Option<&'static str>,
     newest_log_time: Option<Timestamp>,
     warned: Vec<Warned>,
     first_refusal: Option<String>,
@@ -106,18 +114,21 @@ impl Session {
         handshake: Option<Handshake>,
         now: Timestamp,
     ) -> Self {
-        let stream = Stream::new(&config, kind == Kind::Log);
+        let stream = Stream::new(kind == Kind::Log);
         Self {
             decoder: Box::default(),
             core: Core {
                 kind,
                 config,
                 handshake,
+                units: Units::default(),
+                waiting: Vec::new(),
                 stream,
                 events: VecDeque::new(),
                 outgoing: VecDeque::new(),
                 counters: SessionCounters::default(),
                 identity: None,
+                other_product: None,
                 newest_log_time: None,
                 warned: Vec::new(),
                 first_refusal: None,
@@ -130,8 +141,8 @@ impl Session {
         }
     }
 
-    /// Takes the next bytes of the link, which came at `now`, cut anywhere. Queues at most one
-    /// event or two per frame in them: fetch the events before giving more.
+    /// Takes the next bytes of the link, which came at `now`, cut anywhere. Queues some ten events
+    /// at most per frame in them: fetch the events before giving more.
     pub fn receive(&mut self, bytes: &[u8], now: Timestamp) {
         let core = &mut self.core;
         core.clock_is(now);
@@ -229,6 +240,31 @@ impl Session {
         self.core.identity
     }
 
+    /// The units whose profiles came, the one that is mapped first. Others are told of from their third
+    /// profile on.
+    #[must_use]
+    pub fn units(&self) -> Vec<UnitHeard> {
+        self.core.units.heard()
+    }
+
+    /// Whether the configuration says which of several units is mapped.
+    #[must_use]
+    pub fn chooses_a_unit(&self) -> bool {
+        self.core.config.chooses_a_unit()
+    }
+
+    /// The device that is no `OmniScan` 450, if what is connected says that it is one or sends what only
+    /// one of those sends.
+    #[must_use]
+    pub fn other_product(&self) -> Option<&'static str> {
+        let says = self
+            .core
+            .identity
+            .filter(|identity| !identity.is_omniscan_450());
+        let said = says.and_then(|identity| identity.product());
+        said.or(self.core.other_product)
+    }
+
     /// What the first profile refused for its settings or scale says, and what is allowed, as in
     /// `speed of sound 0 m/s; allowed is 1300 to 1700 m/s`.
     #[must_use]
@@ -311,7 +347,10 @@ impl Core {
             Message::Nmea(_) => self.counters.nmea += 1,
             Message::Mavlink(_) => self.counters.mavlink += 1,
             Message::Status(_) => self.counters.status += 1,
-            Message::Unknown { .. } => self.counters.frames_unknown += 1,
+            Message::Unknown { message_id, .. } => {
+                self.counters.frames_unknown += 1;
+                self.other_product = self.other_product.or(product_of_message(message_id));
+            }
             _ => self.counters.frames_unused += 1,
         }
     }
@@ -324,40 +363,6 @@ impl Core {
         self.counters.profiles += 1;
         self.counters.profiles_rejected.payload += 1;
         self.first_refusal.get_or_insert_with(|| error.to_string());
-    }
-
-    fn handle_profile(&mut self, profile: &OsMonoProfile<'_>, frame: &Frame<'_>, now: Timestamp) {
-        self.counters.profiles += 1;
-        if !self.stream.is_heard(profile) {
-            self.counters.profiles_rejected.other_channel += 1;
-            let channel = profile.channel_number;
-            let text = format!("profiles of channel {channel} are left out; `channel` chooses one");
-            self.warn_once(Warned::OtherChannel, text);
-            return;
-        }
-        if let Some(handshake) = &mut self.handshake {
-            match handshake.profile(profile, &self.config, now) {
-                Confirmation::Confirmed => self.events.push_back(SessionEvent::Configured),
-                Confirmation::AsBefore => {}
-                Confirmation::Mismatch => self.counters.settings_mismatched += 1,
-                Confirmation::Disputed => {
-                    self.counters.settings_mismatched += 1;
-                    let text = "somebody else has changed the device's settings; asking again";
-                    self.warn_once(Warned::Disputed, text.to_owned());
-                }
-            }
-        }
-        let events = &mut self.events;
-        let taken = self.stream.insert(
-            profile,
-            frame,
-            (&self.config, now),
-            &mut self.counters,
-            &mut |event| events.push_back(event),
-        );
-        if let Err(reason) = taken {
-            self.first_refusal.get_or_insert_with(|| reason.to_string());
-        }
     }
 
     fn identified(&mut self, information: DeviceInformation, now: Timestamp) {
@@ -423,10 +428,14 @@ impl Core {
             self.warn_once(Warned::LogBackInTime, text.to_owned());
         }
         self.newest_log_time = timestamp.max(self.newest_log_time);
-        self.stream.begin_log_session(timestamp, &self.config);
+        self.units.begin_log_session();
+        self.stream.begin_log_session(timestamp);
     }
 
     fn release_held(&mut self) {
+        self.units.release();
+        let all = vec![Settled::Mapped; self.waiting.len()];
+        self.settle_waiting(&all);
         let events = &mut self.events;
         let emit = &mut |event| events.push_back(event);
         self.stream.release(&self.config, &mut self.counters, emit);

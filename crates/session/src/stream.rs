@@ -20,7 +20,6 @@ pub(crate) struct Stream {
     continuity: Continuity,
     /// The profile that waits for the next to confirm it, and when it came.
     held: Option<(Bytes, Timestamp)>,
-    channel: Option<u8>,
     device_clock: DeviceClock,
     host_clock: HostClock,
     base: Base,
@@ -47,12 +46,11 @@ enum Base {
 }
 
 impl Stream {
-    pub(crate) fn new(config: &SessionConfig, is_log: bool) -> Self {
+    pub(crate) fn new(is_log: bool) -> Self {
         Self {
             is_log,
             continuity: Continuity::new(is_log, true),
             held: None,
-            channel: config.channel,
             device_clock: DeviceClock::default(),
             host_clock: HostClock::default(),
             base: Base::Nanos(0),
@@ -61,21 +59,15 @@ impl Stream {
     }
 
     /// A session of a log begins: another order of pings, another base of time.
-    pub(crate) fn begin_log_session(
-        &mut self,
-        timestamp: Option<Timestamp>,
-        config: &SessionConfig,
-    ) {
+    pub(crate) fn begin_log_session(&mut self, timestamp: Option<Timestamp>) {
         let is_first = !self.device_clock.is_running();
         self.continuity = Continuity::new(true, is_first);
-        self.channel = config.channel;
         self.base = timestamp.map_or(Base::Nanos(0), Base::SessionStart);
     }
 
-    /// Whether the profile is of the channel listened to.
-    pub(crate) fn is_heard(&self, profile: &OsMonoProfile<'_>) -> bool {
-        self.channel
-            .is_none_or(|channel| channel == profile.channel_number)
+    /// Whether the profile was taken already, or there is a place for it before the last one.
+    pub(crate) fn has_place_for(&self, profile: &OsMonoProfile<'_>) -> bool {
+        self.continuity.has_place_for(&profile::stamp(profile))
     }
 
     /// Takes, holds or leaves out one profile.
@@ -94,8 +86,6 @@ impl Stream {
             *reason.counter(&mut counters.profiles_rejected) += 1;
             return Err(reason);
         }
-        // Without one configured, the first that makes sense.
-        self.channel.get_or_insert(profile.channel_number);
         let verdict = self.continuity.judge(profile::stamp(profile));
         self.settle_held(verdict.held, config, counters, emit);
         let origin = || Origin {

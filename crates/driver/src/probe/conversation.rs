@@ -3,7 +3,9 @@
 use std::io;
 use std::time::Duration;
 
-use echosplat_firmware_protocol::{Decoder, Event, Frame, Message, OsPingParams, id};
+use echosplat_firmware_protocol::{
+    Decoder, DeviceInformation, Event, Frame, Message, OsPingParams, id, product_of_message,
+};
 use tokio::time::{Instant, timeout, timeout_at};
 
 use super::{ProbedIdentity, ProbedProfile, ProbedUnit, in_words};
@@ -26,6 +28,8 @@ struct Heard {
     frames: u64,
     first_bytes: Vec<u8>,
     identity: Option<ProbedIdentity>,
+    /// Of whose kind a message was that no `OmniScan` 450 sends.
+    other_product: Option<&'static str>,
     profile: Option<ProbedProfile>,
 }
 
@@ -43,10 +47,17 @@ pub(super) async fn hold(
     let was_pinging = heard.profile.is_some();
     let answers = heard.frames > 0;
     let mut outcome = listened;
+    // Nothing is asked of what is no sonar of ours.
+    if let Some(words) = heard.of_another_device() {
+        return Err(words);
+    }
     if outcome.is_ok() && answers && !was_pinging {
         outcome = heard.listen(link, deadline, &settings(true)).await;
         // Whatever came of it: what was started here is stopped here.
         stop(link).await;
+    }
+    if let Some(words) = heard.of_another_device() {
+        return Err(words);
     }
     if heard.identity.is_none() && heard.profile.is_none() {
         return Err(heard.in_the_way(url, outcome));
@@ -99,8 +110,24 @@ impl Heard {
         match Message::parse(frame) {
             Ok(Message::DeviceInformation(information)) => self.identity = Some(information.into()),
             Ok(Message::OsMonoProfile(profile)) => self.profile = Some(ProbedProfile::of(&profile)),
+            Ok(Message::Unknown { message_id, .. }) => {
+                self.other_product = self.other_product.or(product_of_message(message_id));
+            }
             _ => {}
         }
+    }
+
+    /// What it is, if that is known and it is no `OmniScan` 450.
+    fn of_another_device(&self) -> Option<String> {
+        let information = self.identity.map(DeviceInformation::from);
+        let says = information.filter(|says| !says.is_omniscan_450() && says.product().is_some());
+        let device = match (says, self.other_product) {
+            (Some(says), _) => says.to_string(),
+            (None, Some(product)) if self.profile.is_none() => product.to_owned(),
+            _ => return None,
+        };
+        let text = "answers, and is no OmniScan 450, whose profiles are mapped here";
+        Some(format!("{device} {text}"))
     }
 
     fn in_the_way(&self, url: &SonarUrl, outcome: io::Result<()>) -> String {

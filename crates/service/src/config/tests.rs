@@ -44,6 +44,8 @@ fn the_default_file_explains_every_key() {
         },
         session: SessionConfig {
             channel: Some(0),
+            source: Some(1),
+            heading_deg: Some(90.0),
             ..SessionConfig::default()
         },
         bus: BusConfig {

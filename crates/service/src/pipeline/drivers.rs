@@ -8,7 +8,7 @@ use echosplat_driver::{
     Tape,
 };
 use echosplat_liveness::Heartbeat;
-use echosplat_session::{ProfilesRejected, SessionCounters};
+use echosplat_session::{ProfilesRejected, SessionCounters, UnitHeard};
 use tokio::runtime::Handle;
 
 use crate::exit::Usage;
@@ -215,6 +215,15 @@ fn add(sum: &DriverStatus, mut next: DriverStatus) -> DriverStatus {
     next.events_dropped += sum.events_dropped;
     next.bytes_after_stop += sum.bytes_after_stop;
     next.stop_sent |= sum.stop_sent;
+    next.other_product = next.other_product.or(sum.other_product);
+    for unit in &sum.units {
+        let alike =
+            |other: &&mut UnitHeard| (other.label, other.is_mapped) == (unit.label, unit.is_mapped);
+        match next.units.iter_mut().find(alike) {
+            Some(other) => other.profiles += unit.profiles,
+            None => next.units.push(*unit),
+        }
+    }
     next
 }
 
@@ -226,7 +235,7 @@ fn add_session(sum: &mut SessionCounters, other: &SessionCounters) {
 }
 
 /// Every counter; the compiler says when one is missing here.
-fn fields(counters: &mut SessionCounters) -> [&mut u64; 33] {
+fn fields(counters: &mut SessionCounters) -> [&mut u64; 34] {
     let SessionCounters {
         bytes_received,
         frames_good,
@@ -254,6 +263,7 @@ fn fields(counters: &mut SessionCounters) -> [&mut u64; 33] {
     let ProfilesRejected {
         payload,
         other_channel,
+        other_unit,
         range,
         bins,
         speed_of_sound,
@@ -289,6 +299,7 @@ fn fields(counters: &mut SessionCounters) -> [&mut u64; 33] {
         status,
         payload,
         other_channel,
+        other_unit,
         range,
         bins,
         speed_of_sound,

@@ -1,10 +1,13 @@
 //! A session and a scripted device in virtual time.
 
 mod recorded;
+mod units;
 
 use std::sync::Arc;
 
-use echosplat_firmware_protocol::{OsPingParams, PowerResults, ProtocolVersion, Text};
+use echosplat_firmware_protocol::{
+    OsMonoProfile, OsPingParams, PowerResults, ProtocolVersion, Text,
+};
 use echosplat_model::Ping;
 
 use super::*;

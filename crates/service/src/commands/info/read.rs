@@ -9,7 +9,9 @@ use echosplat_model::{Gaussian, Timestamp};
 use echosplat_recording::mcap::{Record, Recording, RecordingReader, Scan};
 use echosplat_recording::svlog::{SvlogReader, Tail};
 use echosplat_recording::{ply, tum};
-use echosplat_session::{ClockSource, Session, SessionConfig, SessionCounters, SessionEvent};
+use echosplat_session::{
+    ClockSource, Session, SessionConfig, SessionCounters, SessionEvent, UnitHeard,
+};
 use serde_json::{Map, Value, json};
 
 use super::pings::{PingTally, span_fact, span_of};
@@ -27,13 +29,14 @@ pub(super) fn recording(files: &[PathBuf]) -> anyhow::Result<Facts> {
     let scan = Recording::scan(files).map_err(|error| wrong(&error))?;
     let settings = scan.settings.as_deref().unwrap_or_default();
     let config: Config = toml::from_str(settings).unwrap_or_default();
-    let (pings, counters) = recorded_pings(files, &config).map_err(|error| wrong(&error))?;
+    let (pings, units, counters) = recorded_pings(files, &config).map_err(|error| wrong(&error))?;
     let poses = span_of(scan.poses.iter().map(|(pose, _)| pose.time));
     let with_poses = pings.count_within(poses);
     let mut facts = Facts::new();
     facts.insert("files".to_owned(), files.len().into());
     facts.insert("span".to_owned(), span_fact(scan.span));
     facts.extend(pings.facts());
+    facts.insert("units".to_owned(), units_fact(&units));
     facts.insert("poses".to_owned(), scan.poses.len().into());
     facts.insert("pose_span".to_owned(), span_fact(poses));
     facts.insert("pings_within_poses".to_owned(), with_poses.into());
@@ -57,7 +60,8 @@ pub(super) fn recording(files: &[PathBuf]) -> anyhow::Result<Facts> {
 fn recorded_pings(
     files: &[PathBuf],
     config: &Config,
-) -> Result<(PingTally, SessionCounters), echosplat_recording::mcap::RecordingError> {
+) -> Result<(PingTally, Vec<UnitHeard>, SessionCounters), echosplat_recording::mcap::RecordingError>
+{
     let mut reader = RecordingReader::open(files)?;
     let mut session: Option<Session> = None;
     let mut tally = PingTally::default();
@@ -79,11 +83,23 @@ fn recorded_pings(
         drain(session, &mut tally);
     }
     let Some(mut session) = session else {
-        return Ok((tally, SessionCounters::default()));
+        return Ok((tally, Vec::new(), SessionCounters::default()));
     };
     session.finish(newest);
     drain(&mut session, &mut tally);
-    Ok((tally, session.counters()))
+    Ok((tally, session.units(), session.counters()))
+}
+
+/// Which units were heard, and which of them is mapped.
+fn units_fact(units: &[UnitHeard]) -> Value {
+    let words = |unit: &UnitHeard| {
+        let what = match unit.is_mapped {
+            true => "mapped",
+            false => "left out",
+        };
+        format!("{}: {} profiles, {what}", unit.label, unit.profiles)
+    };
+    units.iter().map(words).collect::<Vec<_>>().into()
 }
 
 /// A replay that was recorded holds the bytes of a log, which begin with its session packet and
@@ -155,6 +171,7 @@ pub(super) fn log(file: &Path) -> anyhow::Result<Facts> {
     let counters = session.counters();
     let is_cut = !matches!(reader.tail(), Some(Tail::Whole));
     let mut facts = tally.facts();
+    facts.insert("units".to_owned(), units_fact(&session.units()));
     facts.insert("sessions".to_owned(), wrapped.sessions.into());
     facts.insert("attitudes".to_owned(), wrapped.attitudes.into());
     facts.insert("positions".to_owned(), wrapped.positions.into());

@@ -1,5 +1,7 @@
 //! What is wrong with what comes from the sonar.
 
+mod units;
+
 use std::time::Instant;
 
 use echosplat_driver::LinkState;
@@ -28,6 +30,7 @@ impl Diagnosis {
             findings.extend(own_vehicle(status));
         }
         findings.extend(self.refused(status, now));
+        findings.extend(units::finding(&status.sonar));
         let listening = status.report.listening;
         if listening.flat_s >= SAME_S {
             findings.push(loss(
@@ -79,6 +82,16 @@ impl Diagnosis {
                      `echosplat probe` look for the unit"
                 );
                 loss("no-link", sentence)
+            }
+            LinkState::Up if is_quiet(sonar.since_profile_s) && sonar.other_product.is_some() => {
+                loss(
+                    "other-device",
+                    format!(
+                        "no pings: {url} is a {}, and no OmniScan 450, whose profiles are mapped here; give \
+                     sonar.url the address of one, which `echosplat probe` looks for",
+                        sonar.other_product.unwrap_or_default()
+                    ),
+                )
             }
             LinkState::Up if is_quiet(sonar.since_byte_s) => loss(
                 "no-bytes",

@@ -18,6 +18,8 @@ fn a_log_with_two_sessions_has_two_bases_and_one_sequence() {
         };
         session.receive(&shot.frame(), POWER_UP);
     }
+    // Of a unit that is not the one before so few are believed once there is no other.
+    session.finish(POWER_UP);
     assert_eq!(
         (session.poll_transmit(), session.poll_timeout()),
         (None, None)
