@@ -14,6 +14,7 @@ mod calibrate;
 mod device;
 mod disturbances;
 mod dive;
+mod doors;
 mod emulated;
 mod extension;
 mod fake_sonar;

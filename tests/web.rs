@@ -115,7 +115,7 @@ impl Follower {
 
     fn put(&mut self, header: &Value, payload: &[u8]) {
         let cloud = point_cloud::decode(payload).expect("a cloud");
-        assert_eq!(cloud.unsound_count, 0);
+        assert_eq!(cloud.unsound, []);
         let tile = self.tile(header);
         tile.extend(cloud.gaussians.into_iter().map(|g| (g.id, g)));
         self.sequence = header["sequence"].as_u64();

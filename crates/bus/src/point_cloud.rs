@@ -14,7 +14,7 @@
 //! | 24 | `scale_0` | f32 | m | one sigma along its first axis (not the logarithm) |
 //! | 28 | `scale_1` | f32 | m | second axis |
 //! | 32 | `scale_2` | f32 | m | third axis |
-//! | 36 | `rot_0` | f32 | 1 | w of the unit quaternion world from its own axes |
+//! | 36 | `rot_0` | f32 | 1 | w of the unit quaternion world from its own axes; of another length than 1 it is normalised when read |
 //! | 40 | `rot_1` | f32 | 1 | x |
 //! | 44 | `rot_2` | f32 | 1 | y |
 //! | 48 | `rot_3` | f32 | 1 | z |
@@ -23,6 +23,8 @@
 //! | 60 to 80 | `cov_xx`, `cov_xy`, `cov_xz`, `cov_yy`, `cov_yz`, `cov_zz` | f32 | m² | covariance of its position, map's axes; may be +∞ on the diagonal |
 //! | 84 | `probability` | f32 | 1 | that there is surface within 0.10 m of it, 0 to 1 |
 //! | 88 | `confident` | u32 | | 1 asserted as surface, 0 ambiguous |
+//!
+//! A point beyond what a Gaussian can be ([`Gaussian::check`]) is not written, and left out when read.
 //!
 //! In numpy, with `data` the message's bytes field:
 //!
@@ -34,7 +36,7 @@
 //!     ("confident", "<u4")])
 //! ```
 
-use echosplat_model::{Gaussian, Standing, Timestamp};
+use echosplat_model::{Gaussian, GaussianId, Standing, Timestamp, Unsound};
 use echosplat_ros::point_cloud2::{self, FLOAT32, UINT32};
 use glam::{Quat, Vec3};
 
@@ -79,6 +81,9 @@ const MAX_FIELD_COUNT: usize = 64;
 const MAX_FIELD_NAME_BYTES: usize = 63;
 const MAX_POINT_BYTES: usize = 1024;
 
+/// A point as it is let in, or which one is left out and why.
+type Admitted = Result<Gaussian, (GaussianId, Unsound)>;
+
 /// Where in a point each field of [`FIELDS`] lies.
 type Offsets = [usize; FIELDS.len()];
 
@@ -96,9 +101,8 @@ pub struct PointCloud {
     pub frame_id: String,
     /// In the order of the message.
     pub gaussians: Vec<Gaussian>,
-    /// Points left out because a number was not finite, a scale not positive, or `confident`
-    /// neither 0 nor 1.
-    pub unsound_count: usize,
+    /// Points left out, and why.
+    pub unsound: Vec<(GaussianId, Unsound)>,
 }
 
 /// Why bytes are no cloud of Gaussians.
@@ -231,12 +235,12 @@ fn read_points<'a>(
         stamp: header.stamp,
         frame_id: header.frame_id.to_owned(),
         gaussians: Vec::with_capacity(points.len()),
-        unsound_count: 0,
+        unsound: Vec::new(),
     };
     for point in points {
         match gaussian_of(point, offsets)? {
-            Some(gaussian) => cloud.gaussians.push(gaussian),
-            None => cloud.unsound_count += 1,
+            Ok(gaussian) => cloud.gaussians.push(gaussian),
+            Err(unsound) => cloud.unsound.push(unsound),
         }
     }
     Ok(cloud)
@@ -262,8 +266,8 @@ fn read_fields(reader: &mut CdrReader<'_>) -> Result<Offsets, PointCloudError> {
     Ok(offsets)
 }
 
-/// One point; `None` if it is unsound.
-fn gaussian_of(point: &[u8], offsets: &Offsets) -> Result<Option<Gaussian>, PointCloudError> {
+/// One point, or why it is left out.
+fn gaussian_of(point: &[u8], offsets: &Offsets) -> Result<Admitted, PointCloudError> {
     let mut words = [0_u32; FIELDS.len()];
     for ((word, &offset), (field, datatype)) in words.iter_mut().zip(offsets).zip(FIELDS) {
         let bytes = point.get(offset..).and_then(|rest| rest.first_chunk());
@@ -271,13 +275,14 @@ fn gaussian_of(point: &[u8], offsets: &Offsets) -> Result<Option<Gaussian>, Poin
         *word = u32::from_le_bytes(*bytes);
     }
     let value = |index: usize| f32::from_bits(words[index]);
+    let id = words[4];
     let standing = match words[22] {
         0 => Standing::Ambiguous,
         1 => Standing::Confident,
-        _ => return Ok(None),
+        _ => return Ok(Err((id, Unsound::Standing))),
     };
     let gaussian = Gaussian {
-        id: words[4],
+        id,
         mean_m: Vec3::new(value(0), value(1), value(2)),
         rotation: Quat::from_xyzw(value(10), value(11), value(12), value(9)),
         scale_m: Vec3::new(value(6), value(7), value(8)),
@@ -288,13 +293,14 @@ fn gaussian_of(point: &[u8], offsets: &Offsets) -> Result<Option<Gaussian>, Poin
         probability: value(21),
         standing,
     };
-    Ok(gaussian.is_sound().then_some(gaussian))
+    Ok(gaussian.admitted().map_err(|why| (id, why)))
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::test_support::{bits, gaussian};
+    use echosplat_model::MAX_PLACE_M;
     use proptest::prelude::*;
 
     fn stamp() -> Timestamp {
@@ -347,25 +353,33 @@ mod tests {
     #[test]
     fn every_bit_of_every_field_comes_back() {
         let mut odd = gaussian(u32::MAX);
-        odd.mean_m = Vec3::new(-0.0, f32::MIN_POSITIVE / 2.0, f32::MAX);
+        odd.mean_m = Vec3::new(-0.0, f32::MIN_POSITIVE / 2.0, MAX_PLACE_M);
         odd.sigma_m = f32::INFINITY;
         odd.standing = Standing::Ambiguous;
         let sent = [gaussian(0), odd, gaussian(7)];
         let cloud = decode(&encode(&sent, stamp(), "sea/map")).unwrap();
         assert_eq!(cloud.stamp, stamp());
         assert_eq!(cloud.frame_id, "sea/map");
-        assert_eq!(cloud.unsound_count, 0);
+        assert_eq!(cloud.unsound, []);
         assert!(cloud.gaussians.iter().map(bits).eq(sent.iter().map(bits)));
     }
 
     #[test]
-    fn what_is_not_finite_is_counted_and_left_out() {
+    fn what_is_not_sound_is_named_and_left_out() {
         let mut nan = gaussian(1);
         nan.mean_m.y = f32::NAN;
         let mut flat = gaussian(2);
         flat.scale_m.z = 0.0;
-        let cloud = decode(&encode(&[nan, gaussian(3), flat], stamp(), "")).unwrap();
-        assert_eq!(cloud.unsound_count, 2);
+        let mut turned_by_nothing = gaussian(4);
+        turned_by_nothing.rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
+        let sent = [nan, gaussian(3), flat, turned_by_nothing];
+        let cloud = decode(&encode(&sent, stamp(), "")).unwrap();
+        let unsound = [
+            (1, Unsound::Place),
+            (2, Unsound::Scale),
+            (4, Unsound::Rotation),
+        ];
+        assert_eq!(cloud.unsound, unsound);
         assert_eq!(cloud.gaussians, [gaussian(3)]);
     }
 
@@ -415,7 +429,7 @@ mod tests {
                 bytes[at] = value;
             }
             if let Ok(cloud) = decode(&bytes) {
-                prop_assert!(cloud.gaussians.len() + cloud.unsound_count <= bytes.len());
+                prop_assert!(cloud.gaussians.len() + cloud.unsound.len() <= bytes.len());
                 prop_assert!(cloud.gaussians.iter().all(Gaussian::is_sound));
             }
         }

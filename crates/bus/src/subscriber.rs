@@ -11,7 +11,7 @@ use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Receiver, Sender, bounded, never, select};
-use echosplat_model::{Snapshot, Timestamp};
+use echosplat_model::{GaussianId, Snapshot, Timestamp, Unsound};
 use serde::Serialize;
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -62,7 +62,7 @@ pub struct MapSubscriberCounters {
     pub messages_dropped: u64,
     /// Deltas of which a chunk was missing.
     pub deltas_incomplete: u64,
-    /// Gaussians left out because a number was not finite.
+    /// Gaussians left out because they cannot be; each time that one came.
     pub gaussians_unsound: u64,
     /// Questions asked.
     pub queries: u64,
@@ -113,6 +113,8 @@ struct State {
     /// The map as it was last asked for, so that asking again costs nothing; `None` once it
     /// changed.
     newest: Option<Arc<Snapshot>>,
+    first_unsound: Option<(GaussianId, Unsound)>,
+    first_fault: Option<String>,
 }
 
 fn lock(shared: &Shared) -> MutexGuard<'_, State> {
@@ -127,6 +129,8 @@ impl MapSubscriber {
                 counters: MapSubscriberCounters::default(),
                 liveliness: Liveliness::Unknown,
                 newest: None,
+                first_unsound: None,
+                first_fault: None,
             }),
             changed: Condvar::new(),
             queued_bytes: AtomicUsize::new(0),
@@ -211,6 +215,18 @@ impl MapSubscriber {
             assembler: state.assembler.counters(),
             ..state.counters
         }
+    }
+
+    /// The first Gaussian that was left out because it cannot be, and why.
+    #[must_use]
+    pub fn first_unsound(&self) -> Option<(GaussianId, Unsound)> {
+        lock(&self.shared).first_unsound
+    }
+
+    /// What was wrong with the first message that could not be read.
+    #[must_use]
+    pub fn first_fault(&self) -> Option<String> {
+        lock(&self.shared).first_fault.clone()
     }
 
     /// Waits until the map stands elsewhere than at `known`, or `limit` is over; gives where it
@@ -422,12 +438,15 @@ impl Follower {
         state.counters.bytes_received += byte_count(sample) as u64;
         match message {
             Ok(message) => {
-                state.counters.gaussians_unsound += message.unsound_count as u64;
+                state.counters.gaussians_unsound += message.unsound.len() as u64;
+                let first = message.unsound.first().copied();
+                state.first_unsound = state.first_unsound.or(first);
                 Some(message)
             }
             Err(error) => {
                 tracing::debug!("map message left out: {error}");
                 state.counters.messages_malformed += 1;
+                state.first_fault.get_or_insert_with(|| error.to_string());
                 None
             }
         }

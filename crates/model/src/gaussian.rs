@@ -16,7 +16,7 @@ pub enum Standing {
     Ambiguous,
 }
 
-/// One element of the map, in physical parameters: a small cloud of surface that stops the
+/// One element of the map, in physical parameters (limits: [`Gaussian::check`]): a small cloud of surface that stops the
 /// fraction `opacity` of the sound at its centre and sends `reflectivity` of that back.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Gaussian {
@@ -57,23 +57,6 @@ impl Gaussian {
     pub fn known_alike_m2(sigma_m: f32) -> [f32; 6] {
         let variance_m2 = sigma_m * sigma_m;
         [variance_m2, 0.0, 0.0, variance_m2, 0.0, variance_m2]
-    }
-
-    /// Whether every number is finite (`sigma_m` and the covariance may be infinite), every scale positive and the
-    /// probability one.
-    #[must_use]
-    pub fn is_sound(&self) -> bool {
-        let finite = self.mean_m.is_finite()
-            && self.rotation.is_finite()
-            && self.scale_m.is_finite()
-            && self.opacity.is_finite()
-            && self.reflectivity.is_finite();
-        let covariance_m2 = &self.position_covariance_m2;
-        finite
-            && self.scale_m.min_element() > 0.0
-            && !self.sigma_m.is_nan()
-            && !covariance_m2.iter().any(|value| value.is_nan())
-            && (0.0..=1.0).contains(&self.probability)
     }
 }
 

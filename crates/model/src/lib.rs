@@ -12,6 +12,7 @@ mod pose;
 mod rate_limit;
 mod smoothing;
 mod snapshot;
+mod soundness;
 mod switch;
 mod time;
 mod trajectory;
@@ -23,6 +24,10 @@ pub use pose::{
 };
 pub use rate_limit::RateLimit;
 pub use snapshot::{Delta, Snapshot, TileKey};
+pub use soundness::{
+    INTENSITY_UNITS, MAX_ORIGIN_M, MAX_PLACE_M, MAX_REFLECTIVITY, SCALE_LIMITS_M, Unsound,
+    is_origin,
+};
 pub use switch::Switch;
 pub use time::Timestamp;
 pub use trajectory::{

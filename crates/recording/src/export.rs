@@ -20,15 +20,20 @@ pub use npz::write_npz;
 /// Furthest that single precision keeps a millimetre.
 pub const SINGLE_PRECISION_M: f64 = 10_000.0;
 
-/// The map with its origin added to every mean, where single precision allows it; else as it is.
+/// The map with its origin added to every mean, where single precision allows it and every Gaussian
+/// can be there; else as it is.
 #[must_use]
 pub fn in_world(mut map: MapFile) -> MapFile {
-    if map.origin_m.length() > SINGLE_PRECISION_M {
+    let origin_m = map.origin_m;
+    let moved = |gaussian: &Gaussian| Gaussian {
+        mean_m: world_m(origin_m, gaussian).as_vec3(),
+        ..*gaussian
+    };
+    let can_be = |gaussian: &Gaussian| !gaussian.is_sound() || moved(gaussian).is_sound();
+    if origin_m.length() > SINGLE_PRECISION_M || !map.gaussians.iter().all(can_be) {
         return map;
     }
-    for gaussian in &mut map.gaussians {
-        gaussian.mean_m = world_m(map.origin_m, gaussian).as_vec3();
-    }
+    map.gaussians = map.gaussians.iter().map(moved).collect();
     map.origin_m = DVec3::ZERO;
     map
 }
@@ -41,7 +46,7 @@ fn world_of(origin_m: DVec3, place_m: Vec3) -> DVec3 {
     origin_m + place_m.as_dvec3()
 }
 
-/// Those that are finite, as every format has them.
+/// Those that are sound, as every format has them.
 fn sound(map: &MapFile) -> impl Iterator<Item = &Gaussian> {
     map.gaussians.iter().filter(|gaussian| gaussian.is_sound())
 }
@@ -102,8 +107,8 @@ fn reflectivity_db(gaussian: &Gaussian) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_model::Standing;
     use echosplat_model::glam::Quat;
+    use echosplat_model::{MAX_PLACE_M, Standing};
 
     pub(super) fn map() -> MapFile {
         let gaussian = Gaussian {
@@ -154,5 +159,9 @@ mod tests {
         assert_eq!(near.origin_m, DVec3::ZERO);
         assert_eq!(near.gaussians[0].mean_m, Vec3::new(1.0, -8_998.0, 23.0));
         assert_eq!(in_world(map()), map());
+        let mut outermost = map();
+        outermost.origin_m = DVec3::new(100.0, 0.0, 0.0);
+        outermost.gaussians[0].mean_m.x = MAX_PLACE_M;
+        assert_eq!(in_world(outermost.clone()), outermost);
     }
 }

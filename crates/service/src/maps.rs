@@ -6,7 +6,7 @@ use echosplat_model::glam::DVec3;
 use echosplat_model::{Snapshot, Standing, Timestamp};
 use echosplat_recording::ply::{self, MapFile, ambiguous_path, is_worth_keeping};
 
-use crate::exit::Usage;
+use crate::exit::{Finish, Usage};
 use crate::files;
 
 pub use echosplat_recording::ply::MapNotes;
@@ -120,14 +120,28 @@ pub(crate) fn empty() -> Snapshot {
     }
 }
 
-/// Reads a map and its ambiguous part; a missing or foreign file is the user's mistake.
+/// Reads a map and its ambiguous part; a missing or foreign file is the user's mistake. What is left
+/// out of it is told here, and [`finish_of`] what that means.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.
 pub fn read(map: &Path) -> anyhow::Result<MapFile> {
     let refused = |why: String| Usage::error(format!("map {}: {why}", map.display()));
     echosplat_input::readable(map).map_err(refused)?;
-    ply::read_map(map).map_err(|error| refused(error.to_string()))
+    let file = ply::read_map(map).map_err(|error| refused(error.to_string()))?;
+    if file.refused.count > 0 {
+        tracing::warn!("map {}: {}", map.display(), file.refused);
+    }
+    Ok(file)
+}
+
+/// How a command ends that used this map: lossy if something of it was left out.
+#[must_use]
+pub(crate) fn finish_of(map: &MapFile) -> Finish {
+    match map.refused.count {
+        0 => Finish::Done,
+        _ => Finish::Lossy,
+    }
 }
 
 #[cfg(test)]

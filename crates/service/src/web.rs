@@ -136,6 +136,7 @@ impl Control for Service {
                 ..MapNotes::default()
             },
             gaussians: wanted.copied().collect(),
+            ..MapFile::default()
         };
         ply::write(&file, to)
     }

@@ -1,8 +1,8 @@
 //! Why there is no surface.
 
-use echosplat_model::glam::Vec3;
+use echosplat_model::Unsound;
 
-use crate::{CELL_LIMITS_M, FURTHEST_M, MOST_BLOCKS};
+use crate::{CELL_LIMITS_M, MOST_BLOCKS};
 
 /// Why a map was refused.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -18,23 +18,12 @@ pub enum SurfaceError {
         cell_m: f32,
     },
     /// A number that cannot be.
-    #[error(
-        "Gaussian {id} is not sound: place, rotation, scale, opacity and reflectivity have to be \
-         finite, scales positive and sigma not negative"
-    )]
+    #[error("Gaussian {id} is none: {why}")]
     Unsound {
         /// Its name in the map; in a map that was read, its row, counted from 0.
         id: u32,
-    },
-    /// Too far for single precision.
-    #[error(
-        "Gaussian {id} lies at {place_m} m from the map's origin; allowed is {FURTHEST_M} m along each axis"
-    )]
-    Far {
-        /// Its name in the map; in a map that was read, its row, counted from 0.
-        id: u32,
-        /// Relative to the map's origin.
-        place_m: Vec3,
+        /// What cannot be.
+        why: Unsound,
     },
     /// More than memory is meant for.
     #[error(

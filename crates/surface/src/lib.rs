@@ -50,9 +50,6 @@ pub const CELL_LIMITS_M: (f32, f32) = (0.005, 5.0);
 /// Most blocks of 4³ corners: 0.7 GB, or about 2,000 m² with cells of [`CELL_M`].
 pub const MOST_BLOCKS: usize = 500_000;
 
-/// Furthest from the map's origin: single precision keeps a millimetre up to there.
-pub const FURTHEST_M: f32 = 10_000.0;
-
 /// One corner of triangles.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vertex {
@@ -85,8 +82,8 @@ pub struct Surface {
 /// same bits.
 ///
 /// # Errors
-/// If the cell's edge is out of its limits, a Gaussian is not sound or further away than
-/// [`FURTHEST_M`], or the surface takes more than [`MOST_BLOCKS`].
+/// If the cell's edge is out of its limits, a Gaussian is not sound, or the surface takes more than
+/// [`MOST_BLOCKS`].
 pub fn surface_of(gaussians: &[Gaussian], cell_m: f32) -> Result<Surface, SurfaceError> {
     let (least_m, most_m) = CELL_LIMITS_M;
     if !(cell_m >= least_m && cell_m <= most_m) {

@@ -6,7 +6,7 @@ use std::ops::Range;
 use echosplat_model::Gaussian;
 use echosplat_model::glam::{IVec3, Vec3};
 
-use crate::{FURTHEST_M, SurfaceError};
+use crate::SurfaceError;
 
 /// Gaussians nearer to each other than this share of a cell's edge are taken for one, so that no
 /// place can hold more of them than the grid tells apart.
@@ -45,7 +45,7 @@ pub(crate) struct Point {
 /// The points of these Gaussians that have neighbours, in an order that depends on their places only.
 ///
 /// # Errors
-/// If one is not sound or too far away.
+/// If one is not sound.
 pub(crate) fn points_of<'a>(
     gaussians: impl Iterator<Item = &'a Gaussian>,
     cell_m: f32,
@@ -85,15 +85,11 @@ struct Place {
 
 fn checked(gaussian: &Gaussian) -> Result<Place, SurfaceError> {
     let id = gaussian.id;
-    if !gaussian.is_sound() || !(gaussian.sigma_m >= 0.0) {
-        return Err(SurfaceError::Unsound { id });
-    }
-    let place_m = gaussian.mean_m;
-    if place_m.abs().max_element() > FURTHEST_M {
-        return Err(SurfaceError::Far { id, place_m });
-    }
+    gaussian
+        .check()
+        .map_err(|why| SurfaceError::Unsound { id, why })?;
     Ok(Place {
-        position_m: place_m,
+        position_m: gaussian.mean_m,
         sigma_m: gaussian.sigma_m.min(UNKNOWN_SIGMA_M),
         scale_m: gaussian.scale_m.max_element(),
     })

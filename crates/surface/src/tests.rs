@@ -1,6 +1,7 @@
 use std::collections::HashMap;
 
 use echosplat_model::glam::{Quat, Vec3};
+use echosplat_model::{MAX_PLACE_M, Unsound};
 
 use super::*;
 
@@ -243,6 +244,9 @@ fn order_changes_nothing_and_distance_little() {
     assert_eq!(sheet_count(&far), 1);
     let flat = |vertex: &Vertex| (vertex.position_m.y - 9_000.0).abs() < 0.012;
     assert!(far.vertices.iter().all(flat));
+    // As far as a Gaussian may be, where single precision rounds to a centimetre.
+    let furthest = surface(&sheet(Vec3::splat(MAX_PLACE_M - 10.0), 1.0));
+    assert!(!furthest.triangles.is_empty());
 }
 
 #[test]
@@ -267,15 +271,15 @@ fn absurd_maps_are_refused_by_name() {
         change(&mut map[3]);
         surface_of(&map, CELL_M).unwrap_err()
     };
-    let unsound = SurfaceError::Unsound { id: 7 };
-    assert_eq!(refused(|g| g.mean_m.x = f32::NAN), unsound);
-    assert_eq!(refused(|g| g.mean_m.x = f32::INFINITY), unsound);
-    assert_eq!(refused(|g| g.sigma_m = f32::NAN), unsound);
-    assert_eq!(refused(|g| g.sigma_m = -1.0), unsound);
-    assert_eq!(refused(|g| g.scale_m.y = 0.0), unsound);
-    let far = refused(|g| g.mean_m.z = -1e30);
-    assert!(matches!(far, SurfaceError::Far { id: 7, .. }));
-    assert!(far.to_string().contains("allowed is 10000 m"), "{far}");
+    let unsound = |why| SurfaceError::Unsound { id: 7, why };
+    let (place, sigma) = (unsound(Unsound::Place), unsound(Unsound::Sigma));
+    assert_eq!(refused(|g| g.mean_m.x = f32::NAN), place);
+    assert_eq!(refused(|g| g.mean_m.x = f32::INFINITY), place);
+    assert_eq!(refused(|g| g.mean_m.z = -1e30), place);
+    assert_eq!(refused(|g| g.sigma_m = f32::NAN), sigma);
+    assert_eq!(refused(|g| g.sigma_m = -1.0), sigma);
+    assert_eq!(refused(|g| g.scale_m.y = 0.0), unsound(Unsound::Scale));
+    assert!(place.to_string().contains("100000 m"), "{place}");
     for cell_m in [f32::NAN, 0.0, -1.0, 1e-9, f32::INFINITY] {
         let error = surface_of(&[], cell_m).unwrap_err();
         assert!(error.to_string().contains("0.005 to 5 m"), "{error}");

@@ -169,7 +169,7 @@ impl SnapshotDiffer {
         self.published.as_ref()
     }
 
-    /// Gaussians left out because a number in them was not finite.
+    /// Gaussians left out because they cannot be.
     #[must_use]
     pub fn unsound_count(&self) -> u64 {
         self.unsound_count

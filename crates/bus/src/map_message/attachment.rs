@@ -1,6 +1,6 @@
 //! The JSON attachment of a map message.
 
-use echosplat_model::{GaussianId, TileKey, Timestamp};
+use echosplat_model::{GaussianId, INTENSITY_UNITS, TileKey, Timestamp, is_origin};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -119,10 +119,14 @@ impl MapHeader {
             false => Err(AttachmentError::Member { member, wanted }),
         };
         let origin_m = DVec3::from_array(document.origin_m);
-        member(origin_m.is_finite(), "origin_m", "three finite numbers")?;
+        member(
+            is_origin(origin_m),
+            "origin_m",
+            "three numbers of 1e8 m at most",
+        )?;
         let intensity_unit = document.intensity_unit;
-        let unit_fits = intensity_unit > 0.0 && intensity_unit.is_finite();
-        member(unit_fits, "intensity_unit", "a positive number")?;
+        let unit_fits = INTENSITY_UNITS.contains(&intensity_unit);
+        member(unit_fits, "intensity_unit", "a number within 1e-30 to 1e30")?;
         let removed_fits = document.removed.len() <= MAX_REMOVED_PER_MESSAGE;
         member(removed_fits, "removed", "at most 2000 ids")?;
         let tile = document.tile.parse::<TileName>();

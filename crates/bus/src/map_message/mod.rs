@@ -20,7 +20,7 @@
 mod attachment;
 mod collect;
 
-use echosplat_model::{Delta, Gaussian, GaussianId, TileKey};
+use echosplat_model::{Delta, Gaussian, GaussianId, TileKey, Unsound};
 
 pub(crate) use attachment::MapHeader;
 pub use attachment::{AttachmentError, Part};
@@ -62,7 +62,9 @@ impl WireMessage {
 pub(crate) struct MapMessage {
     pub(crate) header: MapHeader,
     pub(crate) gaussians: Vec<Gaussian>,
-    pub(crate) unsound_count: usize,
+    /// Left out of them, and why. In a delta these ids are gone from the map: what it held of them is
+    /// of earlier.
+    pub(crate) unsound: Vec<(GaussianId, Unsound)>,
 }
 
 /// Why a message is none of the map's.
@@ -78,12 +80,15 @@ pub enum MapMessageError {
 
 impl MapMessage {
     pub(crate) fn decode(payload: &[u8], attachment: &[u8]) -> Result<Self, MapMessageError> {
-        let header = MapHeader::parse(attachment)?;
+        let mut header = MapHeader::parse(attachment)?;
         let cloud = point_cloud::decode(payload)?;
+        header
+            .removed
+            .extend(cloud.unsound.iter().map(|&(id, _)| id));
         Ok(Self {
             header,
             gaussians: cloud.gaussians,
-            unsound_count: cloud.unsound_count,
+            unsound: cloud.unsound,
         })
     }
 }

@@ -48,7 +48,7 @@ pub struct MapPublisherCounters {
     pub pace_bps: u64,
     /// Times that deltas were slowed since somebody missed some.
     pub slowed: u64,
-    /// Gaussians left out because a number was not finite.
+    /// Gaussians left out because they cannot be.
     pub gaussians_unsound: u64,
     /// Times that the place of the map's own frame was told.
     pub static_transforms: u64,

@@ -14,12 +14,13 @@ pub(crate) mod notes;
 mod read;
 mod write;
 
+use std::fmt;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
 use echosplat_input::open_file;
 use echosplat_model::glam::DVec3;
-use echosplat_model::{Gaussian, Standing};
+use echosplat_model::{Gaussian, Standing, Unsound};
 use echosplat_ply::{Header, PlyError};
 
 use crate::replace::Replacement;
@@ -80,6 +81,40 @@ pub struct MapFile {
     pub notes: MapNotes,
     /// In the file's order; read ones are numbered from 0 and taken as confident.
     pub gaussians: Vec<Gaussian>,
+    /// Vertices of a file that was read that are no Gaussians, and so are not among them.
+    pub refused: Refused,
+}
+
+/// Vertices that are no Gaussians.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Refused {
+    /// How many.
+    pub count: u64,
+    /// The first, counted from 0 in its file, and why.
+    pub first: Option<(u64, Unsound)>,
+}
+
+impl Refused {
+    fn add(&mut self, vertex: u64, why: Unsound) {
+        self.count += 1;
+        self.first.get_or_insert((vertex, why));
+    }
+}
+
+/// As in `3 vertices are no Gaussians and left out; the first is vertex 17: its rotation …`.
+impl fmt::Display for Refused {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match (self.count, self.first) {
+            (1, Some((vertex, why))) => {
+                write!(f, "vertex {vertex} is no Gaussian and left out: {why}")
+            }
+            (count, Some((vertex, why))) => write!(
+                f,
+                "{count} vertices are no Gaussians and left out; the first is vertex {vertex}: {why}"
+            ),
+            (_, None) => write!(f, "no vertex is left out"),
+        }
+    }
 }
 
 impl Default for MapFile {
@@ -89,6 +124,7 @@ impl Default for MapFile {
             intensity_unit: 1.0,
             notes: MapNotes::default(),
             gaussians: Vec::new(),
+            refused: Refused::default(),
         }
     }
 }
@@ -100,7 +136,7 @@ pub struct WrittenMap {
     pub confident_count: usize,
     /// In the file beside it.
     pub ambiguous_count: usize,
-    /// Not finite, so in neither.
+    /// Not sound ([`Gaussian::check`]), so in neither.
     pub left_out_count: usize,
 }
 
@@ -131,6 +167,7 @@ pub fn write_map(
         intensity_unit,
         notes: notes.clone(),
         gaussians,
+        refused: Refused::default(),
     };
     let confident = map(of(Standing::Confident));
     let ambiguous = map(of(Standing::Ambiguous));
@@ -153,7 +190,8 @@ pub fn map_byte_count(gaussian_count: usize) -> u64 {
     (numbers * size_of::<f32>()) as u64 + 2 * MOST_HEADER_BYTES
 }
 
-/// Reads a map and, if there is one beside it, its ambiguous part, numbered on.
+/// Reads a map and, if there is one beside it, its ambiguous part, numbered on. Vertices that are no
+/// Gaussians are left out and counted.
 ///
 /// # Errors
 /// Says what in which file is wrong.
@@ -166,15 +204,21 @@ pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
     };
     let shift_m = (beside.origin_m - map.origin_m).as_vec3();
     let per_unit = beside.intensity_unit / map.intensity_unit;
+    map.refused.count += beside.refused.count;
+    map.refused.first = map.refused.first.or(beside.refused.first);
     for gaussian in beside.gaussians {
-        let id = u32::try_from(map.gaussians.len()).unwrap_or(u32::MAX);
-        map.gaussians.push(Gaussian {
-            id,
+        let vertex = u64::from(gaussian.id);
+        let moved = Gaussian {
+            id: u32::try_from(map.gaussians.len()).unwrap_or(u32::MAX),
             mean_m: gaussian.mean_m + shift_m,
             reflectivity: gaussian.reflectivity * per_unit,
             standing: Standing::Ambiguous,
             ..gaussian
-        });
+        };
+        match moved.check() {
+            Ok(()) => map.gaussians.push(moved),
+            Err(why) => map.refused.add(vertex, why),
+        }
     }
     Ok(map)
 }

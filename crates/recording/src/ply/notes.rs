@@ -1,6 +1,7 @@
 //! What a map's header says in comments.
 
 use echosplat_model::glam::DVec3;
+use echosplat_model::{INTENSITY_UNITS, is_origin};
 
 use super::{MapFile, MapFileError};
 
@@ -60,17 +61,16 @@ pub(super) fn read(comments: &[String]) -> Result<MapFile, MapFileError> {
 fn place(x: &str, y: &str, z: &str) -> Result<DVec3, MapFileError> {
     let number = |text: &str| text.parse().unwrap_or(f64::NAN);
     let origin_m = DVec3::new(number(x), number(y), number(z));
-    let wrong = "`comment origin_m` needs three finite numbers";
-    origin_m
-        .is_finite()
+    let wrong = "`comment origin_m` needs three numbers of 1e8 m at most";
+    is_origin(origin_m)
         .then_some(origin_m)
         .ok_or(MapFileError::Comment(wrong))
 }
 
 fn positive(unit: &str) -> Result<f32, MapFileError> {
     let unit: f32 = unit.parse().unwrap_or(f32::NAN);
-    let is_unit = unit > 0.0 && unit.is_finite();
-    let wrong = "`comment intensity_unit` needs a positive number";
+    let is_unit = INTENSITY_UNITS.contains(&unit);
+    let wrong = "`comment intensity_unit` needs a number within 1e-30 to 1e30";
     is_unit.then_some(unit).ok_or(MapFileError::Comment(wrong))
 }
 

@@ -3,7 +3,7 @@
 use std::io::{BufRead, BufReader, Read};
 
 use echosplat_model::glam::{Quat, Vec3};
-use echosplat_model::{Gaussian, Standing};
+use echosplat_model::{Gaussian, SCALE_LIMITS_M, Standing, Unsound};
 use echosplat_ply::{Element, Format, Kind, PlyError, Reader, Row, Scalar};
 
 use super::{MapFile, notes};
@@ -40,13 +40,16 @@ pub enum MapFileError {
         /// Its type.
         kind: Kind,
     },
-    /// A row that is no Gaussian.
-    #[error("vertex {vertex}: {what}")]
-    Vertex {
-        /// Counted from 0.
-        vertex: u64,
-        /// What cannot be.
-        what: &'static str,
+    /// More vertices than a Gaussian has numbers.
+    #[error("more than {} vertices", u32::MAX)]
+    Many,
+    /// Vertices, and none that is a Gaussian.
+    #[error("none of its {count} vertices is a Gaussian; vertex 0: {why}")]
+    NoGaussians {
+        /// Of the file.
+        count: u64,
+        /// What cannot be of the first.
+        why: Unsound,
     },
     /// The file could not be read.
     #[error("reading the map: {0}")]
@@ -55,9 +58,10 @@ pub enum MapFileError {
 
 /// Reads one map file. Properties may come in any order and among others; `reflectivity`, `sigma`, `cov_*` and
 /// `probability` may be missing, as in maps of other programs (then 1, infinite, as `sigma` in all directions, and 1).
+/// A vertex that is no Gaussian ([`Gaussian::admitted`]) is left out and counted.
 ///
 /// # Errors
-/// Says what is wrong, and where.
+/// Says what is wrong, and where; also if there are vertices and none is a Gaussian.
 pub fn read(reader: impl Read) -> Result<MapFile, MapFileError> {
     read_from(Reader::new(BufReader::new(reader))?)
 }
@@ -70,18 +74,27 @@ fn read_from(mut reader: Reader<impl BufRead>) -> Result<MapFile, MapFileError> 
     let mut map = notes::read(&header.comments)?;
     let vertex = header.element("vertex").ok_or(MapFileError::NoVertices)?;
     let columns = Columns::of(vertex)?;
-    let gaussians = &mut map.gaussians;
     // What comes after the vertices is not looked at.
     loop {
         let element = reader.next_element(|element, number, row| {
             if element.name == "vertex" {
-                gaussians.push(columns.gaussian(number, row)?);
+                match columns.gaussian(number, row)? {
+                    Ok(gaussian) => map.gaussians.push(gaussian),
+                    Err(why) => map.refused.add(number, why),
+                }
             }
             Ok::<_, MapFileError>(())
         })?;
         if element.is_none_or(|element| element.name == "vertex") {
-            return Ok(map);
+            break;
         }
+    }
+    match map.refused.first {
+        Some((_, why)) if map.gaussians.is_empty() => {
+            let count = map.refused.count;
+            Err(MapFileError::NoGaussians { count, why })
+        }
+        _ => Ok(map),
     }
 }
 
@@ -117,26 +130,16 @@ impl Columns {
         })
     }
 
-    fn gaussian(&self, vertex: u64, row: &Row) -> Result<Gaussian, MapFileError> {
-        let wrong = |what| MapFileError::Vertex { vertex, what };
+    fn gaussian(&self, vertex: u64, row: &Row) -> Result<Result<Gaussian, Unsound>, MapFileError> {
         let float = |at| row.value(at) as f32;
-        let id = u32::try_from(vertex).map_err(|_| wrong("more vertices than have a number"))?;
+        let id = u32::try_from(vertex).map_err(|_| MapFileError::Many)?;
         let [w, x, y, z] = self.rotation.map(float);
-        let rotation = Quat::from_xyzw(x, y, z, w);
-        let length = rotation.length();
-        if !(length > 1e-6 && length.is_finite()) {
-            return Err(wrong("rot_0..3 is not a quaternion with a length"));
-        }
         let sigma_m = self.sigma.map_or(f32::INFINITY, float);
         let gaussian = Gaussian {
             id,
             mean_m: Vec3::from_array(self.mean.map(float)),
-            rotation: if (length - 1.0).abs() < 1e-6 {
-                rotation
-            } else {
-                rotation / length
-            },
-            scale_m: Vec3::from_array(self.scale.map(|at| float(at).exp())),
+            rotation: Quat::from_xyzw(x, y, z, w),
+            scale_m: Vec3::from_array(self.scale.map(|at| scale_m(float(at)))),
             opacity: sigmoid(float(self.opacity)),
             reflectivity: self.reflectivity.map_or(1.0, float),
             sigma_m,
@@ -147,10 +150,7 @@ impl Columns {
             probability: self.probability.map_or(1.0, float),
             standing: Standing::Confident,
         };
-        if !gaussian.is_sound() {
-            return Err(wrong("not finite, or a scale out of range"));
-        }
-        Ok(gaussian)
+        Ok(gaussian.admitted())
     }
 }
 
@@ -166,6 +166,15 @@ fn covariance(
         }
     }
     Ok(Some(places))
+}
+
+/// Of its natural logarithm. What was written of a scale at a limit is not rounded beyond it.
+fn scale_m(logarithm: f32) -> f32 {
+    let (least_m, most_m) = SCALE_LIMITS_M.into_inner();
+    match (least_m.ln()..=most_m.ln()).contains(&logarithm) {
+        true => logarithm.exp().clamp(least_m, most_m),
+        false => logarithm.exp(),
+    }
 }
 
 fn sigmoid(logit: f32) -> f32 {

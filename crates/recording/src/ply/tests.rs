@@ -1,5 +1,6 @@
 use super::*;
 use echosplat_model::glam::{Quat, Vec3};
+use echosplat_model::{MAX_PLACE_M, SCALE_LIMITS_M};
 use proptest::prelude::*;
 use std::fs::File;
 
@@ -22,8 +23,8 @@ fn map(gaussians: Vec<Gaussian>) -> MapFile {
     MapFile {
         origin_m: DVec3::new(500_000.125, -6_000_000.1, 1e-17),
         intensity_unit: 0.000_3,
-        notes: MapNotes::default(),
         gaussians,
+        ..MapFile::default()
     }
 }
 
@@ -100,12 +101,12 @@ fn a_row_holds_logit_logarithms_and_w_first() {
 fn extremes_survive_and_nan_is_left_out() {
     let mut all = Vec::new();
     for (opacity, scale, sigma) in [
-        (0.0, 1e-30, f32::INFINITY),
-        (1.0, 1e30, 0.0),
+        (0.0, *SCALE_LIMITS_M.start(), f32::INFINITY),
+        (1.0, *SCALE_LIMITS_M.end(), 0.0),
         (1e-9, 1e-3, 1e-9),
         (0.999_999, 1.0, f32::MAX),
     ] {
-        let mut g = gaussian(all.len() as u32, Vec3::splat(-1e30));
+        let mut g = gaussian(all.len() as u32, Vec3::splat(-MAX_PLACE_M));
         (g.opacity, g.scale_m, g.sigma_m) = (opacity, Vec3::splat(scale), sigma);
         all.push(g);
     }
@@ -187,9 +188,70 @@ fn errors_say_what_was_found_and_what_is_needed() {
     assert!(error(&no_opacity).contains("no property `opacity`"));
     let no_bytes = file(&["element vertex 18446744073709551615"], &[]);
     assert!(error(&no_bytes).contains("no property `x`"));
-    let mut zero_rotation = gaussian(0, Vec3::ZERO);
-    zero_rotation.rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
-    assert!(error(&bytes_of(&map(vec![zero_rotation]))).starts_with("vertex 0: rot_0..3"));
+    let none = of_row(&[0.0; ROW.len()]);
+    assert_eq!(
+        error(&none),
+        "none of its 1 vertices is a Gaussian; vertex 0: its rotation is no quaternion with a length"
+    );
+}
+
+/// What every map has, in this order.
+const ROW: [&str; 11] = [
+    "x", "y", "z", "opacity", "scale_0", "scale_1", "scale_2", "rot_0", "rot_1", "rot_2", "rot_3",
+];
+
+/// A file of these rows, one after another.
+fn of_row(floats: &[f32]) -> Vec<u8> {
+    let mut header = vec![format!("element vertex {}", floats.len() / ROW.len())];
+    header.extend(ROW.map(|name| format!("property float {name}")));
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    file(&header, floats)
+}
+
+/// One rule at both ends: whatever number stands in a row, what is read is sound, and is written and
+/// read again as it is.
+#[test]
+fn what_is_no_gaussian_is_left_out_counted_and_named() {
+    let good = [0.0, 0.0, 0.0, 0.0, -2.0, -2.0, -2.0, 1.0, 0.0, 0.0, 0.0];
+    let subnormal = f32::MIN_POSITIVE / 4.0;
+    let values = [
+        f32::NAN,
+        f32::INFINITY,
+        f32::MAX,
+        1e6,
+        2.0,
+        1.0,
+        subnormal,
+        0.0,
+    ];
+    for field in 0..ROW.len() {
+        for value in values.into_iter().flat_map(|value| [value, -value]) {
+            let mut bad = good;
+            bad[field] = value;
+            let back = read(&of_row(&[good, bad, good].concat())[..]).unwrap();
+            let refused = back.refused;
+            assert_eq!(back.gaussians.len() as u64 + refused.count, 3);
+            assert!(back.gaussians.iter().all(Gaussian::is_sound));
+            let is_named = refused.first.is_none_or(|(vertex, _)| vertex == 1);
+            assert!(
+                is_named && refused.count < 2,
+                "{} {value}: {refused}",
+                ROW[field]
+            );
+            let again = read(&bytes_of(&back)[..]).unwrap();
+            assert_eq!(again.gaussians.len(), back.gaussians.len());
+            assert_eq!(again.refused.count, 0, "{} {value}", ROW[field]);
+        }
+    }
+    let mut three = [good; 5];
+    three[1][7] = 0.0;
+    three[3][0] = f32::NAN;
+    let back = read(&of_row(&three.concat())[..]).unwrap();
+    assert_eq!(
+        back.refused.to_string(),
+        "2 vertices are no Gaussians and left out; the first is vertex 1: its rotation is no \
+         quaternion with a length"
+    );
 }
 
 #[test]
@@ -267,6 +329,7 @@ fn a_map_is_two_files_and_reads_back_as_one() {
     assert_eq!(counts, (1, 1, 1));
     assert_eq!(read(File::open(&path).unwrap()).unwrap().gaussians.len(), 1);
     let back = read_map(&path).unwrap();
+    assert_eq!(back.refused, Refused::default());
     assert_eq!(back.origin_m, DVec3::X);
     assert_eq!(back.intensity_unit.to_bits(), 8.0_f32.to_bits());
     assert_eq!(back.gaussians[1].standing, Standing::Ambiguous);

@@ -15,7 +15,7 @@ const HARMONIC_0: f32 = 0.282_094_8;
 /// Opacities of exactly 0 and 1 have no finite logit; this one reads back as them to 10⁻¹³.
 const MAX_LOGIT: f64 = 30.0;
 
-/// Writes one map file; a standing is not kept. What is not finite is left out.
+/// Writes one map file; a standing is not kept. What is not sound is left out.
 ///
 /// # Errors
 /// Of the writer.

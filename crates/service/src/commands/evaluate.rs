@@ -70,7 +70,7 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
     if arguments.json {
         logging::print(&said.to_string());
     }
-    Ok(Finish::Done)
+    Ok(maps::finish_of(&map))
 }
 
 /// Which pings were kept from the map, by the map's own word: a score on pings that it was made of

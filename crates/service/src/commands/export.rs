@@ -34,12 +34,13 @@ pub(crate) fn run(arguments: &ExportArguments) -> anyhow::Result<Finish> {
         let is_confident = |standing| standing == Standing::Confident;
         map.gaussians.retain(|g| is_confident(g.standing));
     }
+    let finish = maps::finish_of(&map);
     let written = match output {
         Output::Mesh(format) => write_mesh(&map, format, arguments)?,
         Output::Gaussians(format) => write_gaussians(map, format, &arguments.out)?,
     };
     logging::print(&format!("{}: {written}", arguments.out.display()));
-    Ok(Finish::Done)
+    Ok(finish)
 }
 
 /// What was written, in words.

@@ -61,7 +61,7 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<Finish> {
         true => logging::print(&summary(&views, &rendered).to_string()),
         false => logging::print(&format!("{} pings rendered", views.len())),
     }
-    Ok(Finish::Done)
+    Ok(maps::finish_of(&map))
 }
 
 fn configuration(arguments: &RenderArguments) -> anyhow::Result<Config> {

@@ -13,15 +13,22 @@ use crate::exit::{Finish, Usage};
 use crate::logging;
 pub(super) use kind::Kind;
 
+/// Of a map: what in it is no Gaussian.
+const LEFT_OUT: &str = "left_out";
+
 /// # Errors
 /// Names the file that is none of these, and says what it is instead.
 pub(crate) fn run(arguments: &InfoArguments) -> anyhow::Result<Finish> {
     let facts = facts(&arguments.files)?;
+    let finish = match facts.contains_key(LEFT_OUT) {
+        true => Finish::Lossy,
+        false => Finish::Done,
+    };
     match arguments.json {
         true => logging::print(&Value::Object(facts).to_string()),
         false => logging::print(&lines(&facts)),
     }
-    Ok(Finish::Done)
+    Ok(finish)
 }
 
 fn facts(files: &[PathBuf]) -> anyhow::Result<Map<String, Value>> {

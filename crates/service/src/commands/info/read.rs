@@ -15,7 +15,7 @@ use echosplat_session::{
 use serde_json::{Map, Value, json};
 
 use super::pings::{PingTally, span_fact, span_of};
-use super::refused;
+use super::{LEFT_OUT, refused};
 use crate::clock;
 use crate::config::Config;
 
@@ -260,6 +260,9 @@ pub(super) fn map(file: &Path) -> anyhow::Result<Facts> {
     });
     let mut facts = Facts::new();
     facts.insert("gaussians".to_owned(), map.gaussians.len().into());
+    if map.refused.count > 0 {
+        facts.insert(LEFT_OUT.to_owned(), map.refused.to_string().into());
+    }
     facts.insert("has_ambiguous_file".to_owned(), beside.is_file().into());
     facts.insert("origin_m".to_owned(), json!(map.origin_m.to_array()));
     facts.insert("least_m".to_owned(), json!(low.map(|p| p.to_array())));
