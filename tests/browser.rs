@@ -226,6 +226,18 @@ fn the_page_draws_and_follows_in_a_browser() {
     let stats = browser.evaluate("echosplat.stats()");
     say(&format!("the page in a browser: {stats}"));
 
+    // That nothing is wrong is said only where nothing was.
+    let told = |notices: &str| {
+        let status = format!("{{ notices: [{notices}], link: {{}} }}");
+        format!("import('./notices.js').then(({{ told }}) => told({status}).above)")
+    };
+    let was = r#"{ sentence: "too fast", is_loss: false, since_s: 1, until_s: 9, count: 2 }"#;
+    let stands = r#"{ sentence: "too fast", is_loss: false, since_s: 1, until_s: null, count: 1 }"#;
+    assert_eq!(browser.evaluate(&told("")), "✓ nothing is wrong");
+    assert_eq!(browser.evaluate(&told(stands)), "");
+    let again = browser.evaluate(&told(was));
+    assert_eq!(again, "✓ all is well again; earlier in this run:");
+
     // It says that the service is gone, and comes back with it.
     service.interrupt();
     service.wait_exit(LONG);

@@ -1,6 +1,7 @@
 // Panels beside the map: what the service says of itself, recordings and downloads.
 
 import { shown } from "./math.js";
+import { duration, told } from "./notices.js";
 
 const $ = (id) => document.getElementById(id);
 const TOKEN_KEY = "echosplat-token";
@@ -13,7 +14,6 @@ const bytes = (n) => {
   while (value >= 1000 && unit < units.length - 1) [value, unit] = [value / 1000, unit + 1];
   return `${unit ? value.toFixed(value < 10 ? 1 : 0) : value} ${units[unit]}`;
 };
-const duration = (s) => (s >= 90 ? `${Math.floor(s / 60)} min ${String(Math.floor(s % 60)).padStart(2, "0")} s` : `${shown(s, 1)} s`);
 
 /// Replaces the children of a list of terms; rows are [term, text, class].
 function terms(list, rows) {
@@ -152,23 +152,18 @@ export class Panels {
 
   /// Every sentence of the status: what is wrong now first, then what was.
   #notices(status) {
-    const now = [];
-    for (const notice of status.notices) {
-      if (notice.until_s === null) now.push({ text: notice.sentence, isLoss: notice.is_loss, fine: `since ${duration(notice.since_s)} of running${notice.count > 1 ? `, ${notice.count} times` : ""}` });
-    }
-    const more = [status.recording_fault, status.map_fault, status.other_service, status.link.warning, status.poses?.source?.first_fault, status.poses?.source?.missing];
-    for (const text of more) if (text && !now.some((n) => n.text.includes(text))) now.push({ text, fine: "" });
-    const over = status.notices.filter((notice) => notice.until_s !== null)
-      .map((n) => ({ text: n.sentence, isOver: true, fine: `was so from ${duration(n.since_s)} to ${duration(n.until_s)} of running` }));
-    const items = [...now, ...over].map(({ text, isLoss, isOver, fine }) => {
-      const item = document.createElement("li");
-      item.className = isOver ? "over" : isLoss ? "loss" : "";
-      item.append(text);
-      if (fine) item.append(Object.assign(document.createElement("small"), { textContent: fine }));
-      return item;
-    });
-    if (!now.length) items.unshift(Object.assign(document.createElement("li"), { className: "fine", textContent: "✓ nothing is wrong" }));
-    $("notices").replaceChildren(...items);
+    const { now, over, above } = told(status);
+    const item = (kind, text, fine) => {
+      const li = Object.assign(document.createElement("li"), { className: kind });
+      li.append(text);
+      if (fine) li.append(Object.assign(document.createElement("small"), { textContent: fine }));
+      return li;
+    };
+    $("notices").replaceChildren(
+      ...(above ? [item("fine", above)] : []),
+      ...now.map(({ text, isLoss, fine }) => item(isLoss ? "loss" : "", text, fine)),
+      ...over.map(({ text, fine }) => item("over", text, fine)),
+    );
     const standing = $("standing");
     const first = status.final ? null : now[0];
     standing.hidden = !first;

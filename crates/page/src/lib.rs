@@ -23,7 +23,7 @@ macro_rules! files {
 }
 
 /// Every file of the live page.
-pub const FILES: [PageFile; 26] = files![
+pub const FILES: [PageFile; 27] = files![
     "index.html",
     "style.css",
     "icon.svg",
@@ -40,6 +40,7 @@ pub const FILES: [PageFile; 26] = files![
     "lines.js",
     "map.js",
     "math.js",
+    "notices.js",
     "panels.js",
     "picture.js",
     "plots.js",

@@ -2,6 +2,7 @@
 //! do. Each condition is found within two seconds of its beginning; none is guessed from a map.
 
 mod disk;
+mod overload;
 mod poses;
 mod sonar;
 mod stamps;
@@ -18,6 +19,7 @@ use super::status::Status;
 use crate::config::PoseConfig;
 pub(crate) use poses::calibration;
 pub(crate) use stamps::no_time;
+use overload::Overload;
 
 /// Growth of a counter is news for so long.
 const NEWS: Duration = Duration::from_millis(1200);
@@ -51,6 +53,7 @@ pub(crate) struct Diagnosis {
     begin: Instant,
     /// When a driver elsewhere was last found to be silent.
     without_driver: Option<Instant>,
+    overload: Overload,
     grown: HashMap<&'static str, (u64, Option<Instant>)>,
 }
 
@@ -61,6 +64,7 @@ impl Diagnosis {
             pose: pose.clone(),
             begin,
             without_driver: None,
+            overload: Overload::default(),
             grown: HashMap::new(),
         }
     }

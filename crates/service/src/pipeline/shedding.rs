@@ -49,6 +49,8 @@ struct Limits {
 /// What was given up, and is.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, Serialize)]
 pub(crate) struct SheddingReport {
+    /// What is given up is what a recorded dive gave up, and no load of this run's.
+    pub(crate) as_recorded: bool,
     /// Work on the map is put off.
     pub(crate) work: bool,
     /// Neither maps nor raw pings are published.
@@ -106,7 +108,10 @@ impl Shedding {
     }
 
     pub(crate) fn report(&self) -> SheddingReport {
-        self.report
+        SheddingReport {
+            as_recorded: self.before.is_some(),
+            ..self.report
+        }
     }
 
     /// The recording has no more to say: what it last gave up is given up until the load says else.

@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use echosplat_bus::Unreached;
 
+use super::overload::fewer_pings;
 use super::{Diagnosis, loss, warning};
 use crate::pipeline::notices::Finding;
 use crate::pipeline::status::Status;
@@ -52,12 +53,13 @@ impl Diagnosis {
                     "queue-drops",
                     format!(
                         "{count} {name} so far were dropped {place}: the machine is too slow, or what \
-                         they wait for does not come; ask for fewer pings (session.ping_interval_ms)"
+                         they wait for does not come; {}",
+                        fewer_pings(self.expectations.ping_interval_s)
                     ),
                 ));
             }
         }
-        self.given_up(status, findings);
+        self.given_up(status, now, findings);
         let lines = status.log_lines_dropped;
         if self.grows("log lines", lines, now) {
             findings.push(warning(
@@ -73,37 +75,6 @@ impl Diagnosis {
             findings.push(warning(
                 "pings-not-published",
                 format!("{unpublished} raw pings so far were not published: the network is too slow for them"),
-            ));
-        }
-    }
-
-    /// What there is no time or no memory for.
-    fn given_up(&self, status: &Status, findings: &mut Vec<Finding>) {
-        let shedding = &status.report.shedding;
-        let what = match (shedding.work, shedding.publishing) {
-            (_, true) => "neither work on the map nor what is published",
-            (true, false) => "no work on the map",
-            (false, false) => "",
-        };
-        if !what.is_empty() {
-            findings.push(warning(
-                "overload",
-                format!(
-                    "pings come faster than this machine maps them: {what} keeps up; evidence and the \
-                     recording go on, and the rest is made up for afterwards; ask for fewer pings \
-                     (session.ping_interval_ms)"
-                ),
-            ));
-        }
-        if shedding.memory {
-            findings.push(loss(
-                "memory-full",
-                format!(
-                    "the service holds the {} MB of memory it may (pipeline.memory_bytes): pings are \
-                     recorded and not mapped, {} so far; replay the recording where there is more",
-                    status.memory_bytes / 1_000_000,
-                    shedding.pings_without_memory
-                ),
             ));
         }
     }
