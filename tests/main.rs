@@ -41,6 +41,7 @@ mod serial_line;
 mod slow_link;
 mod strangers;
 mod supervision;
+mod tapes;
 mod trajectories;
 mod units;
 mod watch;

@@ -84,7 +84,7 @@ pub use streams::{
 pub use subscriber::{Liveliness, MapSubscriber, MapSubscriberCounters, MapWaitError};
 pub use tape::{
     Heard, TapeEntry, TapeFollower, TapeFollowerCounters, TapeKeeper, TapeKeeperCounters,
-    TapeMessageError, TapeRecord,
+    TapeMessageError, TapeRecord, TapeTrouble,
 };
 pub use taps::{DeltaTap, StaticTransformTap};
 pub use zenoh_config::LOOPBACK;

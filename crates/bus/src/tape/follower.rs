@@ -1,16 +1,20 @@
 //! The mapper's side: asks for what follows the last record that it has.
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use bytes::Bytes;
 use crossbeam_channel::{Receiver, RecvTimeoutError, bounded};
 use serde::Serialize;
 use serde_json::Value;
 use zenoh::Wait;
+use zenoh::bytes::Encoding;
 use zenoh::qos::{CongestionControl, Priority};
-use zenoh::query::Reply;
+use zenoh::query::{ConsolidationMode, Reply};
 
-use super::message::{self, TapeMessageError, TapeRecord};
+use super::message::{self, Head, TapeMessageError, TapeRecord};
+use super::trouble::TapeTrouble;
 use crate::BusError;
 use crate::bus::Link;
 
@@ -20,6 +24,13 @@ const ANSWERED_WITHIN: Duration = Duration::from_secs(3);
 const ASK_EVERY: Duration = Duration::from_millis(100);
 /// Drivers of one node answer one query; there should be one.
 const REPLY_QUEUE_LEN: usize = 16;
+/// No driver is started again sooner than this: what changes its run more often is several drivers, or
+/// none.
+const RUN_AT_LEAST: Duration = Duration::from_secs(2);
+/// What was wrong with an answer is what is wrong for so long.
+const OF_LATE: Duration = Duration::from_secs(3);
+/// Runs of drivers that were left for another are known by so many.
+const MAX_EARLIER: usize = 16;
 
 /// What came of the questions so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize)]
@@ -70,8 +81,24 @@ pub struct TapeFollower {
     has_heard: bool,
     /// The first question since the last answer.
     unanswered: Option<Instant>,
+    /// Of another run than the one that is followed, in the answers to the question under way.
+    other: Option<Answer>,
+    /// Where the run before this one was left, and when.
+    before: Option<(u64, u64)>,
+    changed: Option<Instant>,
+    /// Runs that were left, or are none.
+    earlier: VecDeque<u64>,
     counters: TapeFollowerCounters,
     first_fault: Option<String>,
+    trouble: Option<(Instant, TapeTrouble)>,
+}
+
+/// One answer, read.
+#[derive(Debug)]
+struct Answer {
+    head: Head,
+    records: Vec<TapeRecord>,
+    byte_count: u64,
 }
 
 impl TapeFollower {
@@ -83,8 +110,13 @@ impl TapeFollower {
             asked: None,
             has_heard: false,
             unanswered: None,
+            other: None,
+            before: None,
+            changed: None,
+            earlier: VecDeque::new(),
             counters: TapeFollowerCounters::default(),
             first_fault: None,
+            trouble: None,
         }
     }
 
@@ -106,14 +138,24 @@ impl TapeFollower {
                 None => return Ok(None),
             },
         };
-        match replies.recv_timeout(limit) {
-            Ok(reply) => Ok(self.take(&reply)),
-            Err(RecvTimeoutError::Timeout) => {
-                self.pending = Some(replies);
-                Ok(None)
+        let until = Instant::now() + limit;
+        loop {
+            match replies.recv_deadline(until) {
+                Ok(reply) => {
+                    if let Some(answer) = self.take(&reply) {
+                        if let Some(other) = self.other.take() {
+                            self.is_not_alone(other.head.driver);
+                        }
+                        return Ok(self.follow(answer));
+                    }
+                }
+                Err(RecvTimeoutError::Timeout) => {
+                    self.pending = Some(replies);
+                    return Ok(None);
+                }
+                // All who are there have answered; what is lacking is asked for again.
+                Err(RecvTimeoutError::Disconnected) => return Ok(self.change_over()),
             }
-            // It will be asked again.
-            Err(RecvTimeoutError::Disconnected) => Ok(None),
         }
     }
 
@@ -128,20 +170,38 @@ impl TapeFollower {
         Ok(())
     }
 
-    /// For how long the driver has owed an answer; `None` before the first ever. Time in which
+    /// For how long the driver has owed an answer; `None` before the first question. Time in which
     /// nothing was asked does not count.
     #[must_use]
     pub fn silent_for(&self) -> Option<Duration> {
         let owed = self
             .unanswered
             .map_or(Duration::ZERO, |asked| asked.elapsed());
-        self.has_heard.then_some(owed)
+        (self.has_heard || self.unanswered.is_some()).then_some(owed)
     }
 
     /// What came of the questions so far.
     #[must_use]
     pub fn counters(&self) -> TapeFollowerCounters {
         self.counters
+    }
+
+    /// What is wrong with what has answered of late, if anything is.
+    #[must_use]
+    pub fn trouble(&self) -> Option<&TapeTrouble> {
+        let (at, trouble) = self.trouble.as_ref()?;
+        (at.elapsed() < OF_LATE).then_some(trouble)
+    }
+
+    /// Turns the run away that was met last, since what it told in `begin` is nothing that can be
+    /// followed: the one before is followed on.
+    pub fn refuse(&mut self, why: String) {
+        let refused = self.position.take();
+        self.leave(refused);
+        self.position = self.before.take();
+        self.asked = Some(Instant::now());
+        self.counters.restarts = self.counters.restarts.saturating_sub(1);
+        self.malformed(why);
     }
 
     /// What was wrong with the first answer that could not be read.
@@ -172,6 +232,8 @@ impl TapeFollower {
         self.link
             .session
             .get(selector)
+            // All answers bear one key: consolidating them would hide that there are several.
+            .consolidation(ConsolidationMode::None)
             .congestion_control(CongestionControl::Block)
             .priority(Priority::DataHigh)
             .timeout(ANSWERED_WITHIN)
@@ -184,77 +246,146 @@ impl TapeFollower {
         Ok(Some(replies))
     }
 
-    fn take(&mut self, reply: &Reply) -> Option<Heard> {
+    /// The answer of the driver that is followed, or of the first that is met.
+    fn take(&mut self, reply: &Reply) -> Option<Answer> {
         let sample = match reply.result() {
             Ok(sample) => sample,
             Err(error) => {
-                let payload = error.payload().to_bytes();
-                let words = String::from_utf8_lossy(&payload);
-                // Words of zenoh when the time for an answer is over, too.
-                tracing::debug!("the driver's tape: {words}");
+                self.refused(&String::from_utf8_lossy(&error.payload().to_bytes()));
                 return None;
             }
         };
         let attachment = sample.attachment().map(|bytes| bytes.to_bytes());
         let payload = sample.payload().to_bytes().into_owned().into();
-        match self.read(attachment.as_deref().unwrap_or_default(), &payload) {
-            Ok(heard) => {
-                self.has_heard = true;
-                self.unanswered = None;
-                // Answered: the next question is due at once.
-                self.asked = None;
-                self.counters.bytes += payload.len() as u64;
-                heard
-            }
+        let answer = match self.read(attachment.as_deref().unwrap_or_default(), &payload) {
+            Ok(answer) => answer,
             Err(error) => {
-                self.counters.malformed += 1;
-                tracing::debug!("answer of the driver left out: {error}");
-                self.first_fault.get_or_insert_with(|| error.to_string());
+                let encoding = sample.encoding();
+                self.malformed(match *encoding == Encoding::APPLICATION_OCTET_STREAM {
+                    true => error.to_string(),
+                    false => format!("{error} (its encoding is {encoding})"),
+                });
+                return None;
+            }
+        };
+        let run = answer.head.driver;
+        match self.position {
+            Some((followed, _)) if followed == run => Some(answer),
+            None if !self.earlier.contains(&run) => Some(answer),
+            _ => {
+                self.other = Some(answer);
                 None
             }
         }
     }
 
-    /// `None` if the answer has nothing new.
-    fn read(
-        &mut self,
-        attachment: &[u8],
-        payload: &bytes::Bytes,
-    ) -> Result<Option<Heard>, TapeMessageError> {
+    fn read(&self, attachment: &[u8], payload: &Bytes) -> Result<Answer, TapeMessageError> {
         let head = message::decode_head(attachment)?;
-        let mut records = message::decode(payload, head.count)?;
-        let wrong = |words: &str| Err(TapeMessageError::Head(words.to_owned()));
-        let Some(after) = head.first.checked_add(head.count) else {
-            return wrong("its first number is too large");
-        };
-        let is_known = self
-            .position
-            .is_some_and(|(driver, _)| driver == head.driver);
-        if !is_known && head.begin.is_none() {
-            return wrong("a new driver, and no `begin`");
+        let records = message::decode(payload, head.count)?;
+        let (found, byte_count) = (head.after(), payload.len() as u64);
+        match self.position {
+            Some((driver, expected)) if driver == head.driver && found < expected => {
+                return Err(TapeMessageError::Back { expected, found });
+            }
+            Some((driver, _)) if driver == head.driver => {}
+            _ if head.begin.is_none() => return Err(TapeMessageError::NoBegin),
+            _ => {}
         }
-        self.counters.answers += 1;
-        let expected = match self.position {
-            Some((_, next)) if is_known => next,
-            _ => 0,
-        };
-        if after < expected {
-            return Ok(None);
+        Ok(Answer {
+            head,
+            records,
+            byte_count,
+        })
+    }
+
+    /// Nobody answers any more but another run: the driver was started again, unless that cannot be.
+    fn change_over(&mut self) -> Option<Heard> {
+        let other = self.other.take()?;
+        let owed = self.unanswered.map(|asked| asked.elapsed());
+        let is_silent = owed.is_some_and(|owed| owed >= ANSWERED_WITHIN);
+        let was_left = self.earlier.contains(&other.head.driver);
+        let is_soon = self
+            .changed
+            .is_some_and(|changed| changed.elapsed() < RUN_AT_LEAST);
+        if is_soon || (was_left && !is_silent) {
+            if was_left || self.counters.restarts > 0 {
+                self.is_not_alone(other.head.driver);
+            }
+            return None;
         }
+        self.earlier.retain(|run| *run != other.head.driver);
+        let left = self.position.take();
+        self.leave(left);
+        self.before = left;
+        self.counters.restarts += u64::from(left.is_some());
+        self.follow(other)
+    }
+
+    /// Takes the answer in; `None` if it has nothing new.
+    fn follow(&mut self, answer: Answer) -> Option<Heard> {
+        let Answer {
+            head,
+            mut records,
+            byte_count,
+        } = answer;
+        let expected = self.position.map_or(0, |(_, next)| next);
+        let is_new = self.position.is_none();
+        if is_new {
+            self.changed = Some(Instant::now());
+        }
+        let after = head.after();
         let known = usize::try_from(expected.saturating_sub(head.first)).unwrap_or(usize::MAX);
         records.drain(..known.min(records.len()));
         let missing = head.first.saturating_sub(expected);
-        self.counters.restarts += u64::from(!is_known && self.position.is_some());
+        self.has_heard = true;
+        self.unanswered = None;
+        if !records.is_empty() {
+            // Answered: the next question is due at once.
+            self.asked = None;
+        }
+        self.counters.answers += 1;
+        self.counters.bytes += byte_count;
         self.counters.missing += missing;
         self.counters.records += records.len() as u64;
-        self.counters.behind = head.next.saturating_sub(after);
+        self.counters.behind = head.next - after;
         self.position = Some((head.driver, after));
-        Ok(Some(Heard {
+        Some(Heard {
             driver: head.driver,
-            begin: head.begin.filter(|_| !is_known),
+            begin: head.begin.filter(|_| is_new),
             missing,
             first: after - records.len() as u64,
             records,
-        }))
+        })
+    }
+
+    fn leave(&mut self, position: Option<(u64, u64)>) {
+        self.earlier.extend(position.map(|(run, _)| run));
+        while self.earlier.len() > MAX_EARLIER {
+            self.earlier.pop_front();
+        }
+    }
+
+    /// Words in the place of an answer; zenoh's own say that the time for one is over.
+    fn refused(&mut self, words: &str) {
+        if words != "Timeout" {
+            let words = words.chars().take(200).collect();
+            self.trouble_is(TapeTrouble::Refused(words));
+        }
+    }
+
+    fn malformed(&mut self, why: String) {
+        self.counters.malformed += 1;
+        self.first_fault.get_or_insert_with(|| why.clone());
+        self.trouble_is(TapeTrouble::Unreadable(why));
+    }
+
+    fn is_not_alone(&mut self, other: u64) {
+        if let Some((followed, _)) = self.position {
+            self.trouble_is(TapeTrouble::OtherDriver { followed, other });
+        }
+    }
+
+    fn trouble_is(&mut self, trouble: TapeTrouble) {
+        self.trouble = Some((Instant::now(), trouble));
     }
 }

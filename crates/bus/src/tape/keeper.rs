@@ -25,6 +25,8 @@ const GATHERED: Duration = Duration::from_millis(20);
 /// A query that nothing came for is answered after so long, so that whoever asks knows that the
 /// driver is there.
 const HELD: Duration = Duration::from_millis(500);
+/// How often it is said that mappers ask for what is gone.
+const MISSED_TOLD_EVERY: Duration = Duration::from_secs(10);
 /// What a record costs beside its bytes.
 const RECORD_OVERHEAD_BYTES: usize = 48;
 /// A longer piece of bytes becomes several records.
@@ -80,6 +82,7 @@ struct Kept {
     bytes: usize,
     counters: TapeKeeperCounters,
     asked: Option<Instant>,
+    missed_told: Option<Instant>,
 }
 
 impl Kept {
@@ -109,6 +112,21 @@ impl Kept {
             count += 1;
         }
         (first, count, payload)
+    }
+
+    /// A mapper that asks again and again for what is gone fills no log.
+    fn tell_of_missing(&mut self, from: u64, first: u64) {
+        let is_due = |told: Instant| told.elapsed() >= MISSED_TOLD_EVERY;
+        if first > from && self.missed_told.is_none_or(is_due) {
+            self.missed_told = Some(Instant::now());
+            tracing::warn!(
+                "a mapper asks for record {from}, and the oldest that is kept is {first}: {} records \
+                 are missing on its map, {} in all that mappers asked for so far; --resume it from \
+                 this driver's recording, or give bus.history_bytes more room",
+                first - from,
+                self.counters.missed
+            );
+        }
     }
 
     /// Bytes that whoever has all before `from` lacks, counted no further than `enough`.
@@ -141,6 +159,7 @@ impl TapeKeeper {
                 bytes: 0,
                 counters: TapeKeeperCounters::default(),
                 asked: None,
+                missed_told: None,
             }),
         });
         let heartbeat = Heartbeat::new("bus-tape");
@@ -336,25 +355,14 @@ impl Answers {
             let mut kept = self.shared.lock();
             let (first, count, payload) = kept.select(who.from, self.limit_bytes);
             kept.counters.missed += first.saturating_sub(who.from);
-            let head = Head {
-                driver: self.shared.driver,
-                first,
-                count,
-                next: kept.counters.next,
-                begin: (!who.is_known).then(|| self.shared.begin.clone()),
-            };
-            (head, payload)
+            let begin = (!who.is_known).then(|| self.shared.begin.clone());
+            let next = kept.counters.next;
+            kept.tell_of_missing(who.from, first);
+            (
+                Head::new(self.shared.driver, (first, count), next, begin),
+                payload,
+            )
         };
-        if head.first > who.from {
-            tracing::warn!(
-                "a mapper asks for record {}, and the oldest that is kept is {}: {} records are \
-                 missing on its map; --resume it from this driver's recording, or give \
-                 bus.history_bytes more room",
-                who.from,
-                head.first,
-                head.first - who.from
-            );
-        }
         let attachment = serde_json::to_vec(&head).unwrap_or_default();
         let sent = who
             .query

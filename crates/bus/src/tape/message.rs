@@ -44,9 +44,15 @@ pub enum TapeEntry {
     End,
 }
 
+/// Version of the answers, records included, that are given and read here.
+const VERSION: u32 = 1;
+
 /// What stands beside the records of an answer, as JSON.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Head {
+    /// Of the answer; 1 if nothing is said.
+    #[serde(default = "version")]
+    version: u32,
     /// Names the driver's run: its start in nanoseconds.
     pub(crate) driver: u64,
     /// Number of the first record in the answer, or of the next one if it holds none.
@@ -63,9 +69,29 @@ pub(crate) struct Head {
 /// Why an answer cannot be read.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum TapeMessageError {
+    /// Nothing stands beside the records.
+    #[error("it has no attachment; a driver's answer has one, a JSON object")]
+    NoHead,
     /// The attachment.
     #[error("its attachment is no JSON object with driver, first, count and next: {0}")]
     Head(String),
+    /// Of a driver of another version.
+    #[error("it is of version {0} of the tape; this program reads version {VERSION}")]
+    Version(u32),
+    /// Numbers that contradict one another.
+    #[error("its attachment contradicts itself: {0}")]
+    Numbers(&'static str),
+    /// The driver that is followed has lost records that it had.
+    #[error("it ends before record {expected}, which comes next: the tape went back to {found}")]
+    Back {
+        /// What was asked for.
+        expected: u64,
+        /// What comes after the answer.
+        found: u64,
+    },
+    /// A driver that is met, and does not say how the sonar is asked.
+    #[error("it is of a driver that is new here, and without `begin`")]
+    NoBegin,
     /// It ends within a record.
     #[error("it ends within record {0}")]
     Cut(u64),
@@ -132,11 +158,55 @@ fn encode_pose(pose: &StampedPose, out: &mut Vec<u8>) {
 /// # Errors
 /// If it is too long, or not what [`Head`] says.
 pub(crate) fn decode_head(attachment: &[u8]) -> Result<Head, TapeMessageError> {
+    if attachment.is_empty() {
+        return Err(TapeMessageError::NoHead);
+    }
     if attachment.len() > MAX_HEAD_BYTES {
         let words = format!("{} bytes; at most {MAX_HEAD_BYTES}", attachment.len());
         return Err(TapeMessageError::Head(words));
     }
-    serde_json::from_slice(attachment).map_err(|error| TapeMessageError::Head(error.to_string()))
+    let head: Head = serde_json::from_slice(attachment)
+        .map_err(|error| TapeMessageError::Head(error.to_string()))?;
+    if head.version != VERSION {
+        return Err(TapeMessageError::Version(head.version));
+    }
+    let Some(after) = head.first.checked_add(head.count) else {
+        return Err(TapeMessageError::Numbers("first and count are too large"));
+    };
+    match head.next >= after {
+        true => Ok(head),
+        false => Err(TapeMessageError::Numbers(
+            "next lies before the last of its records",
+        )),
+    }
+}
+
+fn version() -> u32 {
+    VERSION
+}
+
+impl Head {
+    /// Of an answer of this version.
+    pub(crate) fn new(
+        driver: u64,
+        (first, count): (u64, u64),
+        next: u64,
+        begin: Option<Value>,
+    ) -> Self {
+        Self {
+            version: VERSION,
+            driver,
+            first,
+            count,
+            next,
+            begin,
+        }
+    }
+
+    /// Number of the record after the last one here.
+    pub(crate) fn after(&self) -> u64 {
+        self.first.saturating_add(self.count)
+    }
 }
 
 /// The `count` records that the payload holds.

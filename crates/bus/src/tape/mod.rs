@@ -11,10 +11,12 @@
 mod follower;
 mod keeper;
 mod message;
+mod trouble;
 
 pub use follower::{Heard, TapeFollower, TapeFollowerCounters};
 pub use keeper::{TapeKeeper, TapeKeeperCounters};
 pub use message::{TapeEntry, TapeMessageError, TapeRecord};
+pub use trouble::TapeTrouble;
 
 #[cfg(test)]
 mod tests;

@@ -1,5 +1,6 @@
 //! Records as bytes, and over real sessions.
 
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
@@ -8,6 +9,8 @@ use glam::DVec3;
 use proptest::prelude::*;
 use serde_json::json;
 use zenoh::Wait;
+use zenoh::bytes::Encoding;
+use zenoh::query::{Query, Queryable};
 
 use super::message::{decode, encode};
 use super::*;
@@ -190,6 +193,206 @@ fn a_question_in_other_words_is_answered_with_what_would_be_right() {
     let error = reply.into_result().unwrap_err();
     let words = String::from_utf8_lossy(&error.payload().to_bytes()).into_owned();
     assert!(words.contains("whole number"), "{words}");
+}
+
+/// Answers as a driver does, in whatever way: the `n`th question with attachment, payload and encoding.
+fn answers_as(
+    vehicle: &Bus,
+    answer: impl Fn(u64) -> (Vec<u8>, Vec<u8>, Encoding) + Send + Sync + 'static,
+) -> Queryable<()> {
+    let (key, asked) = (vehicle.keys().tape(), AtomicU64::new(0));
+    let queryable = vehicle.session_for_tests().declare_queryable(key.clone());
+    let reply = move |query: Query| {
+        let (attachment, payload, encoding) = answer(asked.fetch_add(1, Ordering::Relaxed));
+        let reply = query.reply(key.clone(), payload).encoding(encoding);
+        match attachment.is_empty() {
+            true => reply.wait().unwrap(),
+            false => reply.attachment(attachment).wait().unwrap(),
+        }
+    };
+    queryable.callback(reply).wait().unwrap()
+}
+
+/// Hears until there is some trouble.
+fn trouble(follower: &mut TapeFollower) -> TapeTrouble {
+    let begin = Instant::now();
+    loop {
+        assert!(begin.elapsed() < LONG, "{:?}", follower.counters());
+        follower.hear(SHORT).unwrap();
+        if let Some(trouble) = follower.trouble() {
+            return trouble.clone();
+        }
+    }
+}
+
+#[test]
+fn an_answer_that_cannot_be_read_is_named_as_what_it_is() {
+    let head = |change: &dyn Fn(&mut serde_json::Value)| {
+        let mut head = json!({"driver": 7, "first": 0, "count": 1, "next": 1, "begin": {}});
+        change(&mut head);
+        head.to_string().into_bytes()
+    };
+    let one = || encode(&at(1, TapeEntry::LinkUp));
+    let octets = || Encoding::APPLICATION_OCTET_STREAM;
+    let as_it_is = |_: &mut serde_json::Value| {};
+    let mut no_rotation = pose(None);
+    no_rotation.world_from_vehicle.rotation *= 0.5;
+    let no_rotation = encode(&at(0, TapeEntry::Pose(no_rotation)));
+    let (mut odd, mut twice) = (one(), one());
+    odd[0] = 9;
+    twice.extend(one());
+    let cases: Vec<(Vec<u8>, Vec<u8>, Encoding, &str)> = vec![
+        (vec![], one(), octets(), "no attachment"),
+        (b"tape".to_vec(), one(), octets(), "no JSON object"),
+        (
+            head(&|h| h["count"] = json!(-1)),
+            one(),
+            octets(),
+            "no JSON object",
+        ),
+        (vec![b' '; 70_000], one(), octets(), "at most 65536"),
+        (
+            head(&|h| h["version"] = json!(2)),
+            one(),
+            octets(),
+            "of version 2",
+        ),
+        (
+            head(&|h| h["first"] = json!(u64::MAX)),
+            one(),
+            octets(),
+            "too large",
+        ),
+        (
+            head(&|h| h["next"] = json!(0)),
+            one(),
+            octets(),
+            "before the last",
+        ),
+        (
+            head(&|h| h["begin"] = json!(null)),
+            one(),
+            octets(),
+            "without `begin`",
+        ),
+        (head(&as_it_is), vec![], octets(), "ends within record 0"),
+        (
+            head(&|h| h["count"] = json!(0)),
+            one(),
+            octets(),
+            "bytes follow",
+        ),
+        (head(&as_it_is), twice, octets(), "bytes follow"),
+        (head(&as_it_is), odd, octets(), "kind 9"),
+        (head(&as_it_is), no_rotation, octets(), "no rotation"),
+        (
+            head(&as_it_is),
+            b"hello".to_vec(),
+            Encoding::TEXT_PLAIN,
+            "text/plain",
+        ),
+    ];
+    let (vehicle, shore) = bus_pair();
+    for (attachment, payload, encoding, words) in cases {
+        let answer = move |_| (attachment.clone(), payload.clone(), encoding.clone());
+        let _driver = answers_as(&vehicle, answer);
+        let mut follower = shore.follow_tape();
+        let trouble = trouble(&mut follower);
+        assert!(matches!(trouble, TapeTrouble::Unreadable(_)), "{trouble}");
+        assert!(
+            trouble.to_string().contains(words),
+            "no {words:?} in {trouble}"
+        );
+        assert_eq!(follower.counters().answers, 0, "{trouble}");
+    }
+}
+
+#[test]
+fn a_tape_that_flips_its_run_is_told_as_two_drivers_and_followed_as_one() {
+    for is_always_new in [false, true] {
+        let (vehicle, shore) = bus_pair();
+        let answer = move |asked: u64| {
+            let driver = 1 + if is_always_new { asked } else { asked % 2 };
+            let head = json!({"driver": driver, "first": 0, "count": 1, "next": 1, "begin": {}});
+            let payload = encode(&at(1, TapeEntry::LinkUp));
+            let octets = Encoding::APPLICATION_OCTET_STREAM;
+            (head.to_string().into_bytes(), payload, octets)
+        };
+        let _driver = answers_as(&vehicle, answer);
+        let mut follower = shore.follow_tape();
+        let begin = Instant::now();
+        while follower.counters().queries < 40 {
+            assert!(begin.elapsed() < LONG);
+            follower.hear(SHORT).unwrap();
+        }
+        let trouble = trouble(&mut follower);
+        assert!(trouble.to_string().contains("two drivers"), "{trouble}");
+        // A driver that is started again takes two seconds, and forty questions that are not
+        // answered a tenth each.
+        let most = begin.elapsed().as_secs() / 2 + 1;
+        let restarts = follower.counters().restarts;
+        assert!(restarts <= most, "{restarts} restarts, {most} at most");
+    }
+}
+
+#[test]
+fn of_two_drivers_the_first_is_followed_until_it_is_gone() {
+    let endpoints = crate::test_support::endpoints();
+    let [shore, one, two] = [(); 3].map(|()| bus_with(&endpoints, |_| {}));
+    let first = one.keep_tape(1, json!({})).unwrap();
+    let mut follower = shore.follow_tape();
+    first.append(Timestamp::ZERO, bytes(0));
+    assert_eq!(heard(&mut follower, 1)[0].entry, bytes(0));
+    let second = two.keep_tape(2, json!({})).unwrap();
+    second.append(Timestamp::ZERO, bytes(99));
+    let told = trouble(&mut follower);
+    let (followed, other) = (1, 2);
+    assert_eq!(told, TapeTrouble::OtherDriver { followed, other });
+    for number in 1..5 {
+        first.append(Timestamp::ZERO, bytes(number));
+        assert_eq!(heard(&mut follower, 1)[0].entry, bytes(number));
+    }
+    assert_eq!(follower.counters().restarts, 0);
+    drop(first);
+    assert_eq!(heard(&mut follower, 1)[0].entry, bytes(99));
+    assert_eq!(follower.counters().restarts, 1);
+}
+
+#[test]
+fn a_run_that_is_turned_away_leaves_the_one_before() {
+    let (vehicle, shore) = bus_pair();
+    let mut follower = shore.follow_tape();
+    let first = vehicle.keep_tape(1, json!({})).unwrap();
+    first.append(Timestamp::ZERO, bytes(0));
+    heard(&mut follower, 1);
+    drop(first);
+    let odd = vehicle.keep_tape(2, json!({})).unwrap();
+    odd.append(Timestamp::ZERO, bytes(9));
+    assert_eq!(heard(&mut follower, 1)[0].entry, bytes(9));
+    follower.refuse("it begins with nothing".to_owned());
+    let told = follower.trouble().map(ToString::to_string);
+    assert!(told.is_some_and(|told| told.contains("begins with nothing")));
+    drop(odd);
+    let back = vehicle.keep_tape(1, json!({})).unwrap();
+    for number in 0..3 {
+        back.append(Timestamp::ZERO, bytes(number));
+    }
+    let numbers = heard(&mut follower, 2)
+        .into_iter()
+        .map(|record| record.entry);
+    assert!(numbers.eq([bytes(1), bytes(2)]));
+    assert_eq!(follower.counters().restarts, 0);
+}
+
+#[test]
+fn a_tape_that_goes_back_is_told() {
+    let (vehicle, shore) = bus_pair();
+    let mut follower = shore.follow_tape();
+    follower.go_on_from(7, 900);
+    let keeper = vehicle.keep_tape(7, json!({})).unwrap();
+    keeper.append(Timestamp::ZERO, bytes(0));
+    let told = trouble(&mut follower).to_string();
+    assert!(told.contains("before record 900"), "{told}");
 }
 
 #[test]

@@ -17,9 +17,9 @@ use super::Pace;
 use super::notices::Finding;
 use super::status::Status;
 use crate::config::PoseConfig;
+use overload::Overload;
 pub(crate) use poses::calibration;
 pub(crate) use stamps::no_time;
-use overload::Overload;
 
 /// Growth of a counter is news for so long.
 const NEWS: Duration = Duration::from_millis(1200);
@@ -86,6 +86,7 @@ impl Diagnosis {
                 self.poses(status, now, &mut findings);
             }
         }
+        findings.extend(status.tape.as_ref().and_then(tape::two_drivers));
         self.disk_and_queues(status, now, &mut findings);
         findings
     }

@@ -12,6 +12,7 @@ mod driver;
 mod resumed;
 mod status;
 mod tape;
+mod waiting;
 
 pub(crate) use begin::Begin;
 pub(crate) use driver::Vehicle;

@@ -6,25 +6,27 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam_channel::{Sender, bounded};
-use echosplat_bus::{Heard, TapeEntry, TapeFollower, TapeFollowerCounters, TapeRecord};
+use echosplat_bus::{
+    Heard, TapeEntry, TapeFollower, TapeFollowerCounters, TapeRecord, TapeTrouble,
+};
 use echosplat_driver::{DriverConfig, SonarUrl, TapeItem};
 use echosplat_join::ArrivedPose;
-use echosplat_model::Timestamp;
+use echosplat_model::{RateLimit, Timestamp};
 use echosplat_pose::PoseSource;
 use echosplat_recording::mcap::Record;
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::begin::{Begin, position_event};
 use super::dive_log::{POSITION_EVERY, record};
 use super::resumed::Resumed;
+use super::waiting::{not_a_driver, wait_for_driver};
+use crate::clock;
 use crate::pipeline::Input;
 use crate::recorder::Recorder;
 use crate::signals::Stop;
 
 /// How long nothing may come before the reader looks whether it is to stop.
-const LOOK: Duration = Duration::from_millis(50);
-/// How often it is said that the driver is waited for.
-const WAITING_SAID_EVERY: Duration = Duration::from_secs(10);
+pub(super) const LOOK: Duration = Duration::from_millis(50);
 
 /// What the mapper knows of its driver.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -41,6 +43,13 @@ pub(crate) struct TapeReport {
     pub(crate) counters: TapeFollowerCounters,
     /// What was wrong with the first answer that could not be read.
     pub(crate) first_fault: Option<String>,
+    /// What is wrong with what has answered of late.
+    #[serde(serialize_with = "in_words")]
+    pub(crate) trouble: Option<TapeTrouble>,
+}
+
+fn in_words<S: Serializer>(trouble: &Option<TapeTrouble>, to: S) -> Result<S::Ok, S::Error> {
+    trouble.as_ref().map(ToString::to_string).serialize(to)
 }
 
 /// The newest report, written by the thread that reads the tape.
@@ -87,6 +96,9 @@ pub(crate) struct VehicleTape {
     /// The driver and the number of the record that comes next.
     position: Option<(u64, u64)>,
     resumed_count: u64,
+    /// What is said of drivers that were started again, and of records that are missing.
+    restarts_told: RateLimit,
+    missing_told: RateLimit,
     state: TapeState,
 }
 
@@ -129,6 +141,8 @@ impl VehicleTape {
             now: Timestamp::ZERO,
             position: None,
             resumed_count: 0,
+            restarts_told: RateLimit::new(),
+            missing_told: RateLimit::new(),
             state: TapeState::default(),
         };
         Ok(Some((tape, source)))
@@ -214,7 +228,10 @@ impl VehicleTape {
     fn take(&mut self, heard: Heard) -> Result<(), String> {
         let before = self.position.map(|(driver, _)| driver);
         if let Some(told) = &heard.begin {
-            let begin = Begin::read(told).ok_or_else(|| not_a_driver(told))?;
+            let Some(begin) = Begin::read(told) else {
+                self.follower.refuse(not_a_driver(told));
+                return Ok(());
+            };
             if begin.session != self.begin.session {
                 return Err(
                     "the driver was started again with other settings of the sonar: \
@@ -222,17 +239,8 @@ impl VehicleTape {
                         .to_owned(),
                 );
             }
-            if before.is_some() {
-                tracing::warn!("the driver was started again; the map goes on");
-            }
         }
-        if heard.missing > 0 {
-            tracing::warn!(
-                "{} records of the dive are no longer kept by the driver: they are missing in the \
-                 map",
-                heard.missing
-            );
-        }
+        self.tell_of_breaks(&heard);
         let is_broken = heard.missing > 0 || before.is_some_and(|before| before != heard.driver);
         if is_broken {
             self.position_told = None;
@@ -259,6 +267,31 @@ impl VehicleTape {
                 .acknowledge()
                 .map_err(|error| error.to_string()),
             false => Ok(()),
+        }
+    }
+
+    fn tell_of_breaks(&mut self, heard: &Heard) {
+        let more = |left_out: u64| match left_out {
+            0 => String::new(),
+            count => format!(" ({count} times more before this)"),
+        };
+        let now = clock::now();
+        let is_again = heard.begin.is_some() && self.position.is_some();
+        if is_again && let Some(left_out) = self.restarts_told.admit(now) {
+            tracing::warn!(
+                "the driver was started again; the map goes on{}",
+                more(left_out)
+            );
+        }
+        if heard.missing > 0
+            && let Some(left_out) = self.missing_told.admit(now)
+        {
+            tracing::warn!(
+                "{} records of the dive are no longer kept by the driver: they are missing in the \
+                 map{}",
+                heard.missing,
+                more(left_out)
+            );
         }
     }
 
@@ -319,6 +352,7 @@ impl VehicleTape {
             silent_s: silent.map(|silent| silent.as_secs_f64()),
             counters,
             first_fault: self.follower.first_fault().map(str::to_owned),
+            trouble: self.follower.trouble().cloned(),
         };
         self.state.write(report);
     }
@@ -353,33 +387,4 @@ impl Drop for VehicleTape {
     fn drop(&mut self) {
         self.poses_ended.store(true, Ordering::Release);
     }
-}
-
-fn wait_for_driver(
-    follower: &mut TapeFollower,
-    stop: &Stop,
-) -> anyhow::Result<Option<(Begin, Heard)>> {
-    let mut said: Option<Instant> = None;
-    while !stop.is_set() {
-        if said.is_none_or(|said| said.elapsed() >= WAITING_SAID_EVERY) {
-            said = Some(Instant::now());
-            tracing::info!(
-                "waiting for the driver of this node (--role driver): is it started, under the \
-                 same --prefix and --node, and is zenoh reached?"
-            );
-        }
-        let Some(heard) = follower.hear(LOOK)? else {
-            continue;
-        };
-        let told = heard.begin.clone().unwrap_or_default();
-        let begin = Begin::read(&told).ok_or_else(|| anyhow::anyhow!(not_a_driver(&told)))?;
-        tracing::info!(sonar = %begin.sonar, "the driver is there");
-        return Ok(Some((begin, heard)));
-    }
-    Ok(None)
-}
-
-fn not_a_driver(told: &serde_json::Value) -> String {
-    let told: String = told.to_string().chars().take(200).collect();
-    format!("what answers as the driver begins with {told}, which no driver of this version does")
 }
