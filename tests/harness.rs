@@ -146,6 +146,12 @@ impl Program {
         self.signal("INT");
     }
 
+    /// Ends the program as a power cut does.
+    pub(crate) fn kill(&mut self) {
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+
     /// Keeps the program from running for so long, as Ctrl-Z does until it goes on.
     pub(crate) fn stop_for(&self, time: Duration) {
         self.signal("STOP");

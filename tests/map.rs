@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use crate::harness::{Program, bus_at, free_port, wait_until_listening};
-use crate::python::{reader, tool};
+use crate::python::{TOOLS, reader, tool};
 
 const LONG: Duration = Duration::from_secs(120);
 
@@ -86,6 +86,61 @@ fn the_python_subscriber_ends_with_the_map_of_the_service() {
         "the map was seen to grow"
     );
     assert!(fs::metadata(saved).unwrap().len() > 64 * published);
+}
+
+/// What a tool says where no service is, and where one is under another key.
+fn without_a_map(mut alone: Program, mut beside_another: Program) {
+    alone.wait_exit_code(1, LONG);
+    let said = alone.stderr();
+    assert!(
+        said.contains("no service answers at"),
+        "{}",
+        alone.account()
+    );
+    assert!(
+        said.lines().count() == 1,
+        "one sentence\n{}",
+        alone.account()
+    );
+    beside_another.wait_for_text("listening to echosplat/elsewhere/map", LONG);
+    beside_another.wait_for_text("nothing new from echosplat/elsewhere/map", LONG);
+}
+
+#[test]
+fn python_tools_say_what_they_listen_to_and_that_nothing_comes() {
+    let (nobody, port) = (free_port(), free_port());
+    let bus = bus_at(port);
+    let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
+    let mut service =
+        Program::echosplat(&[&["run", "--sonar", "tcp://127.0.0.1:9"][..], &bus].concat());
+    wait_until_listening(&mut service, port);
+    let at = |port: u16| format!("tcp/127.0.0.1:{port}");
+    let (nobody, there) = (at(nobody), at(port));
+    let folder = tempfile::tempdir().unwrap();
+    let saved = folder.path().join("saved").display().to_string();
+    let alone = ["--connect", &nobody, "--save", &saved];
+    let beside = [
+        "--connect",
+        &there,
+        "--save",
+        &saved,
+        "--key",
+        "echosplat/elsewhere/map",
+    ];
+    without_a_map(
+        tool("subscriber.py", &alone),
+        tool("subscriber.py", &beside),
+    );
+    without_a_map(
+        reader("live_rerun.py", &alone),
+        reader("live_rerun.py", &beside),
+    );
+}
+
+#[test]
+fn the_subscriber_is_as_short_as_the_readme_says() {
+    let script = fs::read_to_string(format!("{TOOLS}/subscriber.py")).unwrap();
+    assert!(script.lines().count() < 60);
 }
 
 fn count(value: &serde_json::Value) -> u64 {

@@ -52,3 +52,72 @@ fn a_watch_begun_in_mid_dive_ends_with_the_final_map() {
     }
     assert!(watch.stderr().contains("pings_received"), "status was seen");
 }
+
+/// Without a service, before one, beside it and after it: each is said, the map is kept meanwhile, and
+/// the end is told in words.
+#[test]
+fn whoever_watches_is_told_how_the_map_stands_and_that_the_service_ended() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("copy.ply");
+    let file = map.display().to_string();
+    let port = free_port();
+    let bus = bus_at(port);
+    let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
+    let watch = ["watch", "--node", "replay", "--map", &file];
+    let mut watch = Program::echosplat(&[&watch[..], &bus].concat());
+    watch.wait_for_text("no service under echosplat/replay", LONG);
+
+    let mut service =
+        Program::echosplat(&replay(&[&["--rate", "1", "--publish"][..], &bus].concat()));
+    watch.wait_for_text("echosplat/replay is there", LONG);
+    watch.wait_for_text(" Gaussians, the newest came ", LONG);
+    watch.wait_for("map while it runs", LONG, |_| map.is_file().then_some(()));
+    service.kill();
+    watch.wait_for_text("its token echosplat/replay/alive is gone", LONG);
+    watch.terminate();
+    watch.wait_exit_code(0, LONG);
+    let said = watch.stdout();
+    assert!(
+        said.contains("not its last") && said.contains("is gone"),
+        "{}",
+        watch.account()
+    );
+    let counters = ["messages_received", "counters", "queries"];
+    let all = watch.stdout() + &watch.stderr();
+    assert!(
+        counters.iter().all(|name| !all.contains(name)),
+        "{}",
+        watch.account()
+    );
+    assert!(
+        echosplat_recording::ply::read_map(&map)
+            .unwrap()
+            .refused
+            .count
+            == 0
+    );
+}
+
+#[test]
+fn a_watch_that_saw_no_map_says_so_and_ends_with_3() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("none.ply").display().to_string();
+    let connect = format!("connect/endpoints=[\"tcp/127.0.0.1:{}\"]", free_port());
+    let watch = [
+        "watch",
+        "--duration",
+        "1",
+        "--map",
+        &map,
+        "--zenoh",
+        &connect,
+    ];
+    let mut watch = Program::echosplat(&watch);
+    watch.wait_exit_code(3, LONG);
+    assert!(
+        watch.stdout().contains("no map came"),
+        "{}",
+        watch.account()
+    );
+    assert!(!std::path::Path::new(&map).exists());
+}

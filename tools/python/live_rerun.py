@@ -1,5 +1,5 @@
 """Shows the map of a running service in Rerun: python live_rerun.py [--save live.rrd]"""
-import argparse, collections, json, time, numpy as np, rerun as rr, zenoh
+import argparse, collections, json, sys, time, numpy as np, rerun as rr, zenoh
 from subscriber import EVERY, POINT, apply, message, snapshot
 
 def show(tile, gaussians, note):
@@ -19,12 +19,16 @@ parser.add_argument("--connect", default="tcp/127.0.0.1:7447", help="where the s
 parser.add_argument("--key", default="echosplat/vehicle/map", help="prefix, node, map")
 parser.add_argument("--save", help="a file in place of a window")
 options = parser.parse_args()
+where = {"mode": "client", "connect": {"endpoints": [options.connect]}}
+try:
+    session = zenoh.open(zenoh.Config.from_json5(json.dumps(where)))
+except zenoh.ZError:
+    sys.exit(f"no service answers at {options.connect}: start it, or give --connect")
 rr.init("echosplat")
 rr.save(options.save) if options.save else rr.spawn()
-where = {"mode": "client", "connect": {"endpoints": [options.connect]}}
-arrived, redraw, (tiles, last) = collections.deque(maxlen=4096), {}, snapshot([])
-with zenoh.open(zenoh.Config.from_json5(json.dumps(where))) as session:
-    session.declare_subscriber(f"{options.key}/delta/*", arrived.append)
+arrived, redraw, (tiles, last), silent = collections.deque(maxlen=4096), {}, snapshot([]), 0
+with session, session.declare_subscriber(f"{options.key}/delta/*", arrived.append):
+    print("listening to", options.key, "at", options.connect, flush=True)
     while not (last and last["final"] and last["chunk"] + 1 == last["chunks"]):
         time.sleep(0.2)
         while last and arrived:
@@ -34,5 +38,9 @@ with zenoh.open(zenoh.Config.from_json5(json.dumps(where))) as session:
             replies = session.get(f"{options.key}/snapshot", consolidation=EVERY)
             tiles, last = snapshot([message(reply.ok) for reply in replies if reply.ok])
             redraw = dict.fromkeys([*redraw, *tiles], True)  # tiles that are gone are emptied
-        for tile in [tile for tile in redraw if last and redraw[tile]]:
+        wanted = [tile for tile in redraw if last and redraw[tile]]
+        for tile in wanted:
             redraw[tile] = show(tile, tiles[tile], last)
+        silent = 0 if wanted else silent + 1
+        if silent and silent % 25 == 0:
+            print("nothing new from", options.key, "for 5 s: is --key the service's?", flush=True)

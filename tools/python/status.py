@@ -6,6 +6,7 @@
 import argparse
 import json
 import queue
+import sys
 
 import zenoh
 
@@ -17,7 +18,11 @@ def main():
     options = parser.parse_args()
     where = {"mode": "client", "connect": {"endpoints": [options.connect]}}
     arrived = queue.Queue(maxsize=16)
-    with zenoh.open(zenoh.Config.from_json5(json.dumps(where))) as session:
+    try:
+        session = zenoh.open(zenoh.Config.from_json5(json.dumps(where)))
+    except zenoh.ZError:
+        sys.exit(f"no service answers at {options.connect}: start it, or give --connect")
+    with session:
         session.declare_subscriber(options.key, arrived.put)
         while True:
             status = json.loads(arrived.get().payload.to_bytes())

@@ -172,7 +172,7 @@ pub struct ProbeArguments {
 
 #[derive(Debug, Args)]
 pub struct WatchArguments {
-    /// Where the map is written on exit; ambiguous Gaussians go beside it
+    /// Where the map is written, each minute and at the end; ambiguous Gaussians go beside it
     #[arg(long, value_name = "OUT.ply")]
     pub(crate) map: Option<PathBuf>,
     /// End when the service has published its final map or is gone

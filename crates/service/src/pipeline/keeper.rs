@@ -36,16 +36,24 @@ impl Keeper {
         }
     }
 
+    /// The same with the first map as soon as there is one: whoever follows a map may come at its end.
+    pub(crate) fn due_at_once(self) -> Self {
+        Self {
+            next: Instant::now(),
+            ..self
+        }
+    }
+
     /// Begins to write `newest` when it is time and it is another map than the one written.
     pub(crate) fn tick(&mut self, newest: impl FnOnce() -> Option<Arc<Snapshot>>) {
         self.take_result();
         if self.writing.is_some() || Instant::now() < self.next {
             return;
         }
-        self.next = Instant::now() + WRITE_EVERY;
         let Some(snapshot) = newest().filter(|map| map.sequence != self.written_sequence) else {
             return;
         };
+        self.next = Instant::now() + WRITE_EVERY;
         self.written_sequence = snapshot.sequence;
         let (map, notes) = (self.map.clone(), self.notes.clone());
         let work = move || maps::write(&snapshot, &map, &notes).map(drop);

@@ -54,6 +54,7 @@ use earlier::EarlierMaps;
 use ending::Ending;
 use frame_check::FrameCheck;
 pub(crate) use gate::{Gate, Passage};
+pub(crate) use keeper::Keeper;
 pub(crate) use listening::Listening;
 pub use mapping::Mapping;
 pub(crate) use notices::{Finding, Notice, Notices};

@@ -1,6 +1,7 @@
 //! `echosplat watch`: the map of a running service, from wherever it stands.
 
-use std::path::Path;
+mod telling;
+
 use std::time::{Duration, Instant};
 
 use echosplat_bus::{Bus, Liveliness, MapSubscriber};
@@ -10,8 +11,10 @@ use crate::arguments::WatchArguments;
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::maps::MapNotes;
+use crate::pipeline::Keeper;
 use crate::signals::Stop;
 use crate::{inputs, logging, maps};
+use telling::{Seen, Telling};
 
 /// How often figures are renewed and the stop flag is asked.
 const TICK: Duration = Duration::from_millis(200);
@@ -28,10 +31,13 @@ pub(crate) fn run(arguments: &WatchArguments) -> anyhow::Result<Finish> {
     }
     let stop = Stop::on_signals()?;
     let bus = inputs::open_bus(config.bus)?;
-    tracing::info!(keys = %bus.keys().deltas(), "watching");
+    tracing::info!("watching {}; Ctrl-C ends it", bus.keys().deltas());
     let subscriber = bus.subscribe_map()?;
-    let ending = follow(&bus, &subscriber, arguments, &stop)?;
-    let finish = conclude(&subscriber, arguments.map.as_deref(), ending)?;
+    // What was kept from it only the service knows.
+    let keeper = arguments.map.clone();
+    let mut keeper = keeper.map(|map| Keeper::new(map, MapNotes::default()).due_at_once());
+    let ending = follow(&bus, &subscriber, (arguments, keeper.as_mut()), &stop)?;
+    let finish = conclude(&subscriber, keeper, ending)?;
     drop(subscriber);
     inputs::close_bus(Some(bus));
     Ok(finish)
@@ -51,12 +57,14 @@ enum Ending {
 fn follow(
     bus: &Bus,
     subscriber: &MapSubscriber,
-    arguments: &WatchArguments,
+    (arguments, mut keeper): (&WatchArguments, Option<&mut Keeper>),
     stop: &Stop,
 ) -> anyhow::Result<Ending> {
     let status = bus.subscribe_status()?;
     let figures = logging::figures_line();
     let begin = Instant::now();
+    let service = bus.keys().alive().trim_end_matches("/alive").to_owned();
+    let mut telling = Telling::new(service, begin);
     let mut gone_since = None;
     let mut known = None;
     let mut newest_status = None;
@@ -71,12 +79,18 @@ fn follow(
             tracing::debug!(%status, "status");
             newest_status = Some(status);
         }
-        figures.set_message(figures_of(subscriber, newest_status.as_ref()));
+        let seen = seen(subscriber, newest_status.as_ref());
+        figures.set_message(seen.line());
         figures.tick();
-        if arguments.until_final && subscriber.is_final() {
+        telling.tell(&seen, Instant::now());
+        if let Some(keeper) = &mut keeper {
+            keeper.tick(|| subscriber.newest().filter(|map| !map.gaussians.is_empty()));
+            telling.tell_of_file(keeper.fault());
+        }
+        if arguments.until_final && seen.is_final {
             return Ok(Ending::Final);
         }
-        gone_since = match subscriber.liveliness() {
+        gone_since = match seen.liveliness {
             Liveliness::Gone => gone_since.or(Some(Instant::now())),
             _ => None,
         };
@@ -88,6 +102,21 @@ fn follow(
         if stop.is_set() || limit.is_some_and(|limit| begin.elapsed() >= limit) {
             return Ok(Ending::Asked);
         }
+    }
+}
+
+fn seen<'a>(subscriber: &MapSubscriber, status: Option<&'a Value>) -> Seen<'a> {
+    let counters = subscriber.counters();
+    Seen {
+        liveliness: subscriber.liveliness(),
+        position: subscriber.position(),
+        is_final: subscriber.is_final(),
+        gaussians: subscriber.gaussian_count(),
+        unsound: counters.gaussians_unsound,
+        first_unsound: subscriber.first_unsound(),
+        malformed: counters.messages_malformed,
+        first_fault: subscriber.first_fault(),
+        status,
     }
 }
 
@@ -104,52 +133,25 @@ fn tell_of_new_epoch(before: Option<(u64, u64)>, now: Option<(u64, u64)>) {
     }
 }
 
-fn figures_of(subscriber: &MapSubscriber, status: Option<&Value>) -> String {
-    let state = match subscriber.liveliness() {
-        Liveliness::Unknown => "no service yet",
-        Liveliness::Alive => "live",
-        Liveliness::Gone => "the service is gone",
-    };
-    let number = |path: &str| {
-        let value = status.and_then(|status| status.pointer(path));
-        value.and_then(Value::as_f64).unwrap_or(0.0)
-    };
-    let link = status.and_then(|status| status.pointer("/link/state"));
-    format!(
-        "{state} · {} Gaussians · {:.0} pings, {:.1}/s · sonar {}",
-        subscriber.gaussian_count(),
-        number("/pings_received"),
-        number("/rates/pings_per_s"),
-        link.and_then(Value::as_str).unwrap_or("?"),
-    )
-}
-
 fn conclude(
     subscriber: &MapSubscriber,
-    map: Option<&Path>,
+    keeper: Option<Keeper>,
     ending: Ending,
 ) -> anyhow::Result<Finish> {
     let snapshot = subscriber.newest();
     let counters = serde_json::to_string(&subscriber.counters()).unwrap_or_default();
-    tracing::info!(
-        ?ending,
-        gaussians = subscriber.gaussian_count(),
-        position = ?subscriber.position(),
-        counters,
-        "no longer watching"
-    );
-    match (snapshot, map) {
-        // What was kept from it only the service knows.
-        (Some(snapshot), Some(map)) => {
-            maps::write(&snapshot, map, &MapNotes::default())?;
-        }
-        (None, Some(_)) => tracing::warn!("no map came, so none is written"),
-        (_, None) => {}
+    tracing::debug!(position = ?subscriber.position(), counters, "no longer watching");
+    let seen = seen(subscriber, None);
+    let asked_for_a_file = keeper.is_some();
+    logging::print(&telling::account(ending, &seen, asked_for_a_file));
+    let has_map = snapshot.is_some();
+    if let (Some(snapshot), Some(keeper)) = (snapshot, keeper) {
+        keeper.finish(&snapshot)?;
     }
-    let is_whole = ending != Ending::Gone || subscriber.is_final();
-    Ok(if is_whole {
-        Finish::Done
-    } else {
-        Finish::Lossy
+    let is_whole = ending != Ending::Gone || seen.is_final;
+    let lacks_file = asked_for_a_file && !has_map;
+    Ok(match is_whole && seen.unsound == 0 && !lacks_file {
+        true => Finish::Done,
+        false => Finish::Lossy,
     })
 }
