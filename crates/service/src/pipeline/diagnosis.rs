@@ -19,6 +19,7 @@ use super::status::Status;
 use crate::config::PoseConfig;
 use overload::Overload;
 pub(crate) use poses::calibration;
+pub(super) use sonar::finding_of_units;
 pub(crate) use stamps::no_time;
 
 /// Growth of a counter is news for so long.

@@ -9,6 +9,7 @@ use echosplat_liveness::Drill;
 use serde::Serialize;
 use serde_json::{Value, json};
 
+use super::diagnosis::finding_of_units;
 use super::notices::Notice;
 use super::shared::{Link, MapperReport, Phase};
 use crate::recorder::RecorderCounters;
@@ -300,6 +301,10 @@ impl Status {
             .map_or(0, |recording| recording.lost_messages);
         if lost > 0 {
             return Some(format!("{lost} messages are not in the recording"));
+        }
+        // A log may be over before anybody asks what is wrong.
+        if let Some(units) = finding_of_units(&self.sonar) {
+            return Some(units.sentence);
         }
         let notice = self.notices.iter().find(|notice| notice.is_loss)?;
         Some(notice.sentence.clone())

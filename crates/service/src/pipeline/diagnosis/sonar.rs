@@ -11,6 +11,8 @@ use crate::pipeline::Pace;
 use crate::pipeline::notices::Finding;
 use crate::pipeline::status::Status;
 
+pub(in crate::pipeline) use units::finding as finding_of_units;
+
 /// A profile that repeats, or holds one value, for so long is no accident, seconds.
 const SAME_S: f64 = 1.0;
 /// Before so many pings it may be the link's beginning.

@@ -10,7 +10,7 @@ use crate::pipeline::notices::Finding;
 const KEYS: &str = "session.channel, session.source or session.heading_deg";
 
 /// Profiles of a unit that nobody chose or left out by choice, or of none at all.
-pub(super) fn finding(sonar: &DriverStatus) -> Option<Finding> {
+pub(in crate::pipeline) fn finding(sonar: &DriverStatus) -> Option<Finding> {
     let is_ended = sonar.link == LinkState::Ended;
     let (mapped, others): (Vec<&UnitHeard>, Vec<&UnitHeard>) =
         sonar.units.iter().partition(|unit| unit.is_mapped);
