@@ -28,6 +28,7 @@ mod mesh;
 mod notices;
 mod outputs;
 mod pipes;
+mod pose_errors;
 mod poses;
 mod probe;
 mod python_tools;

@@ -13,7 +13,7 @@ use std::net::TcpListener;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use echosplat_model::{Delta, Pose, PoseUncertainty, Snapshot, StampedPose, TileKey, Timestamp};
+use echosplat_model::{Delta, Pose, PoseCovariance, Snapshot, StampedPose, TileKey, Timestamp};
 use glam::{DVec3, Vec3};
 use zenoh::Wait;
 use zenoh::qos::CongestionControl;
@@ -94,10 +94,7 @@ fn pose(seconds: i64) -> StampedPose {
     StampedPose {
         time: Timestamp::from_millis(seconds * 1000),
         world_from_vehicle: Pose::from_yaw_pitch_roll(0.1, 0.2, 0.3, DVec3::new(0.1, 2.0, -3.3)),
-        uncertainty: Some(PoseUncertainty {
-            position_m: 0.5,
-            attitude_rad: 0.25,
-        }),
+        uncertainty: Some(PoseCovariance::alike(0.5, 0.25)),
         epoch: 2,
     }
 }

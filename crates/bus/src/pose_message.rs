@@ -13,10 +13,11 @@
 //! told from another rotation.
 //!
 //! Position in metres, world ENU; orientation world from vehicle, the vehicle forward-left-up.
-//! Covariance is row by row over (x, y, z, rotation about x, y, z); all zeros means unknown.
+//! Covariance is row by row over (x, y, z, rotation about x, y, z); all zeros means unknown. Its numbers are handed on as
+//! they are, also those that are no variance: in JSON, `null`, `NaN`, `Infinity` and what no double holds are read there as NaN.
 //! `epoch` changes when the estimator resets (0 if left out).
 
-use echosplat_model::{Pose, PoseUncertainty, StampedPose, Timestamp};
+use echosplat_model::{Pose, PoseCovariance, StampedPose, Timestamp};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
@@ -50,8 +51,6 @@ const LENGTH_ROUNDING: f64 = 1e-9;
 pub struct PoseMessage {
     /// Checked and finite, with a unit quaternion.
     pub pose: StampedPose,
-    /// There was a covariance, but with a variance that is no finite positive number.
-    pub covariance_ignored: bool,
 }
 
 /// Why a message is no pose.
@@ -147,16 +146,9 @@ fn message_name(schema: &str) -> &str {
 /// The JSON of a pose, to the last bit of every coordinate.
 #[must_use]
 pub fn encode_json(pose: &StampedPose, frame_id: &str, child_frame_id: &str) -> Vec<u8> {
-    let covariance = pose.uncertainty.map(|uncertainty| {
-        let position = uncertainty.position_m.powi(2);
-        let attitude = uncertainty.attitude_rad.powi(2);
-        let mut covariance = vec![0.0; 36];
-        for axis in 0..3 {
-            covariance[axis * 7] = position;
-            covariance[(axis + 3) * 7] = attitude;
-        }
-        covariance
-    });
+    let covariance = pose
+        .uncertainty
+        .map(|covariance| covariance.rows().map(Some).to_vec());
     let document = Document {
         stamp_ns: pose.time.nanos(),
         frame_id: frame_id.to_owned(),
@@ -181,7 +173,7 @@ struct Document {
     position: [f64; 3],
     orientation_xyzw: [f64; 4],
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    covariance: Option<Vec<f64>>,
+    covariance: Option<Vec<Option<f64>>>,
     #[serde(default)]
     epoch: u32,
 }
@@ -201,8 +193,12 @@ struct RawPose {
 impl RawPose {
     fn json(payload: &[u8]) -> Result<Self, PoseMessageError> {
         let document: Document = serde_json::from_slice(payload)
+            .or_else(|reason| with_nulls(payload).map_err(|_| reason))
             .map_err(|reason| PoseMessageError::Json(reason.to_string()))?;
-        let covariance = document.covariance.map(<[f64; 36]>::try_from).transpose();
+        let number = |value: Option<f64>| value.unwrap_or(f64::NAN);
+        let numbers = |values: Vec<Option<f64>>| values.into_iter().map(number).collect();
+        let covariance: Option<Vec<f64>> = document.covariance.map(numbers);
+        let covariance = covariance.map(<[f64; 36]>::try_from).transpose();
         let covariance = covariance.map_err(|found| {
             let found = found.len();
             PoseMessageError::Json(format!("covariance has {found} numbers instead of 36"))
@@ -289,10 +285,6 @@ impl RawPose {
             return Err(PoseMessageError::TooFar);
         }
         let rotation = unit(DQuat::from_array(self.orientation_xyzw))?;
-        let given = self
-            .covariance
-            .filter(|c| c.iter().any(|&value| value != 0.0));
-        let uncertainty = given.as_ref().and_then(uncertainty_of);
         Ok(PoseMessage {
             pose: StampedPose {
                 time: self.time,
@@ -300,10 +292,9 @@ impl RawPose {
                     rotation,
                     translation_m,
                 },
-                uncertainty,
+                uncertainty: self.covariance.as_ref().and_then(PoseCovariance::of_rows),
                 epoch: self.epoch,
             },
-            covariance_ignored: given.is_some() && uncertainty.is_none(),
         })
     }
 }
@@ -334,21 +325,33 @@ fn unit(rotation: DQuat) -> Result<DQuat, PoseMessageError> {
     })
 }
 
-/// One sigma along the worst axis of each kind; `None` if a variance is no positive number.
-fn uncertainty_of(covariance: &[f64; 36]) -> Option<PoseUncertainty> {
-    let variance = |axis: usize| covariance[axis * 7];
-    let usable = |v: f64| v >= 0.0 && v.is_finite();
-    if !(0..6).all(|axis| usable(variance(axis))) {
-        return None;
+/// Reads the object again with `null` for each number that JSON does not have, as Python and others write them.
+fn with_nulls(payload: &[u8]) -> serde_json::Result<Document> {
+    let mut text = Vec::with_capacity(payload.len());
+    let (mut rest, mut is_string) = (payload, false);
+    while let [byte, ..] = *rest {
+        let is_of_token = |byte: &u8| byte.is_ascii_alphanumeric() || b"+-.".contains(byte);
+        let length = match (is_string, byte) {
+            (true, b'\\') => 2.min(rest.len()),
+            (_, b'"') => {
+                is_string = !is_string;
+                1
+            }
+            (false, _) => rest
+                .iter()
+                .take_while(|byte| is_of_token(byte))
+                .count()
+                .max(1),
+            (true, _) => 1,
+        };
+        let (token, after) = rest.split_at(length);
+        let number = std::str::from_utf8(token).ok();
+        let number = number.and_then(|token| token.parse::<f64>().ok());
+        let is_none = !is_string && number.is_some_and(|number| !number.is_finite());
+        text.extend_from_slice(if is_none { b"null" } else { token });
+        rest = after;
     }
-    let sigma = |first: usize| {
-        let worst = variance(first).max(variance(first + 1));
-        worst.max(variance(first + 2)).sqrt()
-    };
-    Some(PoseUncertainty {
-        position_m: sigma(0),
-        attitude_rad: sigma(3),
-    })
+    serde_json::from_slice(&text)
 }
 
 #[cfg(test)]

@@ -37,8 +37,6 @@ pub struct PoseCounters {
     pub bad_quaternion: u64,
     /// Of a wrong size, encoding, layout, frame, or too far off.
     pub malformed: u64,
-    /// Accepted without their covariance, which was unusable.
-    pub covariance_ignored: u64,
     /// Newest dropped because the queue was full.
     pub dropped_full: u64,
 }
@@ -60,7 +58,6 @@ struct PoseTally {
     not_finite: AtomicU64,
     bad_quaternion: AtomicU64,
     malformed: AtomicU64,
-    covariance_ignored: AtomicU64,
     dropped_full: AtomicU64,
 }
 
@@ -181,7 +178,6 @@ impl PoseSubscription {
             not_finite: read(&tally.not_finite),
             bad_quaternion: read(&tally.bad_quaternion),
             malformed: read(&tally.malformed),
-            covariance_ignored: read(&tally.covariance_ignored),
             dropped_full: read(&tally.dropped_full),
         }
     }
@@ -202,9 +198,6 @@ impl PoseTally {
     }
 
     fn hand_on(&self, message: PoseMessage, arrived: Timestamp, poses: &Sender<ReceivedPose>) {
-        if message.covariance_ignored {
-            count(&self.covariance_ignored);
-        }
         let pose = message.pose;
         match poses.try_send(ReceivedPose { pose, arrived }) {
             Ok(()) => count(&self.accepted),

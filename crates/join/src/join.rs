@@ -10,9 +10,11 @@ use echosplat_model::{
     LOOKAHEAD_S, Ping, Pose, PoseError, PoseLookupError, PosedPing, StampedPose, Switch, Timestamp,
     Trajectory, TrajectoryLimits, Twist,
 };
+use glam::DQuat;
 use serde::{Deserialize, Serialize};
 
 use crate::CompassDeviation;
+use crate::covariance::{CovarianceCounters, CovarianceJudge, CovarianceRule, View};
 
 /// How pings and poses are joined.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -31,6 +33,8 @@ pub struct PoseJoinConfig {
     pub vehicle_from_sensor: Pose,
     /// What the headings of poses are freed from as they come.
     pub compass: CompassDeviation,
+    /// What is made of their covariances.
+    pub covariances: CovarianceRule,
     /// Added to a ping's time before its pose is looked up, seconds.
     pub time_offset_s: f64,
     /// Most pings that wait for a pose; beyond that the newest is dropped and counted. Who can
@@ -51,6 +55,7 @@ impl Default for PoseJoinConfig {
             smoothing: Switch::Auto,
             vehicle_from_sensor: Pose::IDENTITY,
             compass: CompassDeviation::default(),
+            covariances: CovarianceRule::default(),
             time_offset_s: 0.0,
             waiting_capacity: 4096,
             max_wait_s: None,
@@ -138,6 +143,7 @@ impl JoinCounters {
 pub struct PoseJoin {
     config: PoseJoinConfig,
     trajectory: Trajectory,
+    covariances: CovarianceJudge,
     waiting: VecDeque<Arc<Ping>>,
     newest_ping_time: Option<Timestamp>,
     poses_ended: bool,
@@ -166,6 +172,7 @@ impl PoseJoin {
                 capacity: config.trajectory_capacity,
                 max_pose_gap_s: config.max_pose_gap_s,
             }),
+            covariances: CovarianceJudge::new(config.covariances),
             config,
             waiting: VecDeque::new(),
             newest_ping_time: None,
@@ -199,6 +206,7 @@ impl PoseJoin {
     pub fn push_pose(&mut self, pose: StampedPose) -> Result<(), PoseError> {
         let pushed = self.trajectory.push(StampedPose {
             world_from_vehicle: self.config.compass.corrected(&pose.world_from_vehicle),
+            uncertainty: self.covariances.usable(pose.uncertainty),
             ..pose
         });
         let counter = match pushed {
@@ -296,7 +304,7 @@ impl PoseJoin {
 
     /// The ping with the sensor's pose and motion, and the pose's epoch, when the echo from the middle of the recorded
     /// range met the surface.
-    fn posed(&self, ping: &Arc<Ping>) -> Result<(PosedPing, u32), PoseLookupError> {
+    fn posed(&mut self, ping: &Arc<Ping>) -> Result<(PosedPing, u32), PoseLookupError> {
         let (reference_range_m, time) = self.reference(ping);
         let lookahead_s = self.config.lookahead_s;
         let smoothed = self
@@ -304,12 +312,20 @@ impl PoseJoin {
             .smoothed_at(time, lookahead_s, self.config.smoothing)?;
         let vehicle = smoothed.pose;
         let mount = &self.config.vehicle_from_sensor;
+        let world_from_sensor = vehicle.world_from_vehicle * *mount;
+        let view = View {
+            time,
+            world_from_beam: world_from_sensor.rotation
+                * DQuat::from_rotation_z(ping.beam_azimuth_rad().into()),
+            range_m: reference_range_m,
+            jitter: smoothed.jitter,
+        };
         let posed = PosedPing {
             ping: Arc::clone(ping),
-            world_from_sensor: vehicle.world_from_vehicle * *mount,
+            world_from_sensor,
             twist: at_sensor(&smoothed.twist, mount),
             reference_range_m,
-            uncertainty: vehicle.uncertainty,
+            uncertainty: self.covariances.of_ping(&self.trajectory, &view),
             jitter: smoothed.jitter,
         };
         Ok((posed, vehicle.epoch))
@@ -348,6 +364,12 @@ impl PoseJoin {
     #[must_use]
     pub fn trajectory(&self) -> &Trajectory {
         &self.trajectory
+    }
+
+    /// What became of the covariances that poses came with.
+    #[must_use]
+    pub fn covariance_counters(&self) -> CovarianceCounters {
+        self.covariances.counters()
     }
 
     /// What became of every ping and pose.

@@ -248,7 +248,8 @@ pub struct PosedPing {
     pub twist: Twist,
     /// Range whose echo time the pose belongs to: the middle of what was listened to.
     pub reference_range_m: f64,
-    /// One sigma of the pose, if the source says so.
+    /// What the pose is off by against those around it, one sigma: along the range, and about the fan's normal. `None` if its
+    /// source says nothing of it.
     pub uncertainty: Option<crate::PoseUncertainty>,
     /// One sigma of what poses scatter by from one to the next, before it was smoothed away; `None`
     /// if nobody looked.

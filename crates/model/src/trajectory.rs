@@ -6,7 +6,7 @@ use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
 use crate::smoothing::{LONGEST_REACH_S, smoothed};
-use crate::{Pose, Switch, Timestamp, Twist};
+use crate::{Pose, PoseCovariance, Switch, Timestamp, Twist};
 
 /// One sigma of a pose.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
@@ -24,8 +24,8 @@ pub struct StampedPose {
     pub time: Timestamp,
     /// Pose of the vehicle.
     pub world_from_vehicle: Pose,
-    /// One sigma, if the source says so.
-    pub uncertainty: Option<PoseUncertainty>,
+    /// As the source says it, if it does.
+    pub uncertainty: Option<PoseCovariance>,
     /// Changes when the estimator resets; poses of two epochs are never mixed.
     pub epoch: u32,
 }
@@ -199,6 +199,13 @@ impl Trajectory {
             twist,
             jitter: Some(jitter),
         })
+    }
+
+    /// The newest pose held that is no later than `time`.
+    #[must_use]
+    pub fn at_or_before(&self, time: Timestamp) -> Option<&StampedPose> {
+        let after_index = self.poses.partition_point(|pose| pose.time <= time);
+        self.poses.get(after_index.checked_sub(1)?)
     }
 
     /// Poses around `time` without a gap or a reset between them.

@@ -385,7 +385,6 @@ fn status_of_bus(poses: &PoseSubscription) -> PoseSourceStatus {
         not_finite: counters.not_finite,
         bad_quaternion: counters.bad_quaternion,
         malformed: counters.malformed,
-        covariance_ignored: counters.covariance_ignored,
         dropped_full: counters.dropped_full,
         first_fault: poses.first_fault(),
         missing: poses.unfit(),

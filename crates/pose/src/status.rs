@@ -22,8 +22,6 @@ pub struct PoseSourceStatus {
     pub bad_quaternion: u64,
     /// Of a wrong size, layout or frame, too far off, or called invalid by their sender.
     pub malformed: u64,
-    /// Accepted without their covariance, which was unusable.
-    pub covariance_ignored: u64,
     /// Newest dropped because the queue was full.
     pub dropped_full: u64,
     /// Poses of vehicles other than the first one heard, left out.

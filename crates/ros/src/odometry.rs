@@ -1,10 +1,9 @@
 //! `nav_msgs/msg/Odometry` of a pose, and back without the loss of a bit.
 //!
-//! Sigmas become the diagonal of the covariance; the root of a square is exact, so they come back
-//! as they were (down to 1e-150). All zeros mean unknown, as ROS has it; a sigma of exactly 0 is
-//! written as −0, which equals 0 for every reader. The twist is left at zero.
+//! Covariances are written as they were told, whatever they are. All zeros mean unknown, as ROS has it.
+//! The twist is left at zero.
 
-use echosplat_model::{Pose, PoseUncertainty, StampedPose, Timestamp};
+use echosplat_model::{Pose, PoseCovariance, StampedPose, Timestamp};
 use glam::{DQuat, DVec3};
 
 use crate::{CdrError, CdrReader, CdrWriter, Header, MAX_FRAME_ID_BYTES};
@@ -18,7 +17,8 @@ pub fn encode(pose: &StampedPose, frame_id: &str, child_frame_id: &str) -> Vec<u
     writer.string(child_frame_id);
     writer.f64s(&pose.world_from_vehicle.translation_m.to_array());
     writer.f64s(&pose.world_from_vehicle.rotation.to_array());
-    writer.f64s(&covariance_of(pose.uncertainty));
+    let covariance = pose.uncertainty.map(|covariance| covariance.rows());
+    writer.f64s(&covariance.unwrap_or([0.0; 36]));
     writer.f64s(&[0.0; 6 + 36]); // twist and its covariance
     writer.finish()
 }
@@ -44,36 +44,8 @@ pub fn decode(bytes: &[u8]) -> Result<StampedPose, CdrError> {
             rotation: DQuat::from_array(orientation),
             translation_m: DVec3::from_array(position),
         },
-        uncertainty: uncertainty_of(&covariance),
+        uncertainty: PoseCovariance::of_rows(&covariance),
         epoch: 0,
-    })
-}
-
-fn covariance_of(uncertainty: Option<PoseUncertainty>) -> [f64; 36] {
-    let mut covariance = [0.0; 36];
-    let Some(sigma) = uncertainty else {
-        return covariance;
-    };
-    let variance = |sigma: f64| if sigma == 0.0 { -0.0 } else { sigma * sigma };
-    for axis in 0..3 {
-        covariance[axis * 7] = variance(sigma.position_m);
-        covariance[(axis + 3) * 7] = variance(sigma.attitude_rad);
-    }
-    covariance
-}
-
-/// One sigma along the worst axis of each kind; `None` if all is zero or a variance is none.
-fn uncertainty_of(covariance: &[f64; 36]) -> Option<PoseUncertainty> {
-    let is_unknown = covariance.iter().all(|value| value.to_bits() == 0);
-    let variance = |axis: usize| covariance[axis * 7];
-    let usable = (0..6).all(|axis| variance(axis) >= 0.0 && variance(axis).is_finite());
-    let sigma = |first: usize| {
-        let worst = variance(first).max(variance(first + 1));
-        worst.max(variance(first + 2)).abs().sqrt()
-    };
-    (!is_unknown && usable).then(|| PoseUncertainty {
-        position_m: sigma(0),
-        attitude_rad: sigma(3),
     })
 }
 
@@ -82,7 +54,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn pose(nanos: i64, x: f64, uncertainty: Option<PoseUncertainty>) -> StampedPose {
+    fn pose(nanos: i64, x: f64, uncertainty: Option<PoseCovariance>) -> StampedPose {
         StampedPose {
             time: Timestamp::from_nanos(nanos),
             world_from_vehicle: Pose {
@@ -94,11 +66,8 @@ mod tests {
         }
     }
 
-    fn sigma(position_m: f64, attitude_rad: f64) -> Option<PoseUncertainty> {
-        Some(PoseUncertainty {
-            position_m,
-            attitude_rad,
-        })
+    fn sigma(position_m: f64, attitude_rad: f64) -> Option<PoseCovariance> {
+        Some(PoseCovariance::alike(position_m, attitude_rad))
     }
 
     #[test]
@@ -110,8 +79,12 @@ mod tests {
     }
 
     #[test]
-    fn unknown_and_exact_are_told_apart() {
-        for uncertainty in [None, sigma(0.0, 0.0), sigma(0.0, 0.1), sigma(0.3, 0.0)] {
+    fn what_is_told_of_some_axes_alone_comes_back() {
+        let some = PoseCovariance {
+            position_m2: [4e-4, -1e-5, 0.0, 4e-4, 0.0, 1e6],
+            attitude_rad2: [f64::INFINITY, -1.0, 1e-5],
+        };
+        for uncertainty in [None, sigma(0.0, 0.1), sigma(0.3, 0.0), Some(some)] {
             let sent = pose(-1, 0.0, uncertainty);
             assert_eq!(decode(&encode(&sent, "map", "base_link")), Ok(sent));
         }

@@ -89,7 +89,7 @@ fn dive(voyage: &Arc<Voyage>, truth: &Truth) -> anyhow::Result<Found> {
     let times = Times::of(voyage);
     let before_bytes = processor::memory_bytes();
     let poses = PoseSource::made(voyage.poses());
-    let poses = Poses::waited_for(&config.pose, poses)?;
+    let poses = Poses::waited_for(&config, poses)?;
     let (sender, seen) = unbounded();
     let observer = observer(voyage, &times, sender);
     let mapping = Mapping::start(&config, poses, Some(observer))?;

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeSet;
 
-use echosplat_model::{Ping, PingSettings, PosedPing, Twist};
+use echosplat_model::{Ping, PingSettings, PoseUncertainty, PosedPing, Twist};
 use echosplat_ros::rmw_zenoh::{Attachment, Gid};
 use echosplat_ros::{CdrReader, Header, odometry};
 use zenoh::sample::{Sample, SampleKind};
@@ -44,13 +44,17 @@ fn posed(mount: Pose) -> PosedPing {
         pulse_duration_s: 0.0,
         gain_index: 0,
     };
+    let sigma = PoseUncertainty {
+        position_m: 0.5,
+        attitude_rad: 0.25,
+    };
     let ping = Ping::new(1, Timestamp::from_millis(5000), settings, vec![0.0]).unwrap();
     PosedPing {
         ping: Arc::new(ping),
         world_from_sensor: pose(0).world_from_vehicle * mount,
         twist: Twist::default(),
         reference_range_m: 0.0,
-        uncertainty: pose(0).uncertainty,
+        uncertainty: Some(sigma),
         jitter: None,
     }
 }

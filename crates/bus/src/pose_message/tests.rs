@@ -11,10 +11,7 @@ fn pose() -> StampedPose {
             0.2,
             DVec3::new(0.1, 1e6 / 3.0, -7.0),
         ),
-        uncertainty: Some(PoseUncertainty {
-            position_m: 0.5,
-            attitude_rad: 0.25,
-        }),
+        uncertainty: Some(PoseCovariance::alike(0.5, 0.25)),
         epoch: 3,
     }
 }
@@ -55,7 +52,6 @@ fn json_comes_back_to_the_last_bit() {
     let json = encode_json(&sent, "map", "base_link");
     let found = decode(JSON, &json).unwrap();
     assert_eq!(found.pose, sent);
-    assert!(!found.covariance_ignored);
     let with_schema = decode("application/json;echosplat/Pose", &json).unwrap();
     assert_eq!(with_schema.pose, sent);
 }
@@ -108,38 +104,55 @@ fn strings_of_any_length_leave_the_numbers_aligned() {
                 found.world_from_vehicle.rotation,
                 DQuat::from_xyzw(0.0, 0.0, 0.6, 0.8)
             );
-            let uncertainty = found.uncertainty.unwrap();
-            assert!((uncertainty.position_m - 0.5).abs() < 1e-12);
-            assert!((uncertainty.attitude_rad - 0.5).abs() < 1e-12);
+            assert_eq!(found.uncertainty, Some(PoseCovariance::alike(0.5, 0.5)));
         }
     }
 }
 
 #[test]
-fn the_worst_axis_is_the_uncertainty() {
+fn each_axis_is_told_as_it_is() {
     let mut values = numbers(0.0, 0);
+    values[7 + 1] = -1.5; // x with y
     values[7 + 7] = 4.0; // y
+    values[7 + 2 * 7] = 1e6; // z, which nobody measures
     values[7 + 5 * 7] = 0.01; // about z
     let found = decode(POSE_WITH_COVARIANCE, &cdr("map", None, &values)).unwrap();
-    let uncertainty = found.pose.uncertainty.unwrap();
-    assert!((uncertainty.position_m - 2.0).abs() < 1e-12);
-    assert!((uncertainty.attitude_rad - 0.1).abs() < 1e-12);
+    let told = PoseCovariance {
+        position_m2: [0.0, -1.5, 0.0, 4.0, 0.0, 1e6],
+        attitude_rad2: [0.0, 0.0, 0.01],
+    };
+    assert_eq!(found.pose.uncertainty, Some(told));
 }
 
 #[test]
-fn an_unknown_or_unusable_covariance_leaves_the_pose() {
+fn an_unknown_or_odd_covariance_leaves_the_pose() {
     let zero = decode(POSE_WITH_COVARIANCE, &cdr("map", None, &numbers(0.0, 0))).unwrap();
-    assert_eq!(
-        (zero.pose.uncertainty, zero.covariance_ignored),
-        (None, false)
-    );
+    assert_eq!(zero.pose.uncertainty, None);
     for odd in [f64::NAN, -1.0, f64::INFINITY] {
         let bytes = cdr("map", None, &numbers(odd, 0));
         let found = decode(POSE_WITH_COVARIANCE, &bytes).unwrap();
-        assert_eq!(
-            (found.pose.uncertainty, found.covariance_ignored),
-            (None, true)
-        );
+        let told = found.pose.uncertainty.unwrap().attitude_rad2;
+        assert!(told.iter().all(|v| v.to_bits() == odd.to_bits()));
+    }
+}
+
+#[test]
+fn numbers_that_json_does_not_have_are_read_in_a_covariance_and_nowhere_else() {
+    let json = |position: &str, covariance: &str| {
+        format!(
+            r#"{{"stamp_ns": 5, "frame_id": "NaN \" NaN", "position": [{position}, 2, 3],
+            "orientation_xyzw": [0, 0, 0, 1], "covariance": [{covariance}]}}"#
+        )
+    };
+    for odd in ["null", "NaN", "-Infinity", "Infinity", "1.8e308", "-nan"] {
+        let mut numbers = vec!["0.0"; 36];
+        (numbers[0], numbers[14], numbers[35]) = ("4e-4", odd, odd);
+        let found = decode(JSON, json("1", &numbers.join(",")).as_bytes()).unwrap();
+        let told = found.pose.uncertainty.unwrap();
+        assert!(told.position_m2[5].is_nan() && told.attitude_rad2[2].is_nan());
+        assert_eq!(told.position_m2[0].to_bits(), 4e-4_f64.to_bits());
+        let error = decode(JSON, json(odd, &numbers.join(",")).as_bytes());
+        assert!(matches!(error, Err(PoseMessageError::Json(_))), "{odd}");
     }
 }
 

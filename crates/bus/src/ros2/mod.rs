@@ -21,7 +21,8 @@ use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use echosplat_liveness::Heartbeat;
-use echosplat_model::{Pose, PosedPing, Snapshot, StampedPose};
+use echosplat_model::{Pose, PoseCovariance, PosedPing, Snapshot, StampedPose};
+use echosplat_ros::rmw_zenoh::topic_name;
 use serde::Serialize;
 
 use crate::bus::{Link, spawn};
@@ -113,7 +114,9 @@ impl RosPublisher {
         let vehicle = StampedPose {
             time: posed.ping.echo_time(posed.reference_range_m),
             world_from_vehicle: posed.world_from_sensor * self.sensor_from_vehicle,
-            uncertainty: posed.uncertainty,
+            uncertainty: posed
+                .uncertainty
+                .map(|sigma| PoseCovariance::alike(sigma.position_m, sigma.attitude_rad)),
             epoch: 0,
         };
         // The thread waits for the first; then it comes back by itself.

@@ -1,7 +1,7 @@
 //! The records of a tape as bytes, and what stands beside them in an answer.
 
 use bytes::Bytes;
-use echosplat_model::{Pose, PoseUncertainty, StampedPose, Timestamp};
+use echosplat_model::{Pose, PoseCovariance, StampedPose, Timestamp};
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -17,6 +17,7 @@ const HALF_FRAME_EXPIRED: u8 = 3;
 const BYTES: u8 = 4;
 const POSE: u8 = 5;
 const END: u8 = 6;
+const POSE_WITH_COVARIANCE: u8 = 7;
 
 /// What the driver heard, and when, by its clock (Unix time).
 #[derive(Debug, Clone, PartialEq)]
@@ -96,7 +97,7 @@ pub enum TapeMessageError {
     #[error("it ends within record {0}")]
     Cut(u64),
     /// A kind of record that there is not.
-    #[error("record {number} is of kind {kind}; there are 1 to 6")]
+    #[error("record {number} is of kind {kind}; there are 1 to 7")]
     Kind {
         /// Of the record in the answer, from 0.
         number: u64,
@@ -118,7 +119,10 @@ pub(crate) fn encode(record: &TapeRecord) -> Vec<u8> {
         TapeEntry::LinkDown => (LINK_DOWN, 0),
         TapeEntry::HalfFrameExpired => (HALF_FRAME_EXPIRED, 0),
         TapeEntry::Bytes(bytes) => (BYTES, 4 + bytes.len()),
-        TapeEntry::Pose(_) => (POSE, 85),
+        TapeEntry::Pose(pose) => match pose.uncertainty {
+            None => (POSE, 85),
+            Some(_) => (POSE_WITH_COVARIANCE, 140),
+        },
         TapeEntry::End => (END, 0),
     };
     let mut out = Vec::with_capacity(9 + bytes);
@@ -145,13 +149,16 @@ fn encode_pose(pose: &StampedPose, out: &mut Vec<u8>) {
     for number in numbers.chain(rotation.to_array()) {
         out.extend(number.to_le_bytes());
     }
-    out.push(u8::from(pose.uncertainty.is_some()));
-    let uncertainty = pose.uncertainty.unwrap_or(PoseUncertainty {
-        position_m: 0.0,
-        attitude_rad: 0.0,
-    });
-    out.extend(uncertainty.position_m.to_le_bytes());
-    out.extend(uncertainty.attitude_rad.to_le_bytes());
+    match &pose.uncertainty {
+        Some(covariance) => {
+            let numbers = covariance.position_m2.into_iter();
+            for number in numbers.chain(covariance.attitude_rad2) {
+                out.extend(number.to_le_bytes());
+            }
+        }
+        // Where sigmas could stand.
+        None => out.extend([0; 1 + 2 * 8]),
+    }
     out.extend(pose.epoch.to_le_bytes());
 }
 
@@ -248,7 +255,7 @@ impl Cursor<'_> {
                 let count = u32::from_le_bytes(self.array()?) as usize;
                 TapeEntry::Bytes(self.take(count)?)
             }
-            POSE => TapeEntry::Pose(self.pose()?),
+            POSE | POSE_WITH_COVARIANCE => TapeEntry::Pose(self.pose(kind)?),
             END => TapeEntry::End,
             kind => {
                 let number = self.number;
@@ -259,20 +266,16 @@ impl Cursor<'_> {
     }
 
     /// The bits as they were sent: nothing is normalised anew.
-    fn pose(&mut self) -> Result<StampedPose, TapeMessageError> {
+    fn pose(&mut self, kind: u8) -> Result<StampedPose, TapeMessageError> {
         let time = Timestamp::from_nanos(self.i64()?);
         let translation_m = DVec3::new(self.f64()?, self.f64()?, self.f64()?);
         let rotation = DQuat::from_xyzw(self.f64()?, self.f64()?, self.f64()?, self.f64()?);
-        let is_known = self.take(1)?[0] != 0;
-        let uncertainty = PoseUncertainty {
-            position_m: self.f64()?,
-            attitude_rad: self.f64()?,
+        let uncertainty = match kind {
+            POSE_WITH_COVARIANCE => Some(self.covariance()?),
+            _ => self.sigmas()?,
         };
         let epoch = u32::from_le_bytes(self.array()?);
-        let sigmas = [uncertainty.position_m, uncertainty.attitude_rad];
-        let fits = translation_m.is_finite()
-            && (rotation.length() - 1.0).abs() <= LENGTH_TOLERANCE
-            && sigmas.iter().all(|sigma| *sigma >= 0.0);
+        let fits = translation_m.is_finite() && (rotation.length() - 1.0).abs() <= LENGTH_TOLERANCE;
         match fits {
             true => Ok(StampedPose {
                 time,
@@ -280,11 +283,30 @@ impl Cursor<'_> {
                     rotation,
                     translation_m,
                 },
-                uncertainty: is_known.then_some(uncertainty),
+                uncertainty,
                 epoch,
             }),
             false => Err(TapeMessageError::Pose(self.number)),
         }
+    }
+
+    /// One sigma of position and attitude, as drivers of earlier versions told them.
+    fn sigmas(&mut self) -> Result<Option<PoseCovariance>, TapeMessageError> {
+        let is_known = self.take(1)?[0] != 0;
+        let (position_m, attitude_rad) = (self.f64()?, self.f64()?);
+        Ok(is_known.then(|| PoseCovariance::alike(position_m, attitude_rad)))
+    }
+
+    fn covariance(&mut self) -> Result<PoseCovariance, TapeMessageError> {
+        let mut numbers = [0.0; 9];
+        for number in &mut numbers {
+            *number = self.f64()?;
+        }
+        let [xx, xy, xz, yy, yz, zz, roll, pitch, yaw] = numbers;
+        Ok(PoseCovariance {
+            position_m2: [xx, xy, xz, yy, yz, zz],
+            attitude_rad2: [roll, pitch, yaw],
+        })
     }
 
     fn i64(&mut self) -> Result<i64, TapeMessageError> {

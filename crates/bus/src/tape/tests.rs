@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
 use bytes::Bytes;
-use echosplat_model::{Pose, PoseUncertainty, StampedPose, Timestamp};
+use echosplat_model::{Pose, PoseCovariance, StampedPose, Timestamp};
 use glam::DVec3;
 use proptest::prelude::*;
 use serde_json::json;
@@ -25,7 +25,7 @@ fn at(seconds: i64, entry: TapeEntry) -> TapeRecord {
     TapeRecord { host_time, entry }
 }
 
-fn pose(uncertainty: Option<PoseUncertainty>) -> StampedPose {
+fn pose(uncertainty: Option<PoseCovariance>) -> StampedPose {
     StampedPose {
         time: Timestamp::from_millis(-7),
         world_from_vehicle: Pose::from_yaw_pitch_roll(0.1, 0.2, 0.3, DVec3::new(0.1, -2e5, 3.3)),
@@ -35,15 +35,15 @@ fn pose(uncertainty: Option<PoseUncertainty>) -> StampedPose {
 }
 
 fn one_of_each() -> Vec<TapeRecord> {
-    let sigma = PoseUncertainty {
-        position_m: f64::INFINITY,
-        attitude_rad: 0.1,
+    let odd = PoseCovariance {
+        position_m2: [f64::INFINITY, -1.0, 0.0, 1e6, 2.0, 0.1],
+        attitude_rad2: [0.0, 9999.0, 1e-5],
     };
     vec![
         at(1, TapeEntry::LinkUp),
         at(2, TapeEntry::Bytes(Bytes::from_static(b"BR\x01"))),
         at(-3, TapeEntry::Pose(pose(None))),
-        at(4, TapeEntry::Pose(pose(Some(sigma)))),
+        at(4, TapeEntry::Pose(pose(Some(odd)))),
         at(5, TapeEntry::HalfFrameExpired),
         at(6, TapeEntry::Bytes(Bytes::new())),
         at(7, TapeEntry::LinkDown),
@@ -59,6 +59,20 @@ fn encoded(records: &[TapeRecord]) -> Bytes {
 fn every_record_comes_back_bit_for_bit() {
     let records = one_of_each();
     assert_eq!(decode(&encoded(&records), 8).unwrap(), records);
+}
+
+#[test]
+fn sigmas_that_drivers_of_earlier_versions_tell_are_read() {
+    let mut bytes = encode(&at(3, TapeEntry::Pose(pose(None))));
+    let flag = bytes.len() - 4 - 17;
+    bytes[flag] = 1;
+    bytes[flag + 1..flag + 9].copy_from_slice(&0.5_f64.to_le_bytes());
+    bytes[flag + 9..flag + 17].copy_from_slice(&0.1_f64.to_le_bytes());
+    let expected = pose(Some(PoseCovariance::alike(0.5, 0.1)));
+    assert_eq!(
+        decode(&bytes.into(), 1).unwrap(),
+        [at(3, TapeEntry::Pose(expected))]
+    );
 }
 
 #[test]

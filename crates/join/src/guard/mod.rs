@@ -2,21 +2,22 @@
 //!
 //! Poses of a live source may be stamped by a clock that is wrong or steps, may come from a second
 //! publisher with another opinion, and may jump when the estimator resets. [`PoseGuard`] follows one
-//! track. A pose that does not continue it is held: if those after it go on from it and the track
-//! itself is silent, the track has moved and a new epoch begins; if the track goes on, the pose was an
-//! outlier or another publisher's and is refused. No input, no output and no clock: poses come in with
+//! track. A pose that does not continue it, by place, stamp or epoch, is held: if those after it go on from it and the
+//! track itself is silent, the track has moved; if the track goes on, the pose was an outlier or another publisher's and is
+//! refused. How many have to go on depends on how common such poses were (`odds.rs`). A track that moved begins a new
+//! epoch, unless only its stamps are a little ahead. No input, no output and no clock: poses come in with
 //! the time they arrived, so that a recording is judged as the dive was.
 
+mod odds;
 mod track;
 
 use echosplat_model::{StampedPose, Timestamp};
 use serde::Serialize;
 
 use crate::{ArrivedPose, StampClock};
-use track::{Break, Rival, Track};
+use odds::{Odds, Preference};
+use track::{Break, Rival, Track, between, lead_s};
 
-/// A new track is believed after so many poses, unless the old one goes on meanwhile.
-const RIVAL_POSES: usize = 5;
 /// So many refusals of one kind within a dive are another publisher and not outliers.
 const SECOND_SOURCE_POSES: u64 = 5;
 
@@ -35,6 +36,14 @@ pub struct GuardReport {
     pub off_track: u64,
     /// How far the newest of these lay from the track, metres.
     pub off_track_m: f64,
+    /// Poses refused since they are of another epoch of their source than the track, which goes on without them.
+    pub other_epochs: u64,
+    /// The epoch of the newest of these.
+    pub other_epoch: Option<u32>,
+    /// How far it lay from the track, metres.
+    pub other_epoch_m: f64,
+    /// By how much the stamp of the newest pose refused for it was further ahead than those of the track, seconds.
+    pub stamp_off_s: f64,
     /// Poses as old as, or older than, one that was taken.
     pub out_of_order: u64,
     /// Added to the stamps since their clock stepped, seconds.
@@ -51,6 +60,12 @@ impl GuardReport {
     #[must_use]
     pub fn has_second_source(&self) -> bool {
         self.off_track >= SECOND_SOURCE_POSES
+    }
+
+    /// Whether poses of another epoch come among those of the track.
+    #[must_use]
+    pub fn has_other_epochs(&self) -> bool {
+        self.other_epochs >= SECOND_SOURCE_POSES
     }
 }
 
@@ -71,7 +86,8 @@ pub struct PoseGuard {
     /// Where the clock of the pings stepped, the track until then.
     former: Option<Track>,
     rival: Option<Rival>,
-    source_epoch: u32,
+    odds: Odds,
+    preference: Preference,
     report: GuardReport,
 }
 
@@ -86,7 +102,8 @@ impl PoseGuard {
             track: None,
             former: None,
             rival: None,
-            source_epoch: 0,
+            odds: Odds::default(),
+            preference: Preference::default(),
             report: GuardReport::default(),
         }
     }
@@ -100,18 +117,18 @@ impl PoseGuard {
         let shift_s = self.report.clock_shift_s;
         arrived.pose.time = arrived.pose.time.offset_by(shift_s);
         let Some(track) = &self.track else {
-            self.source_epoch = arrived.pose.epoch;
             return match self.former.is_some() {
                 true => self.after_step(arrived, take),
                 false => self.begin(&[arrived], take),
             };
         };
-        if arrived.pose.epoch != self.source_epoch {
-            return self.source_was_reset(arrived, take);
-        }
         match track.break_of(&arrived, self.clock) {
             None => self.go_on(arrived, take),
-            Some(Break::Order) => self.report.out_of_order += 1,
+            Some(Break::Order) => {
+                self.report.out_of_order += 1;
+                self.odds.refused(1);
+                self.follows_other_stamps(&arrived, take);
+            }
             Some(found) => self.doubt(arrived, found, take),
         }
     }
@@ -121,6 +138,14 @@ impl PoseGuard {
         self.former = self.track.take().or(self.former.take());
         self.rival = None;
         self.next_epoch("the clock of the pings stepped".to_owned());
+    }
+
+    /// No more poses come: those held that only their stamps set apart go on.
+    pub fn finish(&mut self, take: &mut dyn FnMut(Guarded)) {
+        let is_early = |rival: &mut Rival| rival.found() == Break::Early;
+        if let Some(rival) = self.rival.take_if(is_early) {
+            self.track_moved(rival, take);
+        }
     }
 
     /// What became of poses so far.
@@ -158,7 +183,12 @@ impl PoseGuard {
         // The track is alive: whatever was held is not it.
         if let Some(rival) = self.rival.take() {
             self.refuse(&rival);
+            if self.follows_other_stamps(rival.newest(), take) {
+                return;
+            }
         }
+        self.odds.taken(1);
+        self.preference.taken();
         let Some(track) = &mut self.track else { return };
         track.extend(&arrived);
         self.report.still_s = track.still_s();
@@ -170,13 +200,63 @@ impl PoseGuard {
 
     fn refuse(&mut self, rival: &Rival) {
         let count = rival.len() as u64;
+        self.odds.refused(count);
+        let newest = rival.newest();
         match rival.found() {
             Break::Jump { metres } => {
                 self.report.off_track += count;
                 self.report.off_track_m = metres;
             }
-            Break::Ahead | Break::Behind | Break::Order => self.report.stamps_far += count,
+            Break::Epoch => {
+                self.report.other_epochs += count;
+                self.report.other_epoch = Some(newest.pose.epoch);
+                let away_m = |track: &Track| between(track.newest(), newest).0;
+                self.report.other_epoch_m = self.track.as_ref().map_or(0.0, away_m);
+            }
+            Break::Ahead | Break::Behind | Break::Order | Break::Early => {
+                self.report.stamps_far += count;
+                self.report.stamp_off_s = self.stamp_off_s(newest);
+            }
         }
+    }
+
+    /// How much further ahead a stamp is than those of the track.
+    fn stamp_off_s(&self, arrived: &ArrivedPose) -> f64 {
+        let Some(track) = &self.track else { return 0.0 };
+        match self.clock {
+            StampClock::Host => lead_s(arrived) - track.lead_s(),
+            StampClock::Data => arrived.pose.time.seconds_since(track.newest().pose.time),
+        }
+    }
+
+    /// A pose was refused. If it is the track's vehicle's, and about as many come so as are taken, stamped nearer to when
+    /// they arrive, it is the track whose stamps are wrong: whether this one was followed instead.
+    fn follows_other_stamps(
+        &mut self,
+        refused: &ArrivedPose,
+        take: &mut dyn FnMut(Guarded),
+    ) -> bool {
+        let Some(track) = &self.track else {
+            return false;
+        };
+        let found = track.break_of(refused, self.clock);
+        let is_of_stamps = !matches!(found, Some(Break::Epoch | Break::Jump { .. }));
+        let is_better = lead_s(refused).abs() + track::EARLY_S < track.lead_s().abs();
+        let counts = self.clock == StampClock::Host && is_of_stamps && is_better;
+        if !counts || !self.preference.refused() {
+            return false;
+        }
+        tracing::warn!(
+            off_s = track.lead_s(),
+            "poses whose stamps are nearer to their arrival are followed from now on"
+        );
+        if refused.pose.time <= track.newest().pose.time {
+            take(Guarded::ClockWentBack);
+        }
+        (self.track, self.rival) = (None, None);
+        self.preference = Preference::default();
+        self.begin(&[*refused], take);
+        true
     }
 
     fn doubt(&mut self, arrived: ArrivedPose, found: Break, take: &mut dyn FnMut(Guarded)) {
@@ -192,7 +272,7 @@ impl PoseGuard {
         }
         let interval_s = self.track.as_ref().map_or(0.0, Track::interval_s);
         let is_believed = |rival: &Rival| {
-            rival.len() >= RIVAL_POSES && rival.span_s(self.clock) >= 3.0 * interval_s
+            rival.len() >= self.odds.least_run() && rival.span_s(self.clock) >= 3.0 * interval_s
         };
         if let Some(rival) = self.rival.take_if(|rival| is_believed(rival)) {
             self.track_moved(rival, take);
@@ -208,7 +288,7 @@ impl PoseGuard {
         if !goes_on {
             self.rival = Some(Rival::new(arrived, Break::Behind));
         }
-        let held = |rival: &mut Rival| rival.len() >= RIVAL_POSES;
+        let held = |rival: &mut Rival| rival.len() >= odds::LEAST_RUN;
         let Some(rival) = self.rival.take_if(held) else {
             return;
         };
@@ -231,11 +311,20 @@ impl PoseGuard {
     fn track_moved(&mut self, rival: Rival, take: &mut dyn FnMut(Guarded)) {
         let found = rival.found();
         let mut poses = rival.into_poses();
+        if found == Break::Early {
+            return self.begin(&poses, take);
+        }
         let Some(old) = self.track.take() else { return };
-        if self.clock == StampClock::Host {
+        // A few poses were the strays, and not those that go on.
+        let was_stray = old.len() < odds::LEAST_RUN && !matches!(found, Break::Jump { .. });
+        if was_stray {
+            self.report.stamps_far += old.len() as u64;
+        } else if found == Break::Epoch {
+            self.next_epoch(found.reason(0.0));
+        } else if self.clock == StampClock::Host {
             let shift_s = match found {
-                Break::Jump { .. } | Break::Order => 0.0,
                 Break::Ahead | Break::Behind => old.shift_for(&poses),
+                _ => 0.0,
             };
             self.shift(&mut poses, shift_s);
             self.next_epoch(found.reason(shift_s));
@@ -245,17 +334,6 @@ impl PoseGuard {
             take(Guarded::ClockWentBack);
         }
         self.begin(&poses, take);
-    }
-
-    fn source_was_reset(&mut self, arrived: ArrivedPose, take: &mut dyn FnMut(Guarded)) {
-        self.source_epoch = arrived.pose.epoch;
-        self.rival = None;
-        let old = self.track.take();
-        self.next_epoch("the estimator was reset".to_owned());
-        if old.is_some_and(|old| arrived.pose.time <= old.newest().pose.time) {
-            take(Guarded::ClockWentBack);
-        }
-        self.begin(&[arrived], take);
     }
 
     fn next_epoch(&mut self, reason: String) {

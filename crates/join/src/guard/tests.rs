@@ -75,6 +75,7 @@ fn a_first_stamp_an_hour_ahead_does_not_shut_out_the_rest() {
         .sum();
     assert_eq!(taken, 19, "those held are handed on once they are believed");
     assert!(guard.report().clock_shift_s.abs() < 1e-9);
+    assert_eq!(guard.report().epoch, 0, "no map was begun by one pose");
 }
 
 #[test]
@@ -148,10 +149,182 @@ fn jumps_of_the_data_are_its_own() {
 #[test]
 fn a_reset_of_the_source_is_a_new_epoch_at_once() {
     let mut guard = PoseGuard::new(StampClock::Host);
-    push(&mut guard, pose(0));
-    let mut after = pose(1);
-    after.pose.epoch = 7;
-    assert_eq!(poses_of(&push(&mut guard, after))[0].epoch, 1);
+    push_many(&mut guard, 0..100);
+    let mut taken = Vec::new();
+    for i in 100..150 {
+        let mut after = pose(i);
+        after.pose.epoch = 7;
+        taken.extend(push(&mut guard, after));
+        let is_told = guard.report().epoch == 1;
+        assert!(is_told || i < 106, "nearly at once");
+    }
+    let poses = poses_of(&taken);
+    assert!(poses.len() == 50 && poses.iter().all(|pose| pose.epoch == 1));
+    let reason = guard.report().epoch_reason.clone().unwrap();
+    assert!(reason.contains("reset"), "{reason}");
+}
+
+/// Strays among the poses of a live source; how often one comes says `is_stray`.
+fn with_strays(
+    clock: StampClock,
+    is_stray: impl Fn(u32) -> bool,
+    change: impl Fn(&mut ArrivedPose),
+) -> (Vec<StampedPose>, GuardReport) {
+    let mut guard = PoseGuard::new(clock);
+    let mut taken = Vec::new();
+    for i in 0..2_000 {
+        let mut next = pose(i);
+        if is_stray(i) {
+            change(&mut next);
+        }
+        if clock == StampClock::Data {
+            next.arrived = next.pose.time;
+        }
+        taken.extend(push(&mut guard, next));
+    }
+    guard.finish(&mut |guarded| taken.push(guarded));
+    (poses_of(&taken), guard.report().clone())
+}
+
+/// In any order, as often as asked for.
+fn at_random(share: f64) -> impl Fn(u32) -> bool {
+    move |index| {
+        let mut state = u64::from(index + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        state = (state ^ (state >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        state = (state ^ (state >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        (((state ^ (state >> 31)) >> 11) as f64) < share * (1_u64 << 53) as f64
+    }
+}
+
+/// How many of the poses stand where the vehicle was then, and the longest time without.
+fn right(poses: &[StampedPose]) -> (usize, f64) {
+    let is_right = |found: &&StampedPose| {
+        let since_s = found.time.seconds_since(pose(0).pose.time);
+        (found.world_from_vehicle.translation_m.x - 0.5 * since_s).abs() < 0.01
+    };
+    let right: Vec<Timestamp> = poses.iter().filter(is_right).map(|p| p.time).collect();
+    let gaps = right.windows(2).map(|two| two[1].seconds_since(two[0]));
+    (right.len(), gaps.fold(0.0, f64::max))
+}
+
+#[test]
+fn stray_stamps_cost_their_own_poses_alone() {
+    for share in [1.0 / 500.0, 1.0 / 50.0, 0.1, 1.0 / 3.0, 0.5] {
+        for off_s in [0.2, 1.0, 1.9, 2.5, 100.0, -0.2, -1.0, -1.9, -2.5, -100.0] {
+            let change = |next: &mut ArrivedPose| next.pose.time = next.pose.time.offset_by(off_s);
+            let every = (1.0 / share) as u32;
+            let evenly = with_strays(StampClock::Host, |i| i % every == every - 1, change);
+            let randomly = with_strays(StampClock::Host, at_random(share), change);
+            for (poses, report) in [evenly, randomly] {
+                let said = format!("{share} {off_s}: {report:?}");
+                let (count, gap_s) = right(&poses);
+                let expected = 2_000.0 * (1.0 - share);
+                assert!(count as f64 > 0.93 * expected, "{count} {said}");
+                assert!(gap_s < 0.5, "{gap_s} {said}");
+                assert!(poses.len() - count < 12, "{} {count} {said}", poses.len());
+                assert_eq!(report.epoch, 0, "{said}");
+                let refused = report.stamps_far + report.out_of_order;
+                assert!(refused > 0, "{said}");
+            }
+        }
+    }
+}
+
+#[test]
+fn whose_stamps_are_wrong_shows_even_if_the_first_pose_is_a_stray() {
+    for share in [0.02, 0.5] {
+        for off_s in [0.5, 1.0, -0.5, -1.0] {
+            let change = |next: &mut ArrivedPose| next.pose.time = next.pose.time.offset_by(off_s);
+            let every = (1.0 / share) as u32;
+            let (poses, report) = with_strays(StampClock::Host, |i| i % every == 0, change);
+            let (count, _) = right(&poses);
+            let said = format!("{share} {off_s}: {count} of {} {report:?}", poses.len());
+            assert!(count as f64 > 0.93 * 2_000.0 * (1.0 - share), "{said}");
+            assert!(poses.len() - count < 12 && report.epoch == 0, "{said}");
+        }
+    }
+}
+
+#[test]
+fn stray_stamps_of_data_cost_their_own_poses_alone() {
+    for off_s in [0.5, 1.0, 100.0, -0.5, -100.0] {
+        let change = |next: &mut ArrivedPose| next.pose.time = next.pose.time.offset_by(off_s);
+        let (poses, report) = with_strays(StampClock::Data, |i| i % 50 == 49, change);
+        let (count, gap_s) = right(&poses);
+        assert!(
+            count >= 1_950 && gap_s < 0.5,
+            "{off_s}: {count} {gap_s} {report:?}"
+        );
+    }
+}
+
+#[test]
+fn a_gap_in_the_poses_loses_none_of_them() {
+    for clock in [StampClock::Host, StampClock::Data] {
+        let mut guard = PoseGuard::new(clock);
+        let mut taken = Vec::new();
+        for i in (0..100).chain(300..303) {
+            taken.extend(push(&mut guard, pose(i)));
+        }
+        guard.finish(&mut |guarded| taken.push(guarded));
+        assert_eq!((poses_of(&taken).len(), guard.report().epoch), (103, 0));
+    }
+}
+
+#[test]
+fn a_pose_clock_put_ahead_by_less_than_seconds_goes_on_without_a_new_map() {
+    let mut guard = PoseGuard::new(StampClock::Host);
+    let mut taken = Vec::new();
+    for i in 0..200 {
+        let position_m = pose(i).pose.world_from_vehicle.translation_m;
+        let ahead_s = if i < 100 { 0.0 } else { 0.7 };
+        taken.extend(push(&mut guard, moved(i, position_m, ahead_s)));
+    }
+    assert_eq!((poses_of(&taken).len(), guard.report().epoch), (200, 0));
+}
+
+#[test]
+fn stray_epochs_begin_no_map_and_are_told_as_a_second_sender() {
+    for share in [1.0 / 500.0, 1.0 / 50.0, 0.1, 1.0 / 3.0, 0.5] {
+        for clock in [StampClock::Host, StampClock::Data] {
+            let every = (1.0 / share) as u32;
+            let change = |next: &mut ArrivedPose| next.pose.epoch = 7;
+            let evenly = with_strays(clock, |i| i % every == every - 1, change);
+            let randomly = with_strays(clock, at_random(share), change);
+            for (poses, report) in [evenly, randomly] {
+                let said = format!("{share}: {} {report:?}", poses.len());
+                assert_eq!(report.epoch, 0, "{said}");
+                assert!(
+                    poses.len() as f64 > 0.93 * 2_000.0 * (1.0 - share),
+                    "{said}"
+                );
+                assert_eq!(report.other_epoch, Some(7), "{said}");
+                assert!(report.has_other_epochs() || share < 0.01, "{said}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_jump_is_followed_while_each_pose_comes_twice() {
+    let mut guard = PoseGuard::new(StampClock::Host);
+    let mut taken = Vec::new();
+    for i in 0..300 {
+        let jumped_m = if i < 200 {
+            DVec3::ZERO
+        } else {
+            DVec3::Y * 30.0
+        };
+        let next = moved(
+            i,
+            pose(i).pose.world_from_vehicle.translation_m + jumped_m,
+            0.0,
+        );
+        taken.extend(push(&mut guard, next));
+        taken.extend(push(&mut guard, next));
+    }
+    let poses = poses_of(&taken);
+    assert_eq!((poses.len(), guard.report().epoch), (300, 1));
 }
 
 #[test]

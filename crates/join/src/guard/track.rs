@@ -9,6 +9,10 @@ use crate::{ArrivedPose, StampClock};
 /// A stamp further ahead than what has passed since the one before, or further back, seconds, is of
 /// another clock: no link delays poses of one vehicle so differently.
 const FAR_S: f64 = 2.0;
+/// A stamp that leads its arrival by so much more than those before it, seconds, is not explained by a link: delays only
+/// ever take from the lead. Where arrival says nothing, one that is further ahead than this and than so many usual intervals.
+pub(super) const EARLY_S: f64 = 0.1;
+const EARLY_INTERVALS: f64 = 10.0;
 /// No vehicle that maps moves faster, metres a second.
 const FASTEST_MPS: f64 = 5.0;
 /// Nor turns faster, radians a second.
@@ -35,6 +39,10 @@ const MOST_HELD: usize = 64;
 pub(super) enum Break {
     /// As old as the newest, or a little older.
     Order,
+    /// A little further ahead than a link explains.
+    Early,
+    /// Of another epoch of its source.
+    Epoch,
     /// Stamped later than time has passed.
     Ahead,
     /// Stamped long before the newest.
@@ -53,6 +61,7 @@ impl Break {
             Self::Jump { metres } => {
                 format!("poses jumped by {metres:.1} m, farther than the vehicle moves")
             }
+            Self::Epoch => "the estimator was reset".to_owned(),
             _ if shift_s == 0.0 => "the clock of the poses stepped".to_owned(),
             _ => format!(
                 "the clock of the poses stepped by {:.3} s, which is undone",
@@ -66,6 +75,8 @@ impl Break {
 #[derive(Debug)]
 pub(super) struct Track {
     newest: ArrivedPose,
+    /// Poses so far.
+    count: usize,
     interval_s: f64,
     step_m: f64,
     step_rad: f64,
@@ -79,6 +90,7 @@ impl Track {
     pub(super) fn new(first: &ArrivedPose) -> Self {
         let mut track = Self {
             newest: *first,
+            count: 1,
             interval_s: 0.0,
             step_m: 0.0,
             step_rad: 0.0,
@@ -91,6 +103,11 @@ impl Track {
 
     pub(super) fn newest(&self) -> &ArrivedPose {
         &self.newest
+    }
+
+    /// Poses so far.
+    pub(super) fn len(&self) -> usize {
+        self.count
     }
 
     /// Usual time from pose to pose, seconds.
@@ -113,6 +130,9 @@ impl Track {
     pub(super) fn break_of(&self, next: &ArrivedPose, clock: StampClock) -> Option<Break> {
         let advance_s = next.pose.time.seconds_since(self.newest.pose.time);
         let passed_s = next.arrived.seconds_since(self.newest.arrived);
+        if next.pose.epoch != self.newest.pose.epoch {
+            return Some(Break::Epoch);
+        }
         if clock == StampClock::Host && advance_s > passed_s.max(0.0) + FAR_S {
             return Some(Break::Ahead);
         }
@@ -125,9 +145,21 @@ impl Track {
         let is_near = metres <= CORRECTION_M + FASTEST_MPS * moved_s + NOISE_STEPS * self.step_m
             && radians <= CORRECTION_RAD + FASTEST_RADPS * moved_s + NOISE_STEPS * self.step_rad;
         match (is_near, advance_s > 0.0) {
-            (true, true) => None,
+            (true, true) => self
+                .is_early(next, advance_s, clock)
+                .then_some(Break::Early),
             (true, false) => Some(Break::Order),
             (false, _) => Some(Break::Jump { metres }),
+        }
+    }
+
+    fn is_early(&self, next: &ArrivedPose, advance_s: f64, clock: StampClock) -> bool {
+        match clock {
+            StampClock::Host => lead_s(next) > self.lead_s() + EARLY_S,
+            StampClock::Data => {
+                let usual_s = EARLY_INTERVALS * self.interval_s;
+                self.interval_s > 0.0 && advance_s > usual_s.max(EARLY_S)
+            }
         }
     }
 
@@ -140,10 +172,14 @@ impl Track {
         } else {
             0.0
         };
-        approach(&mut self.interval_s, interval_s.min(1.0));
+        match self.interval_s > 0.0 {
+            true => approach(&mut self.interval_s, interval_s.min(1.0)),
+            false => self.interval_s = interval_s.min(1.0),
+        }
         approach(&mut self.step_m, metres);
         approach(&mut self.step_rad, radians);
         self.newest = *next;
+        self.count += 1;
         self.remember_lead(next);
     }
 
@@ -173,9 +209,8 @@ impl Track {
 pub(super) struct Rival {
     found: Break,
     track: Track,
+    /// The newest of its poses.
     poses: VecDeque<ArrivedPose>,
-    /// Poses so far, also those no longer held.
-    count: usize,
 }
 
 impl Rival {
@@ -184,22 +219,26 @@ impl Rival {
             found,
             track: Track::new(&first),
             poses: VecDeque::from([first]),
-            count: 1,
         }
     }
 
-    /// Takes the pose if it goes on from the newest held; whether it does.
+    /// Takes the pose if it goes on from the newest held; whether it does, or is an older copy of it.
     pub(super) fn go_on(&mut self, next: &ArrivedPose, clock: StampClock) -> bool {
-        let goes_on = self.track.break_of(next, clock).is_none();
-        if goes_on {
-            self.track.extend(next);
-            if self.poses.len() >= MOST_HELD {
-                self.poses.pop_front();
+        match self.track.break_of(next, clock) {
+            None => {
+                self.track.extend(next);
+                if self.poses.len() >= MOST_HELD {
+                    self.poses.pop_front();
+                }
+                self.poses.push_back(*next);
+                true
             }
-            self.poses.push_back(*next);
-            self.count += 1;
+            Some(found) => found == Break::Order,
         }
-        goes_on
+    }
+
+    pub(super) fn newest(&self) -> &ArrivedPose {
+        self.track.newest()
     }
 
     pub(super) fn found(&self) -> Break {
@@ -207,7 +246,7 @@ impl Rival {
     }
 
     pub(super) fn len(&self) -> usize {
-        self.count
+        self.track.len()
     }
 
     /// From the first held to the newest, seconds.
@@ -227,14 +266,15 @@ impl Rival {
 }
 
 /// Distance and angle.
-fn between(a: &ArrivedPose, b: &ArrivedPose) -> (f64, f64) {
+pub(super) fn between(a: &ArrivedPose, b: &ArrivedPose) -> (f64, f64) {
     let (a, b) = (&a.pose.world_from_vehicle, &b.pose.world_from_vehicle);
     let metres = a.translation_m.distance(b.translation_m);
     let dot = a.rotation.dot(b.rotation).abs().min(1.0);
     (metres, 2.0 * dot.acos())
 }
 
-fn lead_s(pose: &ArrivedPose) -> f64 {
+/// How far the stamp leads the arrival, seconds.
+pub(super) fn lead_s(pose: &ArrivedPose) -> f64 {
     pose.pose.time.seconds_since(pose.arrived)
 }
 

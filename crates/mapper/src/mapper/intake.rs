@@ -114,8 +114,10 @@ impl Mapper {
     fn is_evidence(&mut self, posed: &PosedPing) -> bool {
         let (_, voxel_m) = self.origin_and_voxel_m(posed);
         let tolerance_m = tolerance_m(voxel_m, range_sigma_m(posed, &self.config));
-        f64::from(tolerance_m) <= UNPLACED_FRACTION * posed.ping.settings().range_length_m
-            && self.levels.hears(&posed.ping, self.config.blanking_m)
+        let is_placed =
+            f64::from(tolerance_m) <= UNPLACED_FRACTION * posed.ping.settings().range_length_m;
+        self.status.pings_unplaced += u64::from(!is_placed);
+        is_placed && self.levels.hears(&posed.ping, self.config.blanking_m)
     }
 
     /// What the ping measured, before anything of the map.

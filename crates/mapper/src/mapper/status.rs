@@ -27,6 +27,8 @@ pub struct MapperStatus {
     /// Pings that are evidence of nothing: a receiver at its stop, nothing beyond the
     /// blanking, a pose that leaves everything open.
     pub pings_deaf: u64,
+    /// Of these, pings whose pose leaves everything open.
+    pub pings_unplaced: u64,
     /// Pings left out since the one before said nearly all of it.
     pub pings_redundant: u64,
     /// Pings let go from memory to make room; what they told stays in the map.

@@ -1,5 +1,5 @@
-use echosplat_model::Timestamp;
 use echosplat_model::glam::{DQuat, DVec3};
+use echosplat_model::{PoseCovariance, Timestamp};
 use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega as dialect;
 use mavlink::dialects::ardupilotmega::MavMessage;
@@ -124,6 +124,58 @@ fn odometry_is_preferred_and_its_resets_are_epochs() {
     let epochs: Vec<_> = poses.iter().map(|pose| pose.pose.epoch).collect();
     assert_eq!(epochs, [0, 1, 1, 2]);
     assert_eq!(vehicle.status(at(100)).epoch, 2);
+}
+
+#[test]
+fn a_stray_counter_of_resets_is_an_epoch_of_its_own_and_those_after_it_are_not() {
+    let mut vehicle = Vehicle::new(StampClock::Host);
+    let counters = [254, 254, 3, 254, 255, 0, 0];
+    let messages: Vec<_> = (0..)
+        .zip(counters)
+        .map(|(index, counter)| (20 * index, odometry(20 * index, 1, 12, counter)))
+        .collect();
+    let poses = feed(&mut vehicle, &messages);
+    let epochs: Vec<_> = poses.iter().map(|pose| pose.pose.epoch).collect();
+    assert_eq!(epochs, [0, 0, 5, 0, 1, 2, 2]);
+}
+
+#[test]
+fn covariances_of_odometry_are_turned_with_its_frame() {
+    let mut covariance = [0.0; 21];
+    for (index, value) in [
+        (0, 1.0),
+        (1, 0.5),
+        (2, 0.25),
+        (6, 2.0),
+        (7, 0.125),
+        (11, 1e6),
+    ] {
+        covariance[index] = value;
+    }
+    (covariance[15], covariance[18], covariance[20]) = (1e-4, f64::INFINITY, 9999.0);
+    let told = |frame: u32, covariance: [f64; 21]| {
+        let Message::Odometry(mut message) = odometry(40, frame, 12, 0) else {
+            unreachable!()
+        };
+        message.covariance = covariance;
+        let mut vehicle = Vehicle::new(StampClock::Host);
+        let poses = feed(&mut vehicle, &[(40, Message::Odometry(message))]);
+        poses[0].pose.uncertainty
+    };
+    for (frame, position_m2) in [
+        (1, [2.0, 0.5, -0.125, 1.0, -0.25, 1e6]),
+        (20, [1.0, -0.5, -0.25, 2.0, 0.125, 1e6]),
+        (4, [1.0, 0.5, 0.25, 2.0, 0.125, 1e6]),
+    ] {
+        let expected = PoseCovariance {
+            position_m2,
+            attitude_rad2: [1e-4, f64::INFINITY, 9999.0],
+        };
+        assert_eq!(told(frame, covariance), Some(expected));
+    }
+    assert_eq!(told(1, [0.0; 21]), None);
+    covariance[0] = f64::NAN;
+    assert_eq!(told(1, covariance), None, "as MAVLink has it");
 }
 
 #[test]

@@ -6,7 +6,7 @@
 
 use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{
-    HALF_TURN_ABOUT_X, Pose, PoseUncertainty, StampedPose, Timestamp, enu_from_flu, enu_from_ned,
+    HALF_TURN_ABOUT_X, Pose, PoseCovariance, StampedPose, Timestamp, enu_from_flu, enu_from_ned,
     flu_from_flu, flu_from_frd,
 };
 use mavlink::dialects::ardupilotmega::MavFrame;
@@ -74,7 +74,9 @@ pub(crate) struct Vehicle {
     stamps: StampClock,
     motion: Option<Motion>,
     kind: Option<Kind>,
-    reset_counter: Option<u8>,
+    /// The counter of resets that came first, and the epoch that it stands for.
+    resets: Option<(u8, u32)>,
+    newest_epoch: u32,
     attitude: Option<Heard>,
     quaternion: Option<Heard>,
     position: Option<Heard>,
@@ -93,7 +95,8 @@ impl Vehicle {
             stamps,
             motion: None,
             kind: None,
-            reset_counter: None,
+            resets: None,
+            newest_epoch: 0,
             attitude: None,
             quaternion: None,
             position: None,
@@ -267,7 +270,20 @@ impl Vehicle {
     }
 
     fn begin_epoch(&mut self) {
-        self.status.epoch = self.status.epoch.wrapping_add(1);
+        self.resets = None;
+        self.be_in_epoch(self.newest_epoch.saturating_add(1));
+    }
+
+    fn be_in_epoch(&mut self, epoch: u32) {
+        self.status.epoch = epoch;
+        self.newest_epoch = self.newest_epoch.max(epoch);
+    }
+
+    /// By the counter itself: a stray message with another is of another epoch, and those after it are not.
+    fn count_resets(&mut self, counter: u8) {
+        let (first, epoch) = *self.resets.get_or_insert((counter, self.status.epoch));
+        let since = counter.wrapping_sub(first);
+        self.be_in_epoch(epoch.saturating_add(since.into()));
     }
 
     /// Host time of a time since boot, told in the status.
@@ -338,18 +354,11 @@ impl Vehicle {
             return Ok(None);
         };
         self.switch_to(Kind::Odometry(odometry.frame));
-        let before = self.reset_counter.replace(odometry.reset_counter);
-        if before.is_some_and(|before| before != odometry.reset_counter) {
-            self.begin_epoch();
-        }
-        let uncertainty = uncertainty_of(&odometry.covariance);
-        if uncertainty.is_err() {
-            self.status.covariance_ignored += 1;
-        }
+        self.count_resets(odometry.reset_counter);
         Ok(Some(StampedPose {
             time,
             world_from_vehicle,
-            uncertainty: uncertainty.unwrap_or(None),
+            uncertainty: covariance_of_odometry(odometry),
             epoch: self.status.epoch,
         }))
     }
@@ -422,21 +431,29 @@ fn pose_of_odometry(odometry: &Odometry) -> Result<Pose, Fault> {
     }
 }
 
-/// Where x, y, z and the rotations about them stand in an upper triangle of 6.
-const DIAGONAL: [usize; 6] = [0, 6, 11, 15, 18, 20];
+/// Where xx, xy, xz, yy, yz and zz stand in an upper triangle of 6.
+const POSITION: [usize; 6] = [0, 1, 2, 6, 7, 11];
+/// Where the variances of roll, pitch and yaw stand there.
+const ATTITUDE: [usize; 3] = [15, 18, 20];
 
-/// `Ok(None)` if unknown, `Err` if a variance is no positive number.
-fn uncertainty_of(covariance: &[f64; 21]) -> Result<Option<PoseUncertainty>, ()> {
-    if covariance[0].is_nan() || covariance.iter().all(|&value| value == 0.0) {
-        return Ok(None);
+/// In the world with z up that the message's frame has; `None` if its sender calls it unknown. What goes between position
+/// and attitude is left out, and so is what goes between the angles.
+fn covariance_of_odometry(odometry: &Odometry) -> Option<PoseCovariance> {
+    let told = &odometry.covariance;
+    if told[0].is_nan() || told.iter().all(|&value| value == 0.0) {
+        return None;
     }
-    let variances = DIAGONAL.map(|index| covariance[index]);
-    if !variances.iter().all(|v| *v >= 0.0 && v.is_finite()) {
-        return Err(());
-    }
-    let sigma = |of: &[f64]| of.iter().fold(0.0_f64, |worst, v| worst.max(*v)).sqrt();
-    Ok(Some(PoseUncertainty {
-        position_m: sigma(&variances[..3]),
-        attitude_rad: sigma(&variances[3..]),
-    }))
+    let [xx, xy, xz, yy, yz, zz] = POSITION.map(|index| told[index]);
+    let is = |frame: MavFrame| odometry.frame == frame as u32;
+    let position_m2 = if is(MavFrame::MAV_FRAME_LOCAL_NED) {
+        [yy, xy, -yz, xx, -xz, zz]
+    } else if is(MavFrame::MAV_FRAME_LOCAL_FRD) {
+        [xx, -xy, -xz, yy, yz, zz]
+    } else {
+        [xx, xy, xz, yy, yz, zz]
+    };
+    Some(PoseCovariance {
+        position_m2,
+        attitude_rad2: ATTITUDE.map(|index| told[index]),
+    })
 }

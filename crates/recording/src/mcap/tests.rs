@@ -4,7 +4,7 @@ use std::rc::Rc;
 use std::sync::Arc;
 
 use echosplat_model::glam::{DQuat, DVec3};
-use echosplat_model::{Pose, PoseUncertainty, StampedPose, Timestamp};
+use echosplat_model::{Pose, PoseCovariance, StampedPose, Timestamp};
 use proptest::prelude::*;
 use serde_json::json;
 
@@ -48,10 +48,7 @@ fn pose() -> StampedPose {
             rotation: DQuat::from_rotation_z(0.1) * DQuat::from_rotation_x(1.0 / 3.0),
             translation_m: DVec3::new(1.0 / 3.0, 1e6 + 0.1, f64::MIN_POSITIVE),
         },
-        uncertainty: Some(PoseUncertainty {
-            position_m: 0.1,
-            attitude_rad: 0.2,
-        }),
+        uncertainty: Some(PoseCovariance::alike(0.1, 0.2)),
         epoch: 3,
     }
 }

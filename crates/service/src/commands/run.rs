@@ -195,7 +195,7 @@ fn map_what_the_driver_hears(
     if let Some(page) = page {
         page.control(recorder.as_ref());
     }
-    let poses = Poses::new(&config.pose, source, patience, recorder.clone())?;
+    let poses = Poses::new(config, source, patience, recorder.clone())?;
     let duration_s = config.output.duration_s.or(begin.duration_s);
     let setup = Setup {
         expectations: Expectations {
@@ -278,7 +278,7 @@ fn serve(
         part: Part::Whole,
         inputs: vec![Input::link(driver)],
         shedding: shedding(config, patience, recorder.clone(), None),
-        poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
+        poses: Poses::new(config, source, patience, recorder.clone())?,
         gate: Gate::new(None, None, config.output.duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,

@@ -13,6 +13,7 @@ use std::time::Duration;
 
 use echosplat_bus::{BusConfig, BusError};
 use echosplat_driver::SonarUrl;
+use echosplat_join::Covariances;
 use echosplat_mapper::{ConfigError as MapperError, MapperConfig};
 use echosplat_model::glam::DVec3;
 use echosplat_model::{Pose, Switch};
@@ -95,6 +96,8 @@ pub struct PoseConfig {
     pub time_offset_s: f64,
     /// Coefficients B and C of the compass's deviation.
     pub(crate) compass_deviation_deg: [f64; 2],
+    /// Whether the covariances that poses come with weigh pings.
+    pub(crate) covariances: Covariances,
     /// Longest time between two poses that is interpolated across.
     pub(crate) max_pose_gap_s: f64,
     /// How long a ping waits for later poses, to tell their jitter from motion; 0 interpolates.
@@ -117,6 +120,7 @@ impl Default for PoseConfig {
             url: PoseUrl::Zenoh,
             compass_deviation_deg: [0.0; 2],
             time_offset_s: 0.0,
+            covariances: Covariances::Use,
             max_pose_gap_s: 0.5,
             lookahead_s: 0.1,
             smoothing: Switch::Auto,

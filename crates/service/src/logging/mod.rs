@@ -2,6 +2,7 @@
 //! are written by threads of their own, so that a reader who stalls holds up nothing else.
 
 mod frame;
+mod limit;
 mod lines;
 mod output;
 mod write;
@@ -21,6 +22,8 @@ use tracing_subscriber::fmt::format::FmtSpan;
 use crate::arguments::{LogFormat, LoggingArguments};
 use crate::signals::{self, Attended};
 use frame::Canvas;
+use limit::Limited;
+pub(crate) use limit::warnings_left_out;
 use lines::Lines;
 use output::Output;
 
@@ -69,8 +72,12 @@ pub fn start(arguments: &LoggingArguments) {
         .with_writer(Queued)
         .with_target(false);
     match arguments.log_format {
-        LogFormat::Text => subscriber.compact().with_ansi(false).init(),
-        LogFormat::Json => subscriber.json().init(),
+        LogFormat::Text => subscriber
+            .compact()
+            .with_ansi(false)
+            .map_event_format(Limited::text)
+            .init(),
+        LogFormat::Json => subscriber.json().map_event_format(Limited::json).init(),
     }
 }
 

@@ -6,17 +6,17 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use echosplat_join::{
-    ArrivedPose, CompassDeviation, GuardReport, Guarded, JoinCounters, PoseGuard, PoseJoin,
-    PoseJoinConfig, StampClock, Verdict,
+    ArrivedPose, CompassDeviation, CovarianceCounters, CovarianceRule, GuardReport, Guarded,
+    JoinCounters, PoseGuard, PoseJoin, PoseJoinConfig, StampClock, Verdict,
 };
 use echosplat_liveness::Heartbeat;
-use echosplat_model::{Ping, PosedPing, StampedPose, Timestamp};
+use echosplat_model::{Ping, PoseUncertainty, PosedPing, StampedPose, Timestamp};
 use echosplat_pose::{PoseSource, PoseSourceStatus};
 use echosplat_recording::mcap::Record;
 use serde::Serialize;
 
 use crate::clock;
-use crate::config::PoseConfig;
+use crate::config::Config;
 use crate::decided::ping_let_go;
 use crate::exit::Usage;
 use crate::recorder::Recorder;
@@ -54,6 +54,8 @@ pub(crate) struct PoseReport {
     pub(crate) join: JoinCounters,
     /// Pings that wait for a pose.
     pub(crate) waiting: usize,
+    /// Of the poses.
+    pub(crate) covariances: CovarianceCounters,
     /// By the source.
     pub(crate) source: PoseSourceStatus,
     /// By the guard.
@@ -100,18 +102,19 @@ impl Poses {
     ///
     /// # Errors
     /// Names the setting that is out of range.
-    pub fn waited_for(config: &PoseConfig, source: PoseSource) -> anyhow::Result<Self> {
+    pub fn waited_for(config: &Config, source: PoseSource) -> anyhow::Result<Self> {
         Self::new(config, source, Patience::HoldBack, None)
     }
 
     /// # Errors
     /// Names the setting that is out of range.
     pub(crate) fn new(
-        config: &PoseConfig,
+        config: &Config,
         source: PoseSource,
         patience: Patience,
         recorder: Option<Recorder>,
     ) -> anyhow::Result<Self> {
+        let (mapper, config) = (&config.mapper, &config.pose);
         let [b_deg, c_deg] = config.compass_deviation_deg;
         let join = PoseJoin::new(PoseJoinConfig {
             trajectory_capacity: config.capacity.max(source.known_len()),
@@ -120,6 +123,15 @@ impl Poses {
             smoothing: config.smoothing,
             vehicle_from_sensor: config.vehicle_from_sensor.pose(),
             compass: CompassDeviation { b_deg, c_deg },
+            covariances: CovarianceRule {
+                covariances: config.covariances,
+                prior: PoseUncertainty {
+                    position_m: mapper.position_sigma_m,
+                    attitude_rad: mapper.attitude_sigma_deg.to_radians(),
+                },
+                error_time_s: mapper.pose_error_time_s,
+                fan_half_width_rad: mapper.beam.elevation_half_width_rad().into(),
+            },
             time_offset_s: config.time_offset_s,
             waiting_capacity: config.waiting_pings,
             max_wait_s: (patience == Patience::LetGo).then_some(config.max_wait_s),
@@ -259,7 +271,23 @@ impl Poses {
         if !self.source.is_live() {
             self.take_what_came();
         }
+        self.end_poses();
+    }
+
+    /// No more will come: those that the guard holds are judged as they are.
+    fn end_poses(&mut self) {
+        if let Some(mut guard) = self.guard.take() {
+            guard.finish(&mut |guarded| self.taken(guarded));
+            self.guard = Some(guard);
+        }
         self.join.finish();
+    }
+
+    fn taken(&mut self, guarded: Guarded) {
+        match guarded {
+            Guarded::Pose(pose) => self.join_with(pose),
+            Guarded::ClockWentBack => self.restart(),
+        }
     }
 
     pub(crate) fn report(&self) -> PoseReport {
@@ -267,6 +295,7 @@ impl Poses {
         PoseReport {
             join: self.join.counters(),
             waiting: self.join.waiting_len() + self.ready.len(),
+            covariances: self.join.covariance_counters(),
             source: self.source.status(),
             guard: guard.unwrap_or_default(),
             pose_times: self.pose_times,
@@ -306,7 +335,7 @@ impl Poses {
         }
         if self.source.is_ended() {
             let were_waiting = self.join.waiting_len() > 0;
-            self.join.finish();
+            self.end_poses();
             return were_waiting;
         }
         if self.join.waiting_len() == 0 {
@@ -333,10 +362,7 @@ impl Poses {
         let Some(mut guard) = self.guard.take() else {
             return self.join_with(arrived.pose);
         };
-        guard.push(arrived, &mut |guarded| match guarded {
-            Guarded::Pose(pose) => self.join_with(pose),
-            Guarded::ClockWentBack => self.restart(),
-        });
+        guard.push(arrived, &mut |guarded| self.taken(guarded));
         self.guard = Some(guard);
     }
 
@@ -386,7 +412,7 @@ mod tests {
         let path = directory.path().join("a.tum");
         std::fs::write(&path, "1 0 0 0 0 0 0 1\n1.4 1 0 0 0 0 0 1\n").unwrap();
         let source = inputs::poses(&PoseUrl::Tum(path), None, StampClock::Data).unwrap();
-        let config = PoseConfig::default();
+        let config = Config::default();
         let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         for seconds in [0.5, 1.1, 1.2, 2.0] {
             poses.push(ping(seconds), Instant::now());
@@ -399,10 +425,8 @@ mod tests {
 
     #[test]
     fn nobody_is_held_back_for_poses_that_never_come() {
-        let config = PoseConfig {
-            waiting_pings: 1,
-            ..PoseConfig::default()
-        };
+        let mut config = Config::default();
+        config.pose.waiting_pings = 1;
         let source = inputs::poses(&PoseUrl::None, None, StampClock::Data).unwrap();
         let mut poses = Poses::new(&config, source, Patience::HoldBack, None).unwrap();
         poses.push(ping(0.0), Instant::now());

@@ -71,6 +71,8 @@ pub(crate) struct Status {
     pub(crate) log_lines_dropped: u64,
     /// What is wrong, and what was.
     pub(crate) notices: Vec<Notice>,
+    /// Warnings that the log left out since many of their kind came.
+    pub(crate) warnings_left_out: u64,
     #[serde(skip)]
     pub(crate) newest_notice: Option<String>,
     /// How much of the logs has been read, 0 to 1; `null` for a sonar.
@@ -198,6 +200,7 @@ impl Status {
             drill: Drill::armed().map(ToString::to_string),
             log_lines_dropped: logging::lines_dropped(),
             notices: Vec::new(),
+            warnings_left_out: logging::warnings_left_out(),
             newest_notice: None,
             input_share: None,
             tape: None,

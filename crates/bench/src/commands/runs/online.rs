@@ -36,7 +36,7 @@ pub(super) fn outcome(
     let times = Times::of(spec, dive);
     let observed = Arc::new(Mutex::new(Vec::new()));
     let poses = placed(dive, &spec.placement.pose());
-    let poses = Poses::waited_for(&config.pose, poses)?;
+    let poses = Poses::waited_for(&config, poses)?;
     let mapping = Mapping::start(&config, poses, Some(keeping(&times, &observed)))?;
     let count = (spec.share * dive.pings() as f64).round() as usize;
     for start in (0..count).step_by(PIECE) {

@@ -101,7 +101,7 @@ impl Dive {
 
     fn posed(&self, config: &Config) -> anyhow::Result<Vec<PosedPing>> {
         let source = PoseSource::recorded(self.poses.clone());
-        let mut poses = Poses::waited_for(&config.pose, source)?;
+        let mut poses = Poses::waited_for(config, source)?;
         let mut posed = Vec::new();
         for ping in &self.pings {
             poses.push(Arc::clone(ping), Instant::now());

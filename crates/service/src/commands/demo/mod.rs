@@ -126,7 +126,7 @@ fn set_up(
             range_m: [0.0; 2],
         },
         inputs: vec![Input::link(driver)],
-        poses: Poses::new(&config.pose, poses, Patience::HoldBack, recorder.clone())?,
+        poses: Poses::new(config, poses, Patience::HoldBack, recorder.clone())?,
         gate: Gate::default(),
         bus: Some(Arc::clone(&buses.service)),
         recorder,

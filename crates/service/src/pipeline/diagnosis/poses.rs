@@ -58,6 +58,7 @@ impl Diagnosis {
             findings.extend(self.untimely(status, now));
         }
         findings.extend(self.guarded(poses, now));
+        findings.extend(self.covariances(status, now));
         let is_frozen = poses.guard.still_s > FROZEN_S && status.report.listening.view_changes;
         if is_frozen {
             findings.push(loss(
@@ -183,13 +184,26 @@ impl Diagnosis {
                 ),
             ));
         }
+        if guard.has_other_epochs() && self.grows("other epochs", guard.other_epochs, now) {
+            findings.push(loss(
+                "second-pose-source",
+                format!(
+                    "poses of another epoch ({}) come between those that are followed, {:.1} m from them; {} \
+                     were refused: a second sender, or one that counts resets that there were not; end one of \
+                     the two, or give each vehicle a --node of its own",
+                    guard.other_epoch.unwrap_or_default(),
+                    guard.other_epoch_m,
+                    guard.other_epochs
+                ),
+            ));
+        }
         if self.grows("far stamps", guard.stamps_far, now) {
             findings.push(warning(
                 "pose-stamps-far",
                 format!(
-                    "{} poses so far were refused since their stamps are far from the clock; check \
-                     the clock of whoever sends them",
-                    guard.stamps_far
+                    "{} poses so far were refused since their stamps are far from the clock of those around \
+                     them, the newest {:+.2} s off; check the clock of whoever sends them, and that nobody else does",
+                    guard.stamps_far, guard.stamp_off_s
                 ),
             ));
         }
@@ -204,6 +218,34 @@ impl Diagnosis {
             ));
         }
         findings
+    }
+}
+
+/// Where covariances cost the map something.
+impl Diagnosis {
+    fn covariances(&mut self, status: &Status, now: Instant) -> Option<Finding> {
+        let told = &status.report.poses.covariances;
+        let is_used = told.given > told.ignored;
+        let unplaced = status.report.mapper.pings_unplaced;
+        let leaves_out = self.grows("pings unplaced", unplaced, now) && is_used;
+        let smears = self.grows("pings smeared", told.pings_smeared, now);
+        let costs = match (leaves_out, smears) {
+            (true, _) => {
+                format!("{unplaced} pings so far are left out, their place not being known")
+            }
+            (_, true) => format!("{} pings so far count less", told.pings_smeared),
+            _ => return None,
+        };
+        let sentence = format!(
+            "the covariance of the poses rose faster than it grows all along, by {:.2} m (one sigma) within \
+             mapper.pose_error_time_s: {costs}; if the poses are better than they say, set \
+             pose.covariances = \"ignore\"",
+            told.newest_smear_m
+        );
+        Some(match leaves_out {
+            true => loss("pose-covariance", sentence),
+            false => warning("pose-covariance", sentence),
+        })
     }
 }
 
