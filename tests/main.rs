@@ -23,6 +23,7 @@ mod faults;
 mod files;
 mod hold;
 mod link;
+mod log_clock;
 mod map;
 mod mesh;
 mod notices;

@@ -6,6 +6,8 @@
 //!
 //! Deliberately absent: a truth, a clock, files, and the map's own making.
 
+pub mod agreement;
+pub mod alignment;
 pub mod frame_check;
 pub mod held_out;
 mod pairs;

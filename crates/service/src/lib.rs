@@ -4,8 +4,7 @@
 //! file format of its own, and no bench: the program adds those. What is public here is what the
 //! program and the benches use.
 
-#[cfg(test)]
-mod advised;
+mod alignment;
 pub mod arguments;
 pub mod clock;
 pub mod commands;
@@ -15,6 +14,7 @@ pub mod dives;
 pub mod exit;
 mod files;
 mod inputs;
+mod log_clock;
 pub mod logging;
 mod logs;
 pub mod maps;

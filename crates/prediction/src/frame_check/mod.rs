@@ -1,17 +1,12 @@
 //! Whether poses can be what they are read as: told from the pings, without a truth.
 //!
-//! Under the right reading a place that one ping found lit is found lit by others that observe it from
-//! elsewhere; under a wrong one it is not. So each of a short list of readings is scored by how well a
-//! window's other pings predict which ranges of a ping are lit, and the one in use is wrong if another
-//! does far better on the same pings. Where nothing is seen twice, no reading says anything.
+//! Each of a short list of readings is scored by how well pings and poses then [agree](crate::agreement), and
+//! the one in use is wrong if another does far better on the same pings.
 //!
 //! Pure: no threads, no clock, no randomness. Cost: 13 readings × 512 pings × about 1,800 samples of
 //! their arcs.
 
-mod evidence;
-mod lit;
 mod reading;
-mod score;
 #[cfg(test)]
 mod tests;
 
@@ -21,10 +16,12 @@ use echosplat_mapper::MapperConfig;
 use echosplat_model::{Ping, Pose, PosedPing};
 use serde::Serialize;
 
-use evidence::{Arcs, BLOCKS, Evidence};
-use lit::LitPings;
+use crate::agreement::{Agreement, ByBlock, error_of_sum};
 pub use reading::FrameReading;
-use score::Baseline;
+
+/// Cells of range. Finer ones tell nothing more of errors that are as large as the scene, nor these of a tilt.
+const CELLS: usize = 64;
+const TILT_CELLS: usize = 32;
 
 /// Most pings of a window that are looked at; of more, some are passed over.
 const MOST_PINGS: usize = 512;
@@ -32,10 +29,27 @@ const MOST_PINGS: usize = 512;
 const LEAST_LIT_PINGS: usize = 60;
 /// Less than this and every reading is much the same, degrees.
 const LEAST_TURN_DEG: f64 = 45.0;
-/// Likelihood gain that another reading has to have, standard errors.
+/// The best reading has to have a likelihood gain of so many standard errors over none.
 const TELLING_ERRORS: f64 = 4.0;
-/// As given explains less than this share of what the best does, if it cannot be.
-const LEAST_SHARE: f64 = 0.5;
+
+/// What refutes poses as given.
+#[derive(Debug, Clone, Copy)]
+struct Refutation {
+    /// Likelihood gain of the best over them, standard errors.
+    least_errors: f64,
+    /// They explain less than this share of what the best does.
+    least_share: f64,
+}
+
+const OTHER: Refutation = Refutation {
+    least_errors: 4.0,
+    least_share: 0.5,
+};
+/// With a tilt half of each fan is still where it was: it explains more, and what it does not, more unevenly.
+const TILT: Refutation = Refutation {
+    least_errors: 2.5,
+    least_share: 0.7,
+};
 /// Attitudes compared for the turn.
 const TURN_PINGS: usize = 64;
 
@@ -75,8 +89,8 @@ pub struct FrameVerdict {
     pub pings: u64,
     /// The widest angle between two attitudes of the vehicle.
     pub turned_deg: f64,
-    /// Whether the reading in use cannot be: the best has a likelihood gain of four standard errors
-    /// over it and over ranges alone, and as given explains less than half of what the best does.
+    /// Whether the reading in use cannot be: the best has a likelihood gain of four standard errors (of a tilt, 2.5)
+    /// over it and of four over ranges alone, and as given explains less than half (0.7) of what the best does.
     pub is_telling: bool,
 }
 
@@ -84,23 +98,49 @@ pub struct FrameVerdict {
 /// configured. `None` if too few pings hear anything, or the vehicle has hardly turned.
 #[must_use]
 pub fn judge(pings: &[VehiclePing], mount: &Pose, config: &MapperConfig) -> Option<FrameVerdict> {
+    compare(pings, mount, (config, CELLS), (&FrameReading::ALL, OTHER))
+}
+
+/// Compares tilts of the mount on pings of a whole dive, minutes of it: in less, a tilt by some tens of degrees explains
+/// nearly as much as none. Otherwise as [`judge`]. Cost: 7 readings × 512 pings × about 450 samples of their arcs.
+#[must_use]
+pub fn judge_tilt(
+    pings: &[VehiclePing],
+    mount: &Pose,
+    config: &MapperConfig,
+) -> Option<FrameVerdict> {
+    compare(
+        pings,
+        mount,
+        (config, TILT_CELLS),
+        (&FrameReading::TILTS, TILT),
+    )
+}
+
+fn compare(
+    pings: &[VehiclePing],
+    mount: &Pose,
+    (config, cells): (&MapperConfig, usize),
+    (readings, refutation): (&[FrameReading], Refutation),
+) -> Option<FrameVerdict> {
     let pings = thinned(pings);
     let turned_deg = turned_deg(&pings);
     if !(turned_deg >= LEAST_TURN_DEG) {
         return None;
     }
-    let lit = LitPings::of(&pings, config)?;
-    if lit.lit_pings() < LEAST_LIT_PINGS {
+    let heard = pings.iter().map(|ping| Arc::clone(&ping.ping)).collect();
+    let agreement = Agreement::new(heard, config, cells)?;
+    if agreement.lit_pings() < LEAST_LIT_PINGS {
         return None;
     }
-    let scores = scores(&pings, &lit, mount, config);
-    Some(verdict(&scores, pings.len() as u64, turned_deg))
+    let scores = scores(&pings, &agreement, mount, readings);
+    Some(verdict(&scores, refutation, pings.len() as u64, turned_deg))
 }
 
 /// Log likelihood of a reading above that by range alone, nats per cell, by block.
 struct Scored {
     reading: FrameReading,
-    by_block: [f64; BLOCKS],
+    by_block: ByBlock,
 }
 
 impl Scored {
@@ -109,49 +149,37 @@ impl Scored {
     }
 }
 
-/// Standard error of a sum over blocks.
-fn error_of_sum(by_block: &[f64; BLOCKS]) -> f64 {
-    let count = BLOCKS as f64;
-    let mean = by_block.iter().sum::<f64>() / count;
-    let square = by_block.iter().map(|value| (value - mean).powi(2));
-    (square.sum::<f64>() * count / (count - 1.0)).sqrt()
-}
-
 fn scores(
     pings: &[VehiclePing],
-    lit: &LitPings,
+    agreement: &Agreement,
     mount: &Pose,
-    config: &MapperConfig,
+    readings: &[FrameReading],
 ) -> Vec<Scored> {
-    let baseline = Baseline::of(lit);
-    let arcs = Arcs::new(lit.cell_m, &config.beam);
-    let score = |reading: FrameReading| {
-        let pose = |ping: &VehiclePing| reading.apply(&ping.world_from_vehicle, mount);
-        let poses: Vec<Pose> = pings.iter().map(pose).collect();
-        let evidence = Evidence::new(pings, &poses, lit, &arcs);
-        let likelihood = baseline.with(lit, &evidence);
-        let gain = |block: usize| likelihood[block] - baseline.by_block[block];
+    let score = |&reading: &FrameReading| {
+        let pose = |ping: &VehiclePing| Some(reading.apply(&ping.world_from_vehicle, mount));
+        let poses: Vec<Option<Pose>> = pings.iter().map(pose).collect();
+        let gain = agreement.gain(&poses);
         Scored {
             reading,
-            by_block: std::array::from_fn(|block| gain(block) / baseline.cell_count),
+            by_block: gain.map(|gain| gain / agreement.known_cells()),
         }
     };
-    FrameReading::ALL.into_iter().map(score).collect()
+    readings.iter().map(score).collect()
 }
 
-fn verdict(scores: &[Scored], pings: u64, turned_deg: f64) -> FrameVerdict {
+fn verdict(scores: &[Scored], refutation: Refutation, pings: u64, turned_deg: f64) -> FrameVerdict {
     // As given comes first and wins a draw.
     let given = &scores[0];
     let more_likely = |a: &Scored, b: &Scored| b.gain() > a.gain();
     let best = scores
         .iter()
         .fold(given, |a, b| if more_likely(a, b) { b } else { a });
-    let beyond: [f64; BLOCKS] = std::array::from_fn(|i| best.by_block[i] - given.by_block[i]);
+    let beyond: ByBlock = std::array::from_fn(|i| best.by_block[i] - given.by_block[i]);
     let error = error_of_sum(&beyond);
     // Against the ranges alone too: a reading that explains nothing refutes nothing.
-    let is_far = beyond.iter().sum::<f64>() > TELLING_ERRORS * error
+    let is_far = beyond.iter().sum::<f64>() > refutation.least_errors * error
         && best.gain() > TELLING_ERRORS * error_of_sum(&best.by_block)
-        && given.gain() < LEAST_SHARE * best.gain();
+        && given.gain() < refutation.least_share * best.gain();
     FrameVerdict {
         best: best.reading,
         gain_nats_per_bin_as_given: given.gain(),

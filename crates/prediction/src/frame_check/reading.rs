@@ -6,6 +6,9 @@ use echosplat_model::{Pose, enu_from_ned};
 use glam::DQuat;
 use serde::Serialize;
 
+/// By less than half of it maps are hardly false, and the calibration tells.
+const TILT_DEG: i32 = 20;
+
 /// One thing that may be wrong with how poses are read.
 ///
 /// The fan is the same when it is rolled by half a turn, so `NedFrd` is told only by a mount that such
@@ -52,6 +55,24 @@ impl FrameReading {
         Self::MountPitch(-90),
         Self::MountRoll(90),
     ];
+
+    /// Tilts of the mount that are compared, as given first: what lies between them and twice as far agrees better with
+    /// one of them than as given.
+    pub const TILTS: [Self; 7] = [
+        Self::AsGiven,
+        Self::MountYaw(TILT_DEG),
+        Self::MountYaw(-TILT_DEG),
+        Self::MountPitch(TILT_DEG),
+        Self::MountPitch(-TILT_DEG),
+        Self::MountRoll(TILT_DEG),
+        Self::MountRoll(-TILT_DEG),
+    ];
+
+    /// Whether it is one of those.
+    #[must_use]
+    pub fn is_tilt(&self) -> bool {
+        matches!(self, Self::MountYaw(deg) | Self::MountPitch(deg) | Self::MountRoll(deg) if deg.abs() == TILT_DEG)
+    }
 
     /// `world_from_sensor` if this is what is wrong with a pose as it was read and the mount as it is
     /// configured.
@@ -111,6 +132,26 @@ impl FrameReading {
     pub fn sentence(&self) -> &'static str {
         match self {
             Self::AsGiven => "poses and mount fit what the sonar hears",
+            Self::MountYaw(TILT_DEG) => {
+                "the sonar looks some 20° to the left of where its mount says: `echosplat calibrate` of the log finds by \
+                 how much; set the yaw in pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+            }
+            Self::MountYaw(deg) if *deg == -TILT_DEG => {
+                "the sonar looks some 20° to the right of where its mount says: `echosplat calibrate` of the log finds by \
+                 how much; set the yaw in pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+            }
+            Self::MountPitch(TILT_DEG) => {
+                "the sonar looks some 20° down from where its mount says: `echosplat calibrate` of the log finds by how \
+                 much; set the pitch in pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+            }
+            Self::MountPitch(deg) if *deg == -TILT_DEG => {
+                "the sonar looks some 20° up from where its mount says: `echosplat calibrate` of the log finds by how \
+                 much; set the pitch in pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+            }
+            Self::MountRoll(deg) if deg.abs() == TILT_DEG => {
+                "the sonar is rolled by some 20° against its mount: `echosplat calibrate` of the log finds by how much; \
+                 set the roll in pose.vehicle_from_sensor.yaw_pitch_roll_deg"
+            }
             Self::NedFrd => {
                 "poses look like NED/FRD: send ENU with the body forward-left-up, or use a source \
                  that converts (mavlink)"

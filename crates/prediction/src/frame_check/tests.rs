@@ -11,16 +11,24 @@ use super::*;
 
 /// Of 30 s every third ping.
 fn pings_of(scene: &str, kind: DiveKind) -> Vec<VehiclePing> {
+    pings_for(scene, kind, NoiseLevel::Nominal, (30.0, 3))
+}
+
+fn pings_for(
+    scene: &str,
+    kind: DiveKind,
+    noise: NoiseLevel,
+    (duration_s, every): (f64, usize),
+) -> Vec<VehiclePing> {
     let scene = Arc::new(Scene::named(scene).unwrap());
     let options = DiveOptions {
-        duration_s: 30.0,
+        duration_s,
         ..DiveOptions::default()
     };
-    let noise = NoiseLevel::Nominal;
     let dive = Arc::new(Dive::plan_with(kind, &scene, noise, 3, &options).unwrap());
     let sonar = SimulatedSonar::new(scene, Arc::clone(&dive), noise, 3);
     let trajectory = dive.trajectory(0.5);
-    let indices: Vec<usize> = (0..dive.pings()).step_by(3).collect();
+    let indices: Vec<usize> = (0..dive.pings()).step_by(every).collect();
     let posed = |index| sonar.posed_ping(index, &trajectory);
     let posed = indices.into_par_iter().filter_map(posed);
     posed
@@ -95,6 +103,48 @@ fn a_mount_turned_by_a_right_angle_is_told() {
     let across = Pose::from_yaw_pitch_roll(0.0, 0.0, f64::to_radians(90.0), DVec3::ZERO);
     let told = told_of(|sensor| *sensor * across.inverse());
     assert_eq!(told, FrameReading::MountRoll(90));
+}
+
+/// As it would be posed with a mount that is not turned as the sonar is.
+fn tilted(pings: &[VehiclePing], [yaw, pitch, roll]: [f64; 3]) -> Option<FrameVerdict> {
+    let [yaw, pitch, roll] = [yaw, pitch, roll].map(f64::to_radians);
+    let mount = Pose::from_yaw_pitch_roll(yaw, pitch, roll, DVec3::ZERO);
+    let told = |ping: &VehiclePing| VehiclePing {
+        ping: Arc::clone(&ping.ping),
+        world_from_vehicle: ping.world_from_vehicle * mount.inverse(),
+    };
+    let told: Vec<VehiclePing> = pings.iter().map(told).collect();
+    judge_tilt(&told, &Pose::IDENTITY, &MapperConfig::default())
+}
+
+#[test]
+fn a_mount_tilted_by_tens_of_degrees_is_told_and_one_that_is_not_never_is() {
+    let survey = DiveKind::Survey;
+    let mut wrong = Vec::new();
+    for scene in ["fence", "wall", "pier", "pipeline"] {
+        for noise in [NoiseLevel::Nominal, NoiseLevel::Field] {
+            let pings = pings_for(scene, survey, noise, (90.0, 7));
+            let right = tilted(&pings, [0.0; 3]);
+            if right.is_some_and(|verdict| verdict.is_telling) {
+                wrong.push(format!("{scene} {noise:?}: {right:?}"));
+            }
+            if !["fence", "wall"].contains(&scene) || noise != NoiseLevel::Nominal {
+                continue;
+            }
+            for (tilt, reading) in [
+                ([0.0, 20.0, 0.0], FrameReading::MountPitch(20)),
+                ([0.0, -20.0, 0.0], FrameReading::MountPitch(-20)),
+                ([20.0, 0.0, 0.0], FrameReading::MountYaw(20)),
+                ([-20.0, 0.0, 0.0], FrameReading::MountYaw(-20)),
+            ] {
+                let told = tilted(&pings, tilt);
+                if !told.is_some_and(|told| told.is_telling && told.best == reading) {
+                    wrong.push(format!("{scene} {noise:?} {tilt:?}: {told:?}"));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
 #[test]

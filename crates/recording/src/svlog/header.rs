@@ -17,6 +17,9 @@ pub struct SessionHeader {
     /// Device time of that first profile, where it is known: by it other programs join the
     /// profiles' times with `timestamp`.
     pub device_uptime_s: Option<f64>,
+    /// `timestamp` is when the log was opened, and its first profile came later by an unknown time: the vendor's
+    /// Python client (bluerobotics-ping, 0.2.5) writes it so, and what was made after its example.
+    pub is_from_opening: bool,
 }
 
 /// One sonar of a session.
@@ -72,6 +75,27 @@ struct Packet {
     /// Not in the vendor's table; `PINGVerter` does not read a log without it.
     #[serde(default)]
     process_uptime: serde_json::Value,
+    #[serde(default, skip_serializing)]
+    sonarlink_version: serde_json::Value,
+    #[serde(default, skip_serializing)]
+    process_path: serde_json::Value,
+    #[serde(default, skip_serializing)]
+    process_version: serde_json::Value,
+}
+
+impl Packet {
+    /// By its fields: what records for `SonarView` names its version. The client leaves that empty, and does not know
+    /// how long the system is up; what was made after it without that field is still Python.
+    fn is_from_opening(&self) -> bool {
+        let text = |value: &serde_json::Value| value.as_str().map(str::to_lowercase);
+        let is_python = text(&self.process_path).is_some_and(|path| path.contains("python"))
+            || text(&self.process_version).is_some_and(|version| version.starts_with("v3."));
+        let is_unnamed = match text(&self.sonarlink_version) {
+            Some(version) => version.is_empty(),
+            None => is_python,
+        };
+        is_unnamed && !self.os_uptime.is_number()
+    }
 }
 
 impl SessionHeader {
@@ -89,6 +113,7 @@ impl SessionHeader {
             }],
             platform: concat!("echosplat ", env!("CARGO_PKG_VERSION")).to_owned(),
             device_uptime_s: None,
+            is_from_opening: false,
         }
     }
 
@@ -104,6 +129,9 @@ impl SessionHeader {
             timestamp_timezone_offset: 0.into(),
             os_uptime: self.device_uptime_s.into(),
             process_uptime: 0.into(),
+            sonarlink_version: serde_json::Value::Null,
+            process_path: serde_json::Value::Null,
+            process_version: serde_json::Value::Null,
         };
         // Numbers and strings only: nothing here can fail to become JSON.
         serde_json::to_string(&packet).unwrap_or_default()
@@ -116,6 +144,7 @@ impl SessionHeader {
     /// If it is no JSON object, or has no readable `timestamp`.
     pub fn parse(json: &[u8]) -> Result<Self, HeaderError> {
         let packet: Packet = serde_json::from_slice(json)?;
+        let is_from_opening = packet.is_from_opening();
         let devices = match packet.session_devices {
             serde_json::Value::Array(list) => list,
             serde_json::Value::Object(object) => object.into_values().collect(),
@@ -128,6 +157,7 @@ impl SessionHeader {
             devices: devices.into_iter().filter_map(device).collect(),
             platform: packet.session_platform.as_str().unwrap_or("").to_owned(),
             device_uptime_s: packet.os_uptime.as_f64(),
+            is_from_opening,
         })
     }
 }

@@ -86,6 +86,39 @@ fn session_packets_of_owners_files_are_understood() {
 }
 
 #[test]
+fn a_packet_of_the_time_of_opening_is_told_by_its_fields() {
+    let is_from_opening = |more: &str| {
+        let json = format!(r#"{{"timestamp": "2024-05-01T12:00:00.000123+00:00", {more}}}"#);
+        SessionHeader::parse(json.as_bytes())
+            .unwrap()
+            .is_from_opening
+    };
+    for client in [
+        r#""sonarlink_version": "", "os_uptime": null, "process_path": "/usr/bin/python3", "process_version": "v3.11.2""#,
+        r#""sonarlink_version": "", "os_uptime": null, "process_path": "/opt/recorder""#,
+        r#""sonarlink_version": "", "recorder": "of somebody""#,
+        r#""os_uptime": null, "process_path": "C:\\Python312\\python.exe""#,
+        r#""session_uptime": 0.0, "process_version": "v3.9.2""#,
+    ] {
+        assert!(is_from_opening(client), "{client}");
+    }
+    for other in [
+        r#""sonarlink_version": "1.15.3", "os_uptime": 3600.5, "process_path": "/app/node""#,
+        r#""sonarlink_version": "1.15.3", "os_uptime": null"#,
+        r#""sonarlink_version": "", "os_uptime": 12.5"#,
+        r#""os_uptime": null, "session_platform": null"#,
+        r#""process_version": "v18.17.0", "process_path": "/usr/bin/node""#,
+    ] {
+        assert!(!is_from_opening(other), "{other}");
+    }
+    assert!(
+        !SessionHeader::parse(header().to_json().as_bytes())
+            .unwrap()
+            .is_from_opening
+    );
+}
+
+#[test]
 fn whole_milliseconds_are_written_as_the_vendor_does() {
     for (nanos, text) in [
         (0, "1970-01-01T00:00:00.000Z"),

@@ -13,19 +13,20 @@ use crate::commands::show_figures;
 use crate::config::{Config, MOST_OFFSET_S, Overrides};
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Gate, Hooks, Outcome, Pace, Part, PoseReport, Setup, Shedding, Span,
+    self, Album, Expectations, Finding, Gate, Hooks, Outcome, Pace, Part, Setup, Shedding, Span,
 };
 use crate::replayed::Replayed;
 use crate::signals::Stop;
 use crate::web::Page;
-use crate::{clock, files, inputs, logging, maps, truth};
+use crate::{clock, files, inputs, log_clock, logging, maps, truth};
 
 /// # Errors
 /// If something asked for cannot be, or the map cannot be written.
 pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
     check_part(arguments)?;
     let replayed = Replayed::open(&arguments.logs)?;
-    let config = configuration(arguments, &replayed)?;
+    let mut config = configuration(arguments, &replayed)?;
+    let known = log_clock_of(arguments, &mut config)?;
     if let Some(map) = &config.output.map {
         maps::prepare(map)?;
     }
@@ -42,6 +43,7 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
             arguments,
             &replayed,
             (&config, epoch),
+            &known,
             (judge.as_ref(), page.as_ref()),
             &stop,
         )?;
@@ -76,6 +78,17 @@ fn configuration(arguments: &ReplayArguments, replayed: &Replayed) -> anyhow::Re
         config.bus.node = "replay".to_owned();
     }
     Ok(config)
+}
+
+/// Of logs with a file of poses on a clock of their own; an offset that is given is taken as it is.
+fn log_clock_of(arguments: &ReplayArguments, config: &mut Config) -> anyhow::Result<Vec<Finding>> {
+    let is_given = arguments.time_offset_s.is_some() || config.pose.time_offset_s.abs() > 0.0;
+    let file = match poses_url(arguments, config) {
+        Some(PoseUrl::Tum(file)) if !is_given => file,
+        _ => return Ok(Vec::new()),
+    };
+    let found = log_clock::adjust(&arguments.logs, &file, config)?;
+    Ok(found.into_iter().collect())
 }
 
 /// Poses as the command line asks for them.
@@ -123,6 +136,7 @@ fn once(
     arguments: &ReplayArguments,
     replayed: &Replayed,
     (config, epoch): (&Config, u64),
+    known: &[Finding],
     (judge, page): (Option<&Judge>, Option<&Page>),
     stop: &Stop,
 ) -> anyhow::Result<Outcome> {
@@ -170,6 +184,7 @@ fn once(
             on_status: Some(show_figures()),
             page: page.map(Page::feed),
             page_heartbeats: page.map(Page::heartbeats).unwrap_or_default(),
+            known: known.to_vec(),
             ..Hooks::default()
         },
     };

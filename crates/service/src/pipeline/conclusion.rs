@@ -57,6 +57,7 @@ impl Run {
         let status = self.status(false);
         let frames = self.diagnosis.frames(&status).into_iter();
         let found = frames.chain(diagnosis::calibration(&status));
+        let found = found.chain(self.known.clone());
         self.note(found.collect(), Instant::now());
         self.keep_room(Some(&snapshot));
         let written = self.write_map(&snapshot);

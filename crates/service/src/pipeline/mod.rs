@@ -147,6 +147,8 @@ pub(crate) struct Hooks {
     pub(crate) page: Option<Feed>,
     /// Of the threads of the page, which the run goes on without.
     pub(crate) page_heartbeats: Vec<Heartbeat>,
+    /// What is known to be wrong before it begins, and stands all along.
+    pub(crate) known: Vec<Finding>,
 }
 
 /// Where the sonar was; shared with whoever asks when the run is over.

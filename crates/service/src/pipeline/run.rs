@@ -19,7 +19,7 @@ use super::earlier::EarlierMaps;
 use super::ending::Ending;
 use super::frame_check::FrameCheck;
 use super::keeper::Keeper;
-use super::notices::Notices;
+use super::notices::{Finding, Notices};
 use super::prediction::Prediction;
 use super::published::Published;
 use super::saving::Saving;
@@ -59,6 +59,8 @@ pub(super) struct Run {
     pub(super) album: Option<AlbumWriter>,
     pub(super) diagnosis: Diagnosis,
     pub(super) notices: Notices,
+    /// Stands all along.
+    pub(super) known: Vec<Finding>,
     pub(super) supervisor: Supervisor,
     /// Of the thread that watches over all others.
     heartbeat: Heartbeat,
@@ -117,7 +119,8 @@ impl Run {
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
             saving,
             album,
-            diagnosis: Diagnosis::new(setup.expectations, &config.pose, begin),
+            diagnosis: Diagnosis::new(setup.expectations, begin),
+            known: std::mem::take(&mut setup.hooks.known),
             notices: Notices::new(begin),
             supervisor,
             heartbeat: own_heartbeat(config),

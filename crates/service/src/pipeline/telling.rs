@@ -23,7 +23,8 @@ impl Run {
         }
         let status = self.status(false);
         let now = Instant::now();
-        let findings = self.diagnosis.findings(&status, now);
+        let mut findings = self.diagnosis.findings(&status, now);
+        findings.extend(self.known.clone());
         self.note(findings, now);
         self.notices.end_old(now);
     }

@@ -135,12 +135,10 @@ fn set_up(
         hooks: Hooks {
             observer: Some(judge.observer()),
             way: Some(judge.way()),
-            album: None,
             on_status: Some(progress(length_s, judge.newest())),
             is_over: Some(rig.end_of_dive()),
             on_final: Some(receiving(subscriber, received)),
-            page: None,
-            page_heartbeats: Vec::new(),
+            ..Hooks::default()
         },
     })
 }

@@ -13,9 +13,22 @@ use crate::pipeline::status::Status;
 const STOPPED_S: f64 = 1.5;
 /// Poses that stay the same to the last bit for so long, while the view changes, are frozen, seconds.
 const FROZEN_S: f64 = 1.0;
-/// The longest that pings can be told to wait, seconds, and the most that can wait.
-const MOST_WAIT_S: f64 = 3599.0;
-const MOST_WAITING: f64 = 65_536.0;
+/// No link delays poses by more and is any use, seconds.
+const ODD_LEAD_S: f64 = 0.5;
+/// A few poses in another order are the network's; so many more are news.
+const STAMPS_REPEATED: u64 = 10;
+const NANOS_PER_SECOND: f64 = 1e9;
+
+/// Poses that cannot be what they are read as.
+pub(crate) fn frames(status: &Status) -> Option<Finding> {
+    let verdict = status.report.frames.as_ref();
+    let verdict = verdict.filter(|verdict| verdict.is_telling)?;
+    let code = match verdict.best.is_tilt() {
+        true => "pose-mount",
+        false => "pose-frame",
+    };
+    Some(loss(code, verdict.best.sentence().to_owned()))
+}
 
 /// Clock, mount or speed of sound, where the dive shows that they are not as configured.
 pub(crate) fn calibration(status: &Status) -> Vec<Finding> {

@@ -21,7 +21,7 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_liveness::Heartbeat;
 use echosplat_mapper::MapperConfig;
 use echosplat_model::{Pose, PosedPing};
-use echosplat_prediction::frame_check::{FrameVerdict, VehiclePing, judge};
+use echosplat_prediction::frame_check::{FrameVerdict, VehiclePing, judge, judge_tilt};
 
 use watch::Watch;
 
@@ -164,8 +164,12 @@ fn check_all(pings: &Receiver<Arrived>, config: &MapperConfig, mount: &Pose, sha
         let verdict = judge(watch.window(), mount, config);
         tracing::debug!(?verdict, "how poses are read");
         watch.checked(verdict);
-        shared.show(watch.confirmed);
-        verdict.is_some_and(|verdict| verdict.is_telling)
+        let is_telling = verdict.is_some_and(|verdict| verdict.is_telling);
+        // Poses that are read wrong look tilted, too.
+        let tilt = judge_tilt(watch.dive(), mount, config).filter(|_| !is_telling);
+        tracing::debug!(?tilt, "how the sonar is mounted");
+        shared.show(watch.confirmed.or(tilt.filter(|tilt| tilt.is_telling)));
+        is_telling
     };
     for arrived in pings {
         if shared.is_over.load(Ordering::Relaxed) {

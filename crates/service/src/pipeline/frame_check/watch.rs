@@ -7,6 +7,7 @@ use echosplat_model::glam::DQuat;
 use echosplat_prediction::frame_check::{FrameReading, FrameVerdict, VehiclePing};
 
 use super::Arrived;
+use crate::thinned::Thinned;
 
 /// Standard errors at which one check is believed by itself.
 const CERTAIN_ERRORS: f64 = 6.0;
@@ -14,6 +15,8 @@ const CERTAIN_ERRORS: f64 = 6.0;
 const WINDOW_S: f64 = 30.0;
 /// Pings closer together than this are not looked at; bounds the window.
 const LEAST_BETWEEN_S: f64 = WINDOW_S / 1024.0;
+/// Most pings of the whole dive that are kept.
+const DIVE_PINGS: usize = 1024;
 /// Between two checks, on the pings' clock.
 const CHECK_EVERY_S: f64 = 15.0;
 /// The same once nothing was found wrong twice.
@@ -22,10 +25,11 @@ const SETTLED_EVERY_S: f64 = 60.0;
 const TURN_DEG: f64 = 45.0;
 
 /// The pings of the last stretch, when to look at them, and what was found so far.
-#[derive(Default)]
 pub(super) struct Watch {
     epoch: u32,
     window: VecDeque<VehiclePing>,
+    /// Of all since it began anew, for what a window does not tell.
+    dive: Thinned<VehiclePing>,
     /// On the pings' clock.
     last_check: Option<Timestamp>,
     turn: Turn,
@@ -34,6 +38,21 @@ pub(super) struct Watch {
     pub(super) confirmed: Option<FrameVerdict>,
     /// The last two checks found nothing wrong.
     is_settled: bool,
+}
+
+impl Default for Watch {
+    fn default() -> Self {
+        Self {
+            epoch: 0,
+            window: VecDeque::new(),
+            dive: Thinned::new(DIVE_PINGS),
+            last_check: None,
+            turn: Turn::default(),
+            last: None,
+            confirmed: None,
+            is_settled: false,
+        }
+    }
 }
 
 impl Watch {
@@ -52,6 +71,7 @@ impl Watch {
             return;
         }
         self.turn.take(arrived.ping.world_from_vehicle.rotation);
+        self.dive.push(|| arrived.ping.clone());
         self.window.push_back(arrived.ping);
         let is_old = |ping: &VehiclePing| time.seconds_since(ping.ping.transmit_time()) > WINDOW_S;
         while self.window.front().is_some_and(is_old) {
@@ -88,6 +108,10 @@ impl Watch {
 
     pub(super) fn window(&mut self) -> &[VehiclePing] {
         self.window.make_contiguous()
+    }
+
+    pub(super) fn dive(&self) -> &[VehiclePing] {
+        self.dive.kept()
     }
 
     /// Two checks running that ask for the same are believed, and one beyond doubt; one that says

@@ -1,12 +1,10 @@
-//! Pings as coarse cells of range, lit or dark: all that a comparison of readings needs of them.
+//! Pings as coarse cells of range, lit or dark: all that a comparison of poses needs of them.
+
+use std::sync::Arc;
 
 use echosplat_mapper::MapperConfig;
 use echosplat_model::Ping;
 
-use super::VehiclePing;
-
-/// Cells up to the reach. Finer ones tell nothing more of errors that are as large as the scene.
-pub(super) const CELL_COUNT: usize = 64;
 /// Echoes further off than all but this share of them are left out.
 const REACH_SHARE: f64 = 0.95;
 /// The reach goes so far beyond those.
@@ -33,36 +31,42 @@ pub(super) enum Cell {
 pub(super) struct LitPings {
     /// Length of a cell, metres.
     pub(super) cell_m: f64,
-    /// Shape `[pings][CELL_COUNT]`.
-    pub(super) cells: Vec<[Cell; CELL_COUNT]>,
+    pub(super) cell_count: usize,
+    /// Shape `[pings][cell_count]`.
+    pub(super) cells: Vec<Vec<Cell>>,
 }
 
 impl LitPings {
     /// `None` if nothing is heard.
-    pub(super) fn of(pings: &[VehiclePing], config: &MapperConfig) -> Option<Self> {
+    pub(super) fn of(
+        pings: &[Arc<Ping>],
+        config: &MapperConfig,
+        cell_count: usize,
+    ) -> Option<Self> {
         let floor = floor(pings, config);
-        let echoes = |ping: &VehiclePing| echoes_m(&ping.ping, floor, config);
+        let echoes = |ping: &Arc<Ping>| echoes_m(ping, floor, config);
         let mut ranges_m: Vec<f64> = pings.iter().flat_map(echoes).collect();
         let reach_m = REACH_MARGIN * quantile(&mut ranges_m, REACH_SHARE)?;
-        let cell_m = reach_m / CELL_COUNT as f64;
-        let cells = |ping: &VehiclePing| cells(&ping.ping, cell_m, floor, config);
+        let cell_m = reach_m / cell_count as f64;
+        let cells = |ping: &Arc<Ping>| cells(ping, (cell_m, cell_count), floor, config);
         Some(Self {
             cell_m,
+            cell_count,
             cells: pings.iter().map(cells).collect(),
         })
     }
 
     /// How many pings hear anything.
     pub(super) fn lit_pings(&self) -> usize {
-        let is_lit = |cells: &&[Cell; CELL_COUNT]| cells.contains(&Cell::Lit);
+        let is_lit = |cells: &&Vec<Cell>| cells.contains(&Cell::Lit);
         self.cells.iter().filter(is_lit).count()
     }
 }
 
 /// Power that echoes stay below by more than the dynamic range.
-fn floor(pings: &[VehiclePing], config: &MapperConfig) -> f32 {
-    let peak = |ping: &VehiclePing| {
-        let open = &ping.ping.intensity()[first_bin(&ping.ping, config)..];
+fn floor(pings: &[Arc<Ping>], config: &MapperConfig) -> f32 {
+    let peak = |ping: &Arc<Ping>| {
+        let open = &ping.intensity()[first_bin(ping, config)..];
         f64::from(open.iter().copied().fold(0.0, f32::max))
     };
     let mut peaks: Vec<f64> = pings.iter().map(peak).collect();
@@ -101,8 +105,13 @@ fn echoes_m(ping: &Ping, floor: f32, config: &MapperConfig) -> Vec<f64> {
         .collect()
 }
 
-fn cells(ping: &Ping, cell_m: f64, floor: f32, config: &MapperConfig) -> [Cell; CELL_COUNT] {
-    let mut cells = [Cell::Unknown; CELL_COUNT];
+fn cells(
+    ping: &Ping,
+    (cell_m, cell_count): (f64, usize),
+    floor: f32,
+    config: &MapperConfig,
+) -> Vec<Cell> {
+    let mut cells = vec![Cell::Unknown; cell_count];
     let threshold = threshold(ping, floor, config);
     let settings = ping.settings();
     for (bin, &power) in ping

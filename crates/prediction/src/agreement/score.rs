@@ -2,11 +2,11 @@
 //!
 //! Odds of a lit cell are those of its range in the blocks around, poses or not, times a factor for
 //! what observations along its arc say. Both are fitted on other blocks than the one that is
-//! judged, and where observations say nothing the factor is that without poses: a reading that says
-//! nothing gains nothing, whatever it makes of the poses.
+//! judged, and where observations say nothing the factor is that without poses: poses that say
+//! nothing gain nothing.
 
 use super::evidence::{BLOCKS, Evidence, Said, block_of, left_out};
-use super::lit::{CELL_COUNT, Cell, LitPings};
+use super::lit::{Cell, LitPings};
 
 /// Edges between levels of the greatest share of lit observations along an arc.
 const SHARE_EDGES: [f32; 7] = [0.08, 0.15, 0.25, 0.37, 0.5, 0.65, 0.8];
@@ -49,9 +49,10 @@ impl Count {
 type ByBase = [Count; BASE_LEVELS];
 
 /// The range's odds, and what they say alone.
+#[derive(Debug)]
 pub(super) struct Baseline {
     /// Level by block and cell.
-    levels: Vec<[u8; CELL_COUNT]>,
+    levels: Vec<Vec<u8>>,
     /// Lit cells of all.
     lit_rate: f32,
     /// Cells looked at.
@@ -80,7 +81,7 @@ impl Baseline {
         baseline
     }
 
-    /// Log likelihood by block under a reading.
+    /// Log likelihood by block with what poses make of it.
     pub(super) fn with(&self, lit: &LitPings, evidence: &Evidence) -> [f64; BLOCKS] {
         let said = |ping, cell| match evidence.said(ping, cell, self.lit_rate) {
             Said::Nothing => NOTHING_SAID,
@@ -119,9 +120,9 @@ fn count_of(cell: Cell) -> Option<Count> {
     }
 }
 
-/// Shape `[BLOCKS][CELL_COUNT]`.
-fn count_by_range(lit: &LitPings) -> Vec<[Count; CELL_COUNT]> {
-    let mut by_range = vec![[Count::default(); CELL_COUNT]; BLOCKS];
+/// Shape `[BLOCKS][cells]`.
+fn count_by_range(lit: &LitPings) -> Vec<Vec<Count>> {
+    let mut by_range = vec![vec![Count::default(); lit.cell_count]; BLOCKS];
     for (ping, cells) in lit.cells.iter().enumerate() {
         let counts = &mut by_range[block_of(ping, lit.cells.len())];
         for (count, cell) in counts.iter_mut().zip(cells) {
@@ -132,16 +133,17 @@ fn count_by_range(lit: &LitPings) -> Vec<[Count; CELL_COUNT]> {
 }
 
 /// What a block counts for the ranges of another, half as much with each block in between: height
-/// over a seabed changes slowly, and a reading that says no more than that is to gain nothing.
+/// over a seabed changes slowly, and poses that say no more than that are to gain nothing.
 fn nearness(block: usize, other: usize) -> f64 {
     (-(block.abs_diff(other) as f64)).exp2()
 }
 
 /// Level of the odds of each range, by the blocks that may tell of `block`; a cell is smoothed with
 /// its neighbours.
-fn range_levels(by_range: &[[Count; CELL_COUNT]], block: usize, lit_rate: f64) -> [u8; CELL_COUNT] {
-    std::array::from_fn(|cell| {
-        let near = cell.saturating_sub(1)..=(cell + 1).min(CELL_COUNT - 1);
+fn range_levels(by_range: &[Vec<Count>], block: usize, lit_rate: f64) -> Vec<u8> {
+    let cell_count = by_range[block].len();
+    let level_of = |cell: usize| {
+        let near = cell.saturating_sub(1)..=(cell + 1).min(cell_count - 1);
         let mut sum = Count {
             all: PRIOR_OBSERVATIONS,
             lit: PRIOR_OBSERVATIONS * lit_rate,
@@ -155,7 +157,8 @@ fn range_levels(by_range: &[[Count; CELL_COUNT]], block: usize, lit_rate: f64) -
         }
         let level = ((odds_ln(sum.lit / sum.all) - BASE_FIRST) / BASE_STEP).round();
         level.clamp(0.0, (BASE_LEVELS - 1) as f64) as u8
-    })
+    };
+    (0..cell_count).map(level_of).collect()
 }
 
 /// Each block by the factors that other blocks ask for.

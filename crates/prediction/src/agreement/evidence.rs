@@ -1,20 +1,20 @@
-//! What was seen where under one reading: the voxels along the arcs of all pings' ranges, and how
+//! What was seen where by one choice of poses: the voxels along the arcs of all pings' ranges, and how
 //! often observations of each found it lit, by block of time.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
+use std::sync::Arc;
 
 use echosplat_acoustics::Beam;
-use echosplat_model::Pose;
+use echosplat_model::{Ping, Pose};
 use glam::{DQuat, DVec3, IVec3};
 
-use super::VehiclePing;
-use super::lit::{CELL_COUNT, Cell, LitPings};
+use super::lit::{Cell, LitPings};
 
 /// Blocks of time that a window is cut into; each is predicted from the others.
-pub(super) const BLOCKS: usize = 20;
+pub const BLOCKS: usize = 20;
 /// Blocks before and after the predicted one that are left out: what was seen a moment ago is seen
-/// again under any reading.
+/// again with any poses.
 const LEFT_OUT: usize = 1;
 /// Observations that every voxel is given at the rate of all cells, so that few say little.
 const PRIOR_OBSERVATIONS: f32 = 3.0;
@@ -31,12 +31,14 @@ pub(super) fn left_out(block: usize) -> std::ops::RangeInclusive<usize> {
     block.saturating_sub(LEFT_OUT)..=(block + LEFT_OUT).min(BLOCKS - 1)
 }
 
-/// Samples along each cell's arc, metres ahead and up; shape `[CELL_COUNT][samples]`.
+/// Samples along each cell's arc, metres ahead and up; shape `[cells][samples]`.
+#[derive(Debug)]
 pub(super) struct Arcs(Vec<Vec<[f64; 2]>>);
 
 impl Arcs {
     /// Samples a cell apart, as far up and down as the beam has half its strength.
-    pub(super) fn new(cell_m: f64, beam: &Beam) -> Self {
+    pub(super) fn new(lit: &LitPings, beam: &Beam) -> Self {
+        let cell_m = lit.cell_m;
         let half_rad = f64::from(beam.elevation_half_width_rad());
         let arc = |cell: usize| {
             let range_m = (cell as f64 + 0.5) * cell_m;
@@ -47,7 +49,7 @@ impl Arcs {
             };
             (0..count).map(sample).collect()
         };
-        Self((0..CELL_COUNT).map(arc).collect())
+        Self((0..lit.cell_count).map(arc).collect())
     }
 }
 
@@ -85,38 +87,49 @@ impl Observations {
     }
 }
 
-/// A window of pings under one reading: for each ping and cell, the voxels along its arc.
+/// A window of pings with one choice of poses: for each ping and cell, the voxels along its arc.
 pub(super) struct Evidence {
     blocks: Vec<usize>,
     observations: Vec<Observations>,
     /// Indices into `observations`, all cells' one after another.
     along: Vec<u32>,
-    /// Where those of ping `p`'s cell `c` begin, at `p · CELL_COUNT + c`, and the end of the last.
+    /// Where those of ping `p`'s cell `c` begin, at `p · cells + c`, and the end of the last.
     starts: Vec<usize>,
+    cell_count: usize,
 }
 
 impl Evidence {
-    /// Of poses `world_from_sensor`, one for each ping.
-    pub(super) fn new(pings: &[VehiclePing], poses: &[Pose], lit: &LitPings, arcs: &Arcs) -> Self {
+    /// Of poses `world_from_sensor`, one for each ping; one without observes nothing.
+    pub(super) fn new(
+        pings: &[Arc<Ping>],
+        poses: &[Option<Pose>],
+        lit: &LitPings,
+        arcs: &Arcs,
+    ) -> Self {
         let count = lit.cells.len();
         let mut evidence = Self {
             blocks: (0..count).map(|ping| block_of(ping, count)).collect(),
             observations: Vec::new(),
             along: Vec::new(),
             starts: vec![0],
+            cell_count: lit.cell_count,
         };
+        let origin = poses.iter().flatten().next();
+        let origin_m = origin.map_or(DVec3::ZERO, |pose| pose.translation_m);
         let samples: usize = arcs.0.iter().map(Vec::len).sum();
         evidence.along.reserve_exact(samples * count);
         let mut voxels = Voxels::default();
         for (index, (ping, pose)) in pings.iter().zip(poses).enumerate() {
-            let rays = Rays::of(ping, pose, poses, lit.cell_m);
+            let rays = pose.map(|pose| Rays::of(ping, &pose, origin_m, lit.cell_m));
             for (arc, state) in arcs.0.iter().zip(&lit.cells[index]) {
-                if *state != Cell::Unknown {
+                if let Some(rays) = &rays
+                    && *state != Cell::Unknown
+                {
                     let observation = Observation {
                         block: evidence.blocks[index],
                         is_lit: *state == Cell::Lit,
                     };
-                    evidence.observe(&rays, arc, observation, &mut voxels);
+                    evidence.observe(rays, arc, observation, &mut voxels);
                 }
                 evidence.starts.push(evidence.along.len());
             }
@@ -145,7 +158,7 @@ impl Evidence {
 
     /// What other blocks saw along a cell's arc; `lit_rate` is that of all cells.
     pub(super) fn said(&self, ping: usize, cell: usize, lit_rate: f32) -> Said {
-        let place = ping * CELL_COUNT + cell;
+        let place = ping * self.cell_count + cell;
         let along = &self.along[self.starts[place]..self.starts[place + 1]];
         let (mut known, mut greatest) = (0, None);
         for &voxel in along {
@@ -221,12 +234,12 @@ struct Rays {
 }
 
 impl Rays {
-    /// Relative to the first of `poses`.
-    fn of(ping: &VehiclePing, pose: &Pose, poses: &[Pose], voxel_m: f64) -> Self {
-        let beam_turn = DQuat::from_rotation_z(ping.ping.beam_azimuth_rad().into());
+    /// Relative to `origin_m`.
+    fn of(ping: &Ping, pose: &Pose, origin_m: DVec3, voxel_m: f64) -> Self {
+        let beam_turn = DQuat::from_rotation_z(ping.beam_azimuth_rad().into());
         let rotation = pose.rotation * beam_turn;
         Self {
-            position: (pose.translation_m - poses[0].translation_m) / voxel_m,
+            position: (pose.translation_m - origin_m) / voxel_m,
             ahead: rotation * DVec3::X / voxel_m,
             up: rotation * DVec3::Z / voxel_m,
         }
