@@ -91,3 +91,54 @@ fn a_compass_that_deviates_is_told_in_the_status_and_as_a_notice() {
     let words = "pose.compass_deviation_deg = [";
     assert!(has_notice(&said, "pose-compass", words), "{said}");
 }
+
+/// A configuration file with the sonar mounted so.
+fn mounted(name: &str, yaw_pitch_roll_deg: [f64; 3]) -> String {
+    let config = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let mount =
+        format!("[pose.vehicle_from_sensor]\nyaw_pitch_roll_deg = {yaw_pitch_roll_deg:?}\n");
+    fs::write(&config, mount).expect("a file of ours");
+    config.display().to_string()
+}
+
+#[test]
+fn a_mount_that_is_off_by_tens_of_degrees_is_found_whole() {
+    let config = mounted("calibrate-yaw.toml", [20.0, 0.0, 0.0]);
+    let (log, poses) = (file("dive.svlog"), file("dive.tum"));
+    let asked = ["calibrate", &log, "--poses", &poses, "--config", &config];
+    let mut program = Program::echosplat(&[&asked[..], &["--only", "yaw", "--json"]].concat());
+    program.wait_exit_code(0, LONG);
+    let said = program.only_json();
+    let found = &said["parameters"][0];
+    assert_eq!(found["verdict"], "off", "{found}");
+    let fits_deg = found["fits"].as_f64();
+    assert!(
+        fits_deg.is_some_and(|fits_deg| fits_deg.abs() < 1.0),
+        "{found}"
+    );
+    assert!(
+        found["sigma"].as_f64().is_some_and(|sigma| sigma < 1.0),
+        "{found}"
+    );
+}
+
+#[test]
+fn a_mount_that_is_tilted_by_20_degrees_is_told_while_the_dive_is_mapped() {
+    let directory = Path::new(env!("CARGO_TARGET_TMPDIR")).join("tilted-dive");
+    let out = directory.display().to_string();
+    let dive = ["simulate", "--duration", "90", "--out", &out];
+    Program::echosplat(&dive).wait_exit_code(0, LONG);
+    let of = |name: &str| directory.join(name).display().to_string();
+    let (log, poses) = (of("dive.svlog"), of("dive.tum"));
+    let config = mounted("tilted.toml", [0.0, 20.0, 0.0]);
+    let asked = [
+        "replay", &log, "--poses", &poses, "--config", &config, "--json",
+    ];
+    let mut program = Program::echosplat(&asked);
+    program.wait_exit_code(3, LONG);
+    let said = program.only_json();
+    assert!(
+        has_notice(&said, "pose-mount", "echosplat calibrate"),
+        "{said}"
+    );
+}

@@ -1,5 +1,7 @@
 //! What is shifted.
 
+use echosplat_prediction::alignment::Quantity;
+
 use crate::arguments::Parameter;
 use crate::config::Config;
 
@@ -10,6 +12,16 @@ impl Parameter {
             Self::Yaw => "mount's yaw",
             Self::Pitch => "mount's pitch",
             Self::Roll => "mount's roll",
+        }
+    }
+
+    /// As it is looked for far off.
+    pub(super) fn quantity(self) -> Quantity {
+        match self {
+            Self::Time => Quantity::TimeOffset,
+            Self::Yaw => Quantity::Yaw,
+            Self::Pitch => Quantity::Pitch,
+            Self::Roll => Quantity::Roll,
         }
     }
 
@@ -39,11 +51,25 @@ impl Parameter {
         }
     }
 
+    /// With its sigma, where that is known.
+    pub(super) fn show_with(self, value: f64, sigma: Option<f64>) -> String {
+        match (self, sigma) {
+            (_, None) => self.show(value),
+            (Self::Time, Some(sigma)) => format!("{value:.3} ± {sigma:.3} s"),
+            (_, Some(sigma)) => format!("{value:.2} ± {sigma:.2}°"),
+        }
+    }
+
     pub(super) fn of(self, config: &Config) -> f64 {
         match self.angle() {
             Some(angle) => config.pose.vehicle_from_sensor.yaw_pitch_roll_deg[angle],
             None => config.pose.time_offset_s,
         }
+    }
+
+    /// With this one as it is in `other`.
+    pub(super) fn set_as_in(self, config: &Config, other: &Config) -> Config {
+        self.shifted(config, self.of(other) - self.of(config))
     }
 
     pub(super) fn shifted(self, config: &Config, shift: f64) -> Config {
