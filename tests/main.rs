@@ -25,6 +25,7 @@ mod hold;
 mod link;
 mod log_clock;
 mod map;
+mod mavlink;
 mod mesh;
 mod notices;
 mod outputs;

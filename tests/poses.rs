@@ -1,5 +1,7 @@
 //! Poses as vehicles send them, by senders that others wrote or in Python, put pings into the map.
 
+use std::io::Write;
+use std::net::TcpListener;
 use std::time::Duration;
 
 use crate::dive::file;
@@ -54,6 +56,7 @@ fn an_autopilot_over_udp() {
 #[test]
 fn an_autopilot_behind_a_mavlink_server() {
     mapped("mavlink-json", "mavlink+zenoh://", "{bus}");
+    mapped("mavlink-raw", "mavlink+zenoh://?system=1", "{bus}");
 }
 
 #[test]
@@ -61,4 +64,43 @@ fn a_dvl_with_dead_reckoning() {
     let port = free_port();
     let url = format!("dvl://127.0.0.1:{port}");
     mapped("dvl", &url, &format!("127.0.0.1:{port}"));
+}
+
+/// A relay that merges the reports of two DVLs, one 12 m beside the other and switched on 300 s before it.
+fn merged_dvls() -> u16 {
+    let listener = TcpListener::bind("127.0.0.1:0").expect("loopback has free ports");
+    let port = listener.local_addr().expect("it is bound").port();
+    std::thread::spawn(move || {
+        let (mut client, _) = listener.accept().expect("the service connects");
+        for i in 0.. {
+            let seconds = f64::from(i) * 0.2;
+            for (clock_s, x) in [(50.0, 0.1 * seconds), (350.0, 12.0 + 0.1 * seconds)] {
+                let ts = clock_s + seconds;
+                let report = format!(
+                    r#"{{"ts":{ts},"x":{x},"y":0,"z":1,"std":0.01,"roll":0,"pitch":0,"yaw":0,"type":"position_local","status":0}}"#
+                );
+                if client
+                    .write_all(format!("{report}\r\n").as_bytes())
+                    .is_err()
+                {
+                    return;
+                }
+                std::thread::sleep(Duration::from_millis(100));
+            }
+        }
+    });
+    port
+}
+
+#[test]
+fn two_dvls_behind_a_relay_are_told() {
+    let sonar = FakeSonar::start(|i| profile(i, |_| {}));
+    let bus = bus_at(free_port());
+    let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
+    let (url, dvl) = (sonar.url(), format!("dvl://127.0.0.1:{}", merged_dvls()));
+    let own = ["run", "--sonar", &url, "--pose", &dvl, "--verbose"];
+    let mut service = Program::echosplat(&[&own[..], &bus].concat());
+    service.wait_for_text("two DVLs report on the same connection, 12.0 m apart", LONG);
+    service.terminate();
+    service.wait_exit_code(3, Duration::from_secs(20));
 }

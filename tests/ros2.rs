@@ -4,7 +4,10 @@
 use std::collections::BTreeSet;
 use std::fs;
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, channel};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use echosplat_ros::rmw_zenoh::{Attachment, EndpointKind, Gid, Node, ODOMETRY, Topic};
@@ -256,6 +259,105 @@ fn odometry_of_a_node_drives_the_map_and_the_vehicle_is_told_of() {
     );
     service.interrupt();
     service.wait_exit(Duration::from_secs(10));
+}
+
+/// Puts odometry fifty times a second as a node does, `x_m` aside, until dropped.
+struct SteeringNode {
+    stop: Arc<AtomicBool>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl SteeringNode {
+    fn start(router_port: u16, name: &str, token_end: &'static str, x_m: f64) -> Self {
+        let session = node_session(router_port);
+        let topic = Topic {
+            name: "/rov/odom".to_owned(),
+            message: ODOMETRY,
+            depth: 10,
+        };
+        let node = Node {
+            domain_id: DOMAIN,
+            zenoh_id: session.zid().to_string(),
+            namespace: "/rov".to_owned(),
+            name: name.to_owned(),
+        };
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let token = node.endpoint_token(EndpointKind::Publisher, 1, &topic) + token_end;
+            let gid = Gid::of_token(&token);
+            let liveliness = session.liveliness().declare_token(&token);
+            let _token = liveliness.wait().expect("zenoh declares");
+            let begin = Instant::now();
+            for sequence in 1.. {
+                if stopped.load(Ordering::Relaxed) {
+                    return;
+                }
+                let mut pose = pose_at(now(), begin.elapsed().as_secs_f64());
+                pose.world_from_vehicle.translation_m.x += x_m;
+                let attachment = Attachment {
+                    sequence,
+                    source_time_ns: now().nanos(),
+                    gid,
+                };
+                let message = odometry::encode(&pose, "odom", "base_link");
+                let put = session.put(topic.key(DOMAIN), message);
+                let put = put.attachment(attachment.to_bytes().to_vec());
+                put.wait().expect("the session is open");
+                std::thread::sleep(Duration::from_millis(20));
+            }
+        });
+        Self {
+            stop,
+            thread: Some(thread),
+        }
+    }
+}
+
+impl Drop for SteeringNode {
+    fn drop(&mut self) {
+        self.stop.store(true, Ordering::Relaxed);
+        if let Some(thread) = self.thread.take() {
+            // A panic in it has been printed.
+            let _ = thread.join();
+        }
+    }
+}
+
+#[test]
+fn two_nodes_on_one_topic_are_told_by_name_and_one_of_them_is_used() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_router, port) = router();
+    let sonar = FakeSonar::start(|i| profile(i, |_| {}));
+    let url = sonar.url();
+    let own = [
+        "run",
+        "--sonar",
+        &url,
+        "--pose",
+        "ros2:///rov/odom",
+        "--verbose",
+    ];
+    let mut arguments: Vec<String> = own.map(ToOwned::to_owned).into();
+    arguments.extend(for_ros(&folder, port));
+    let mut service = Program::echosplat(&arguments);
+    // As Lyrical writes tokens since July 2026.
+    let _first = SteeringNode::start(port, "ekf", "/backends:cpu", 0.0);
+    service.wait_for("pings in the map", LONG, |service| {
+        newest_count(&service.stderr(), "pings_mapped").filter(|&count| count > 20)
+    });
+    let _second = SteeringNode::start(port, "slam", "", 5.0);
+    for words in [
+        "a second source sends poses 5.",
+        "poses of node /rov/ekf are used",
+        "those of node /rov/slam",
+    ] {
+        service.wait_for_text(words, LONG);
+    }
+    service.terminate();
+    service.wait_exit_code(3, Duration::from_secs(20));
+    let log = service.stderr();
+    assert!(!log.contains("a new map begins"), "{log}");
 }
 
 fn said(program: &Program, topic: &str) -> Vec<Value> {

@@ -7,6 +7,7 @@
 | mavlink-udp | ATTITUDE_QUATERNION and LOCAL_POSITION_NED, or ODOMETRY with --odometry | host:port sent to |
 | mavlink-tcp | the same, to the first that connects | host:port listened on |
 | mavlink-json | the same as mavlink-server puts it on zenoh | zenoh endpoint |
+| mavlink-raw | the same as mavlink-server puts raw messages on zenoh, since 0.9 | zenoh endpoint |
 | dvl | a Water Linked DVL: position_local at 5 Hz, velocity between | host:port listened on |
 | odometry | nav_msgs/Odometry in CDR on zenoh, as rosbags writes it | zenoh endpoint |
 | json | the pose of docs/mounting.md on zenoh, with zenoh's default encoding | zenoh endpoint |
@@ -267,6 +268,9 @@ def over_json(options, poses, clock):
             for message in messages:
                 fields = message.to_dict()
                 name = fields.pop("mavpackettype")
+                if name == "HEARTBEAT":
+                    fields = {"mavtype": {"type": "MAV_TYPE_SUBMARINE"},
+                              "autopilot": {"type": "MAV_AUTOPILOT_ARDUPILOTMEGA"}}
                 for key in ("frame_id", "child_frame_id"):
                     if key in fields:
                         fields[key] = {"type": frames[fields[key]]}
@@ -277,6 +281,19 @@ def over_json(options, poses, clock):
                 }
                 # JSON5, as the server writes it: Python's NaN is spelled the same way.
                 session.put(f"{options.key or 'mavlink'}/1/1/{name}", json.dumps(document))
+
+        in_step(options, poses, clock, lambda pose: put(vehicle.encoded(*pose)),
+                lambda nanos: put(vehicle.extras(nanos)))
+
+
+def over_raw(options, poses, clock):
+    """What mavlink-server puts on zenoh for each message, as it came."""
+    vehicle = Mavlink(options, clock)
+    with zenoh_session(options) as session:
+        def put(messages):
+            for message in messages:
+                vehicle.mav.send(message)
+                session.put(f"{options.key or 'mavlink'}_raw/out", vehicle.taken())
 
         in_step(options, poses, clock, lambda pose: put(vehicle.encoded(*pose)),
                 lambda nanos: put(vehicle.extras(nanos)))
@@ -362,6 +379,7 @@ def as_json(options, poses, clock):
 
 
 KINDS = {"mavlink-udp": over_link, "mavlink-tcp": over_link, "mavlink-json": over_json,
+         "mavlink-raw": over_raw,
          "dvl": as_dvl, "odometry": as_odometry, "odometry-mcap": as_odometry, "json": as_json}
 
 
@@ -370,7 +388,7 @@ def main():
     parser.add_argument("file")
     parser.add_argument("--as", dest="kind", choices=KINDS, required=True)
     parser.add_argument("--to", required=True)
-    parser.add_argument("--key", help="zenoh key, or prefix of mavlink-json")
+    parser.add_argument("--key", help="zenoh key, or prefix of mavlink-json and mavlink-raw")
     parser.add_argument("--rate", type=float, default=1.0)
     parser.add_argument("--boot-s", type=float, default=3.0)
     parser.add_argument("--drift-ppm", type=float, default=0.0)

@@ -55,7 +55,7 @@ pub mod map_message;
 pub mod point_cloud;
 pub mod pose_message;
 mod publisher;
-mod reach;
+mod publishers;
 mod ros;
 mod ros2;
 mod streams;
@@ -75,7 +75,7 @@ pub use keys::Keys;
 pub use listening::free_port;
 pub use map_frame::MapFrame;
 pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters, Sent};
-pub use reach::Unreached;
+pub use publishers::{PublishedTopic, Publisher};
 pub use ros2::{RosCounters, RosPublisher};
 pub use streams::{
     MessageSubscription, PingCounters, PingSubscription, PoseCounters, PoseSubscription,

@@ -15,7 +15,7 @@ use zenoh::sample::Sample;
 use crate::BusError;
 use crate::bus::Link;
 use crate::pose_message::{self, MAX_POSE_BYTES, PoseMessage, PoseMessageError};
-use crate::ros2::PoseTopic;
+use crate::publishers::{self, OfRos, PublishedTopic, Publisher};
 
 /// Largest frame that the Ping protocol's lengths allow, header and checksum included.
 const MAX_FRAME_BYTES: usize = 65_535 + 10;
@@ -48,10 +48,13 @@ pub struct ReceivedPose {
     pub pose: StampedPose,
     /// When it came to this host, Unix time.
     pub arrived: Timestamp,
+    /// Who put it.
+    pub publisher: Publisher,
 }
 
 #[derive(Debug, Default)]
 struct PoseTally {
+    own_id: u128,
     first_fault: OnceLock<String>,
     received: AtomicU64,
     accepted: AtomicU64,
@@ -76,34 +79,18 @@ pub struct PoseSubscription {
     poses: Receiver<ReceivedPose>,
     tally: Arc<PoseTally>,
     heartbeat: Heartbeat,
-    topic: Option<PoseTopic>,
-    _subscribers: Vec<Subscriber<()>>,
+    _subscriber: Subscriber<()>,
+    ros: Option<OfRos>,
 }
 
 impl PoseSubscription {
-    /// On a key whose messages say themselves what they are.
-    pub(crate) fn start(link: &Arc<Link>, key: &str) -> Result<Self, BusError> {
-        Self::on_keys(link, &[(key.to_owned(), None)])
-    }
-
-    /// On the keys of a topic of ROS, each with its message.
-    pub(crate) fn on_topic(link: &Arc<Link>, topic: PoseTopic) -> Result<Self, BusError> {
-        let keys = topic.keys.iter();
-        let keys = keys.map(|(key, encoding)| (key.clone(), Some(*encoding)));
-        let keys: Vec<_> = keys.collect();
-        let poses = Self::on_keys(link, &keys)?;
-        Ok(Self {
-            topic: Some(topic),
-            ..poses
-        })
-    }
-
-    fn on_keys(
-        link: &Arc<Link>,
-        keys: &[(String, Option<&'static str>)],
-    ) -> Result<Self, BusError> {
+    pub(crate) fn start(link: &Arc<Link>, key: &str, ros: Option<OfRos>) -> Result<Self, BusError> {
         let (sender, poses) = bounded(link.config.pose_queue_len);
-        let tally = Arc::new(PoseTally::default());
+        let tally = Arc::new(PoseTally {
+            own_id: publishers::own_id(link),
+            ..PoseTally::default()
+        });
+        let in_callback = Arc::clone(&tally);
         let heartbeat = Heartbeat::new("poses");
         let subscribe = |(key, encoding): &(String, Option<&'static str>)| {
             let (in_callback, beats) = (Arc::clone(&tally), heartbeat.clone());
@@ -126,15 +113,22 @@ impl PoseSubscription {
             poses,
             tally,
             heartbeat,
-            topic: None,
-            _subscribers: subscribers,
+            _subscriber: subscriber,
+            ros,
         })
     }
 
-    /// Of a topic of ROS: that what is published there holds no poses, in words.
+    /// Words for a publisher; `None` for those that cannot be told apart.
     #[must_use]
-    pub fn unfit(&self) -> Option<String> {
-        self.topic.as_ref().and_then(PoseTopic::unfit)
+    pub fn name_of(&self, publisher: Publisher) -> Option<String> {
+        publisher.name(self.ros.as_ref())
+    }
+
+    /// Of a topic of ROS: others with messages of the same type.
+    #[must_use]
+    pub fn other_topics(&self) -> Vec<PublishedTopic> {
+        let topics = self.ros.as_ref().map(OfRos::other_topics);
+        topics.unwrap_or_default()
     }
 
     /// The next pose, if one waits.
@@ -187,8 +181,11 @@ impl PoseTally {
     fn take(&self, sample: &Sample, encoding: Option<&'static str>, poses: &Sender<ReceivedPose>) {
         let arrived = now();
         count(&self.received);
-        match decode_pose(sample, encoding) {
-            Ok(message) => self.hand_on(message, arrived, poses),
+        match decode_pose(sample) {
+            Ok(message) => {
+                let publisher = Publisher::of(sample, self.own_id);
+                self.hand_on(message, arrived, publisher, poses);
+            }
             Err(error) => {
                 tracing::debug!("pose left out: {error}");
                 count(self.counter_of(&error));
@@ -197,9 +194,23 @@ impl PoseTally {
         }
     }
 
-    fn hand_on(&self, message: PoseMessage, arrived: Timestamp, poses: &Sender<ReceivedPose>) {
+    fn hand_on(
+        &self,
+        message: PoseMessage,
+        arrived: Timestamp,
+        publisher: Publisher,
+        poses: &Sender<ReceivedPose>,
+    ) {
+        if message.covariance_ignored {
+            count(&self.covariance_ignored);
+        }
         let pose = message.pose;
-        match poses.try_send(ReceivedPose { pose, arrived }) {
+        let received = ReceivedPose {
+            pose,
+            arrived,
+            publisher,
+        };
+        match poses.try_send(received) {
             Ok(()) => count(&self.accepted),
             Err(_) => count(&self.dropped_full),
         }

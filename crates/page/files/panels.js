@@ -89,6 +89,8 @@ export class Panels {
     this.newest = status;
     const { link, rates, ledger, mapper, poses, latency_s: latency, recording } = status;
     const source = poses?.source ?? {};
+    const senders = source.senders ?? [];
+    const named = (sender) => sender.kind ? `${sender.name} (${sender.kind})` : sender.name;
     const isDone = status.final;
     pill("sonar", isDone ? "off" : link.state, isDone ? "dive ended" : `sonar ${LINKS[link.state] ?? link.state}`);
     this.#setRecording(Boolean(recording) && !isDone, recording?.bytes);
@@ -113,9 +115,11 @@ export class Panels {
       ["Received", `${bytes(rates.bytes_per_s)}/s`],
       ["Damaged", `${shown(status.sonar.session.frames_bad)} frames, ${bytes(status.sonar.session.bytes_skipped)}`,
         status.sonar.session.frames_bad ? "warn" : ""],
-      ["Poses from", source.source || "–"],
+      ["Poses from", [source.source, ...senders.filter((s) => s.is_used).map(named)].filter(Boolean).join(", ") || "–"],
       ["Poses", `${shown(source.accepted)}, ${shown(source.rate_hz, 1)}/s`],
     );
+    const others = senders.filter((s) => !s.is_used && s.age_s < 10).map(named);
+    if (others.length) rows.push(["Also heard", others.join(", ")]);
     if (source.age_s !== null && source.age_s !== undefined) rows.push(["Newest pose", `${shown(source.age_s, 2)} s ago`]);
     rows.push(
       ["Ping to map", latency?.measured ? `${shown(latency.p50, 2)} s, 99 %: ${shown(latency.p99, 2)} s` : "–"],

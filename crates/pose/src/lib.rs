@@ -11,6 +11,7 @@
 //! says which goes with which ping.
 
 mod advance;
+mod bus_feed;
 mod clock;
 mod dvl;
 mod fault;
@@ -18,7 +19,9 @@ mod link;
 mod log;
 mod mavlink;
 mod now;
+mod only;
 mod outlet;
+mod senders;
 mod source;
 mod source_task;
 mod status;
@@ -26,7 +29,7 @@ mod tum_file;
 mod url;
 
 pub use log::{LogPosesError, poses_of_mcap, poses_of_svlog};
+pub use only::Only;
 pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
-pub use status::PoseSourceStatus;
-pub use tum_file::FilePoses;
+pub use status::{PoseSender, PoseSourceStatus, Several};
 pub use url::{POSE_URL_FORMS, PoseUrl, PoseUrlError};

@@ -12,10 +12,13 @@ use echosplat_model::StampedPose;
 use echosplat_recording::tum::TumError;
 use tokio::runtime::Handle;
 
+use crate::bus_feed::{BusFeed, receive};
 use crate::link::Address;
 use crate::log::LogPosesError;
-use crate::mavlink::run::{JSON_MESSAGES, OverLink};
+use crate::mavlink::over_bus::{OnBus, keys};
+use crate::mavlink::run::OverLink;
 use crate::now::now;
+use crate::only::Only;
 use crate::source_task::{SourceTask, Work};
 use crate::status::{PoseSourceStatus, Rate};
 use crate::tum_file::FilePoses;
@@ -89,7 +92,7 @@ pub struct LivePoses {
 
 #[derive(Debug)]
 enum Feed {
-    Bus(PoseSubscription),
+    Bus(Box<BusFeed>),
     Task(SourceTask),
 }
 
@@ -168,37 +171,58 @@ impl PoseSource {
         stamps: StampClock,
     ) -> Result<Self, PoseSourceError> {
         let need_bus = || bus.ok_or(PoseSourceError::NoBus);
-        let over_link = |address| {
-            let vehicle = OverLink { address, stamps };
+        let over_link = |address, only: Only| {
+            let vehicle = OverLink {
+                address,
+                stamps,
+                only,
+            };
             Ok(task(runtime, url, Work::Mavlink(vehicle)))
         };
         match url {
             PoseUrl::None => Ok(Self::None),
             PoseUrl::Tum(path) => FilePoses::open(path).map(Self::File),
             PoseUrl::Log(_) => Err(PoseSourceError::NoLog),
-            PoseUrl::Zenoh => Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses()?))),
-            PoseUrl::ZenohKey(key) => {
-                Ok(live(url, Feed::Bus(need_bus()?.subscribe_poses_on(key)?)))
-            }
+            PoseUrl::Zenoh => Ok(live(url, Feed::of_bus(need_bus()?.subscribe_poses()?))),
+            PoseUrl::ZenohKey(key) => Ok(live(
+                url,
+                Feed::of_bus(need_bus()?.subscribe_poses_on(key)?),
+            )),
             PoseUrl::Ros2(topic) => {
-                let poses = need_bus()?.subscribe_poses_of_ros(topic)?;
-                Ok(live(url, Feed::Bus(poses)))
+                let poses = need_bus()?.subscribe_odometry_of_ros(topic)?;
+                Ok(live(url, Feed::of_bus(poses)))
             }
-            PoseUrl::MavlinkZenoh(prefix) => {
-                let keys = JSON_MESSAGES.map(|name| format!("{prefix}/*/*/{name}"));
-                let messages = need_bus()?.subscribe_messages(&keys)?;
-                let work = Work::MavlinkOnBus(Arc::new(messages), stamps);
-                Ok(task(runtime, url, work))
+            PoseUrl::MavlinkZenoh { prefix, only } => {
+                let messages = need_bus()?.subscribe_messages(&keys(prefix))?;
+                let server = OnBus {
+                    messages: Arc::new(messages),
+                    stamps,
+                    only: *only,
+                };
+                Ok(task(runtime, url, Work::MavlinkOnBus(server)))
             }
-            PoseUrl::MavlinkUdp { address, out: true } => {
-                over_link(Address::UdpOut(address.clone()))
+            PoseUrl::MavlinkUdp { address, out, only } => {
+                let address = address.clone();
+                let address = match out {
+                    true => Address::UdpOut(address),
+                    false => Address::UdpIn(address),
+                };
+                over_link(address, *only)
             }
-            PoseUrl::MavlinkUdp { address, .. } => over_link(Address::UdpIn(address.clone())),
-            PoseUrl::MavlinkTcp(address) => over_link(Address::Tcp(address.clone())),
-            PoseUrl::MavlinkSerial { path, baudrate } => over_link(Address::Serial {
-                path: path.clone(),
-                baudrate: *baudrate,
-            }),
+            PoseUrl::MavlinkTcp { address, only } => {
+                over_link(Address::Tcp(address.clone()), *only)
+            }
+            PoseUrl::MavlinkSerial {
+                path,
+                baudrate,
+                only,
+            } => {
+                let address = Address::Serial {
+                    path: path.clone(),
+                    baudrate: *baudrate,
+                };
+                over_link(address, *only)
+            }
             PoseUrl::Dvl(address) => {
                 let address = Address::Tcp(address.clone());
                 Ok(task(runtime, url, Work::Dvl(address, stamps)))
@@ -300,7 +324,7 @@ impl PoseSource {
     pub fn heartbeat(&self) -> Option<&Heartbeat> {
         let Self::Live(live) = self else { return None };
         Some(match &live.feed {
-            Feed::Bus(poses) => poses.heartbeat(),
+            Feed::Bus(feed) => feed.subscription().heartbeat(),
             Feed::Task(task) => task.heartbeat(),
         })
     }
@@ -332,13 +356,16 @@ impl PoseSource {
     }
 }
 
+impl Feed {
+    fn of_bus(poses: PoseSubscription) -> Self {
+        Self::Bus(Box::new(BusFeed::new(poses)))
+    }
+}
+
 impl LivePoses {
     fn next(&mut self, limit: Option<Duration>) -> Option<ArrivedPose> {
         let pose = match &mut self.feed {
-            Feed::Bus(poses) => receive(poses.receiver(), limit).map(|received| ArrivedPose {
-                pose: received.pose,
-                arrived: received.arrived,
-            }),
+            Feed::Bus(feed) => feed.next(limit),
             Feed::Task(task) => {
                 task.replace_if_it_hangs();
                 receive(task.poses(), limit)
@@ -350,7 +377,7 @@ impl LivePoses {
 
     fn waiting_len(&self) -> usize {
         match &self.feed {
-            Feed::Bus(poses) => poses.receiver().len(),
+            Feed::Bus(feed) => feed.waiting_len(),
             Feed::Task(task) => task.poses().len(),
         }
     }
@@ -358,7 +385,7 @@ impl LivePoses {
     fn status(&self) -> PoseSourceStatus {
         let (rate_hz, age_s) = self.rate.read(now());
         let status = match &self.feed {
-            Feed::Bus(poses) => status_of_bus(poses),
+            Feed::Bus(feed) => feed.status(),
             Feed::Task(task) => task.status(),
         };
         PoseSourceStatus {
@@ -367,28 +394,6 @@ impl LivePoses {
             age_s,
             ..status
         }
-    }
-}
-
-fn receive<T>(queue: &Receiver<T>, limit: Option<Duration>) -> Option<T> {
-    match limit {
-        None => queue.try_recv().ok(),
-        Some(limit) => queue.recv_timeout(limit).ok(),
-    }
-}
-
-fn status_of_bus(poses: &PoseSubscription) -> PoseSourceStatus {
-    let counters = poses.counters();
-    PoseSourceStatus {
-        received: counters.received,
-        accepted: counters.accepted,
-        not_finite: counters.not_finite,
-        bad_quaternion: counters.bad_quaternion,
-        malformed: counters.malformed,
-        dropped_full: counters.dropped_full,
-        first_fault: poses.first_fault(),
-        missing: poses.unfit(),
-        ..PoseSourceStatus::default()
     }
 }
 
@@ -457,7 +462,7 @@ mod tests {
         let refusal = |url: &PoseUrl| open(url).unwrap_err().to_string();
         assert!(refusal(&PoseUrl::Zenoh).contains("bus"));
         assert!(refusal(&PoseUrl::Ros2("/odom".to_owned())).contains("bus"));
-        assert!(refusal(&PoseUrl::MavlinkZenoh("mavlink".to_owned())).contains("bus"));
+        assert!(refusal(&"mavlink+zenoh://".parse().unwrap()).contains("bus"));
         assert!(refusal(&PoseUrl::Log(None)).contains("mavlink+udp://"));
         assert!(refusal(&PoseUrl::Tum("/no/such.tum".into())).contains("/no/such.tum"));
         let empty = file("# nothing\n");

@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use crossbeam_channel::Receiver;
-use echosplat_bus::MessageSubscription;
 use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_liveness::Heartbeat;
 use tokio::runtime::Handle;
@@ -13,7 +12,8 @@ use tokio_util::sync::{CancellationToken, DropGuard};
 
 use crate::dvl;
 use crate::link::Address;
-use crate::mavlink::run::{OverLink, over_bus};
+use crate::mavlink::over_bus::OnBus;
+use crate::mavlink::run::OverLink;
 use crate::outlet::{Inlet, Outlet, queue};
 use crate::status::PoseSourceStatus;
 
@@ -28,7 +28,7 @@ pub(crate) enum Work {
     /// A vehicle at the other end of a link.
     Mavlink(OverLink),
     /// A vehicle whose messages a server puts on the bus.
-    MavlinkOnBus(Arc<MessageSubscription>, StampClock),
+    MavlinkOnBus(OnBus),
     /// A DVL.
     Dvl(Address, StampClock),
 }
@@ -37,7 +37,7 @@ impl Work {
     async fn run(&self, outlet: &mut Outlet) {
         match self {
             Self::Mavlink(vehicle) => vehicle.run(outlet).await,
-            Self::MavlinkOnBus(messages, stamps) => over_bus(messages, *stamps, outlet).await,
+            Self::MavlinkOnBus(server) => server.run(outlet).await,
             Self::Dvl(address, stamps) => dvl::run(address, *stamps, outlet).await,
         }
     }

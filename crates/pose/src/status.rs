@@ -24,8 +24,14 @@ pub struct PoseSourceStatus {
     pub malformed: u64,
     /// Newest dropped because the queue was full.
     pub dropped_full: u64,
-    /// Poses of vehicles other than the first one heard, left out.
-    pub other_vehicles: u64,
+    /// Poses, and messages that poses are made of, from others than the sender used, left out.
+    pub other_senders: u64,
+    /// Messages left out since they came a second time, after newer ones of their kind, or before they can have been sent.
+    pub late: u64,
+    /// Everybody heard who may send poses, the one used first. Empty where senders cannot be told apart.
+    pub senders: Vec<PoseSender>,
+    /// Where it is not clear whose poses are meant.
+    pub several: Option<Several>,
     /// What was wrong with the first message refused.
     pub first_fault: Option<String>,
     /// Of accepted poses, over the last seconds.
@@ -45,7 +51,45 @@ pub struct PoseSourceStatus {
     pub missing: Option<String>,
 }
 
+/// More than one sender whose poses may be meant.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Several {
+    /// Who is used, who else is heard, and what to do.
+    pub sentence: String,
+    /// Whether poses are left out that may be the ones meant.
+    pub leaves_out: bool,
+}
+
+/// Somebody who sends poses, or could.
+#[derive(Debug, Clone, Default, PartialEq, Serialize)]
+pub struct PoseSender {
+    /// As the source tells senders apart: `system 1 component 1`, a node of ROS.
+    pub name: String,
+    /// By its own word: `autopilot`, `gimbal`, `ground station`.
+    pub kind: Option<String>,
+    /// Whether its poses are taken.
+    pub is_used: bool,
+    /// Poses that came from it.
+    pub poses: u64,
+    /// Since it was last heard, on this host's clock.
+    pub age_s: f64,
+}
+
 impl PoseSourceStatus {
+    /// Adds what was counted of another sender of the same source.
+    pub(crate) fn add(&mut self, other: &Self) {
+        for (sum, of_other) in [
+            (&mut self.received, other.received),
+            (&mut self.not_finite, other.not_finite),
+            (&mut self.bad_quaternion, other.bad_quaternion),
+            (&mut self.malformed, other.malformed),
+            (&mut self.covariance_ignored, other.covariance_ignored),
+            (&mut self.late, other.late),
+        ] {
+            *sum += of_other;
+        }
+    }
+
     /// Counts a message refused; the first one's words are kept.
     pub(crate) fn refuse(&mut self, fault: &Fault) {
         match fault {

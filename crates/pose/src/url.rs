@@ -7,6 +7,8 @@ use std::str::FromStr;
 use echosplat_ros::rmw_zenoh::topic_name;
 use serde::{Deserialize, Serialize};
 
+use crate::only::Only;
+
 /// Rate of a serial line unless given.
 const DEFAULT_BAUDRATE: u32 = 115_200;
 /// Where ground stations and companions listen for `MAVLink`.
@@ -38,19 +40,33 @@ pub enum PoseUrl {
         address: String,
         /// Whether the vehicle waits for us to send first.
         out: bool,
+        /// Whose messages.
+        only: Only,
     },
     /// `mavlink+tcp://HOST:PORT`: connects there.
-    MavlinkTcp(String),
+    MavlinkTcp {
+        /// `host:port`.
+        address: String,
+        /// Whose messages.
+        only: Only,
+    },
     /// `mavlink+serial:///dev/ttyX?baudrate=N`.
     MavlinkSerial {
         /// Of the device file.
         path: PathBuf,
         /// Bits per second; ten carry one byte.
         baudrate: u32,
+        /// Whose messages.
+        only: Only,
     },
-    /// `mavlink+zenoh://` or `mavlink+zenoh://PREFIX`: a mavlink-server's JSON on the bus, at
-    /// `<prefix>/<system>/<component>/<MESSAGE>`.
-    MavlinkZenoh(String),
+    /// `mavlink+zenoh://` or `mavlink+zenoh://PREFIX`: a mavlink-server's messages on the bus, raw at
+    /// `<prefix>_raw/out` or as JSON at `<prefix>/<system>/<component>/<MESSAGE>`.
+    MavlinkZenoh {
+        /// What its keys begin with.
+        prefix: String,
+        /// Whose messages.
+        only: Only,
+    },
     /// `dvl://HOST[:PORT]`: a Water Linked DVL's dead reckoning.
     Dvl(String),
     /// `log://`: in the log that is replayed; `log://TOPIC` of an MCAP file with several.
@@ -62,7 +78,7 @@ pub enum PoseUrl {
 /// Every form, for messages and help.
 pub const POSE_URL_FORMS: &str = "zenoh://[KEY], ros2:///TOPIC, mavlink+udp://HOST:PORT[?out], \
      mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
-     dvl://HOST, log://, tum://POSES.tum or none";
+     each of these four with [?system=N&component=M], dvl://HOST, log://, tum://POSES.tum or none";
 
 /// A text that names no pose source.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -111,12 +127,9 @@ fn of_scheme(scheme: &str, rest: &str) -> Option<Result<PoseUrl, String>> {
             .map(PoseUrl::Ros2)
             .map_err(|error| error.to_string()),
         "mavlink+udp" => mavlink_udp(rest),
-        "mavlink+tcp" => host_and_port(rest, DEFAULT_MAVLINK_TCP_PORT).map(PoseUrl::MavlinkTcp),
+        "mavlink+tcp" => mavlink_tcp(rest),
         "mavlink+serial" => mavlink_serial(rest),
-        "mavlink+zenoh" if rest.is_empty() => {
-            Ok(PoseUrl::MavlinkZenoh(DEFAULT_MAVLINK_PREFIX.to_owned()))
-        }
-        "mavlink+zenoh" => key(rest).map(PoseUrl::MavlinkZenoh),
+        "mavlink+zenoh" => mavlink_zenoh(rest),
         "mavlink" => Err(
             "write how it is reached: mavlink+udp://, mavlink+tcp://, mavlink+serial:// or \
              mavlink+zenoh://"
@@ -151,33 +164,67 @@ fn key(text: &str) -> Result<String, String> {
     }
 }
 
+/// What stands before a query, and whose messages that names; `own` takes the parts that are the scheme's own.
+fn with_query<'a>(
+    rest: &'a str,
+    known: &str,
+    mut own: impl FnMut(&str) -> Result<bool, String>,
+) -> Result<(&'a str, Only), String> {
+    let (before, query) = rest.split_once('?').unwrap_or((rest, ""));
+    let mut only = Only::default();
+    for part in query.split('&').filter(|part| !part.is_empty()) {
+        if !own(part)? && !only.take(part)? {
+            return Err(format!(
+                "`?{part}` is unknown; {known}`?system=1&component=1` names the sender"
+            ));
+        }
+    }
+    Ok((before, only))
+}
+
 fn mavlink_udp(rest: &str) -> Result<PoseUrl, String> {
-    let (address, out) = match rest.split_once('?') {
-        None => (rest, false),
-        Some((address, "out")) => (address, true),
-        Some((_, other)) => return Err(format!("`?{other}` is unknown; `?out` sends first")),
+    let mut out = false;
+    let is_out = |part: &str| {
+        out |= part == "out";
+        Ok(part == "out")
     };
+    let (address, only) = with_query(rest, "`?out` sends first, ", is_out)?;
     let address = host_and_port(address, DEFAULT_MAVLINK_PORT)?;
-    Ok(PoseUrl::MavlinkUdp { address, out })
+    Ok(PoseUrl::MavlinkUdp { address, out, only })
+}
+
+fn mavlink_tcp(rest: &str) -> Result<PoseUrl, String> {
+    let (address, only) = with_query(rest, "", |_| Ok(false))?;
+    let address = host_and_port(address, DEFAULT_MAVLINK_TCP_PORT)?;
+    Ok(PoseUrl::MavlinkTcp { address, only })
+}
+
+fn mavlink_zenoh(rest: &str) -> Result<PoseUrl, String> {
+    let (prefix, only) = with_query(rest, "", |_| Ok(false))?;
+    let prefix = match prefix.is_empty() {
+        true => DEFAULT_MAVLINK_PREFIX.to_owned(),
+        false => key(prefix)?,
+    };
+    Ok(PoseUrl::MavlinkZenoh { prefix, only })
 }
 
 fn mavlink_serial(rest: &str) -> Result<PoseUrl, String> {
-    let (path, query) = rest.split_once('?').unwrap_or((rest, ""));
+    let mut rate = DEFAULT_BAUDRATE;
+    let is_rate = |part: &str| match part.strip_prefix("baudrate=") {
+        None => Ok(false),
+        Some(text) => {
+            rate = baudrate(text)?;
+            Ok(true)
+        }
+    };
+    let (path, only) = with_query(rest, "`?baudrate=115200` sets the rate, ", is_rate)?;
     if path.is_empty() {
         return Err("it names no device; write mavlink+serial:///dev/ttyACM0".to_owned());
     }
-    let baudrate = match query.strip_prefix("baudrate=") {
-        None if query.is_empty() => DEFAULT_BAUDRATE,
-        Some(text) => baudrate(text)?,
-        None => {
-            return Err(format!(
-                "`?{query}` is unknown; `?baudrate=115200` sets the rate"
-            ));
-        }
-    };
     Ok(PoseUrl::MavlinkSerial {
         path: path.into(),
-        baudrate,
+        baudrate: rate,
+        only,
     })
 }
 
@@ -217,6 +264,14 @@ fn host_and_port(text: &str, port: u16) -> Result<String, String> {
     }
 }
 
+fn query(own: Option<String>, only: Only) -> String {
+    let parts: Vec<String> = own.into_iter().chain(only.parts()).collect();
+    match parts.is_empty() {
+        true => String::new(),
+        false => format!("?{}", parts.join("&")),
+    }
+}
+
 impl fmt::Display for PoseUrl {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -224,18 +279,24 @@ impl fmt::Display for PoseUrl {
             Self::Zenoh => write!(f, "zenoh://"),
             Self::ZenohKey(key) => write!(f, "zenoh://{key}"),
             Self::Ros2(topic) => write!(f, "ros2://{topic}"),
-            Self::MavlinkUdp { address, out } => {
-                write!(
-                    f,
-                    "mavlink+udp://{address}{}",
-                    if *out { "?out" } else { "" }
-                )
+            Self::MavlinkUdp { address, out, only } => {
+                let out = out.then(|| "out".to_owned());
+                write!(f, "mavlink+udp://{address}{}", query(out, *only))
             }
-            Self::MavlinkTcp(address) => write!(f, "mavlink+tcp://{address}"),
-            Self::MavlinkSerial { path, baudrate } => {
-                write!(f, "mavlink+serial://{}?baudrate={baudrate}", path.display())
+            Self::MavlinkTcp { address, only } => {
+                write!(f, "mavlink+tcp://{address}{}", query(None, *only))
             }
-            Self::MavlinkZenoh(prefix) => write!(f, "mavlink+zenoh://{prefix}"),
+            Self::MavlinkSerial {
+                path,
+                baudrate,
+                only,
+            } => {
+                let query = query(Some(format!("baudrate={baudrate}")), *only);
+                write!(f, "mavlink+serial://{}{query}", path.display())
+            }
+            Self::MavlinkZenoh { prefix, only } => {
+                write!(f, "mavlink+zenoh://{prefix}{}", query(None, *only))
+            }
             Self::Dvl(address) => write!(f, "dvl://{address}"),
             Self::Log(topic) => write!(f, "log://{}", topic.as_deref().unwrap_or("")),
             Self::Tum(path) => write!(f, "tum://{}", path.display()),
@@ -262,8 +323,29 @@ mod tests {
     use super::*;
 
     fn udp(address: &str, out: bool) -> PoseUrl {
+        PoseUrl::MavlinkUdp {
+            address: address.to_owned(),
+            out,
+            only: Only::default(),
+        }
+    }
+
+    fn only(system: u8, component: u8) -> Only {
+        let named = |number| (number > 0).then_some(number);
+        Only {
+            system: named(system),
+            component: named(component),
+        }
+    }
+
+    fn tcp(address: &str, only: Only) -> PoseUrl {
         let address = address.to_owned();
-        PoseUrl::MavlinkUdp { address, out }
+        PoseUrl::MavlinkTcp { address, only }
+    }
+
+    fn zenoh(prefix: &str, only: Only) -> PoseUrl {
+        let prefix = prefix.to_owned();
+        PoseUrl::MavlinkZenoh { prefix, only }
     }
 
     #[test]
@@ -271,6 +353,7 @@ mod tests {
         let serial = |path: &str, baudrate| PoseUrl::MavlinkSerial {
             path: path.into(),
             baudrate,
+            only: Only::default(),
         };
         for (text, url) in [
             ("none", PoseUrl::None),
@@ -281,17 +364,32 @@ mod tests {
             ("mavlink+udp://0.0.0.0:14550", udp("0.0.0.0:14550", false)),
             ("mavlink+udp://rov", udp("rov:14550", false)),
             ("mavlink+udp://rov:9000?out", udp("rov:9000", true)),
-            ("MAVLINK+TCP://rov", PoseUrl::MavlinkTcp("rov:5760".into())),
+            ("MAVLINK+TCP://rov", tcp("rov:5760", only(0, 0))),
+            ("mavlink+tcp://rov?component=1", tcp("rov:5760", only(0, 1))),
+            (
+                "mavlink+udp://rov:9000?system=2&out",
+                PoseUrl::MavlinkUdp {
+                    address: "rov:9000".into(),
+                    out: true,
+                    only: only(2, 0),
+                },
+            ),
+            (
+                "mavlink+serial:///dev/a?system=255&component=190&baudrate=57600",
+                PoseUrl::MavlinkSerial {
+                    path: "/dev/a".into(),
+                    baudrate: 57_600,
+                    only: only(255, 190),
+                },
+            ),
+            ("mavlink+zenoh://?system=3", zenoh("mavlink", only(3, 0))),
             ("mavlink+serial:///dev/a", serial("/dev/a", 115_200)),
             (
                 "mavlink+serial:///dev/a?baudrate=57600",
                 serial("/dev/a", 57_600),
             ),
-            ("mavlink+zenoh://", PoseUrl::MavlinkZenoh("mavlink".into())),
-            (
-                "mavlink+zenoh://sea/m",
-                PoseUrl::MavlinkZenoh("sea/m".into()),
-            ),
+            ("mavlink+zenoh://", zenoh("mavlink", only(0, 0))),
+            ("mavlink+zenoh://sea/m", zenoh("sea/m", only(0, 0))),
             (
                 "dvl://192.168.2.95",
                 PoseUrl::Dvl("192.168.2.95:16171".into()),
@@ -325,6 +423,10 @@ mod tests {
             ("mavlink+serial://", "/dev/ttyACM0"),
             ("mavlink+serial:///dev/a?baud=1", "?baudrate=115200"),
             ("mavlink+serial:///dev/a?baudrate=0", "1200"),
+            ("mavlink+udp://a?system=0", "1 to 255"),
+            ("mavlink+tcp://a?component=256", "1 to 255"),
+            ("mavlink+zenoh://?system=1&system=2", "twice"),
+            ("mavlink+zenoh://m?sysid=1", "?system=1&component=1"),
             ("dvl://", "HOST:16171"),
             ("dvl://::1", "[::1]"),
             ("http://rov", "dvl://HOST"),

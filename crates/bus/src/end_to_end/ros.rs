@@ -310,3 +310,76 @@ fn topics_that_poses_cannot_come_from_are_refused_in_words() {
     assert!(unasked.contains("bus.ros_domain_id"), "{unasked}");
     assert!(other.publish_ros(Pose::IDENTITY).unwrap().is_none());
 }
+
+/// A node's publisher of odometry: its token, and what it signs messages with.
+fn publisher_token(bus: &Bus, node: &str, topic: &str, more: &str) -> String {
+    let (zenoh_id, topic) = (bus.zenoh_id(), topic.replace('/', "%"));
+    format!(
+        "@ros2_lv/7/{zenoh_id}/0/1/MP/%/%{node}/ekf/{topic}/{ODOMETRY_TYPE}/{HASHED}/::,10:,:,:,,{more}"
+    )
+}
+
+#[test]
+fn publishers_of_a_topic_are_known_by_their_nodes_whatever_their_tokens_end_in() {
+    let (vehicle, other) = with_ros();
+    let taken = vehicle.subscribe_odometry_of_ros("/rov/odom").unwrap();
+    let session = other.session_for_tests();
+    let declared = ["", "/backends:cuda,cpu"].map(|more| {
+        let node = if more.is_empty() { "old" } else { "new" };
+        let token = publisher_token(&other, node, "/rov/odom", more);
+        let kept = session.liveliness().declare_token(&token).wait().unwrap();
+        (node, Gid::of_token(&token), kept)
+    });
+    let elsewhere = publisher_token(&other, "rov2", "/rov2/odom", "/backends:cpu");
+    let elsewhere = session
+        .liveliness()
+        .declare_token(&elsewhere)
+        .wait()
+        .unwrap();
+    let message = odometry::encode(&pose(3), "odom", "base_link");
+    for (node, gid, _) in &declared {
+        let attachment = Attachment {
+            sequence: 1,
+            source_time_ns: 0,
+            gid: *gid,
+        };
+        let name = format!("node /{node}/ekf");
+        until("its poses bear its name", || {
+            let key = format!("7/rov/odom/{ODOMETRY_TYPE}/{HASHED}");
+            let put = session.put(&key, message.clone());
+            put.attachment(attachment.to_bytes().to_vec())
+                .wait()
+                .unwrap();
+            let received = taken.next_within(LONG).unwrap();
+            taken.name_of(received.publisher) == Some(name.clone())
+        });
+    }
+    until("the other topic is seen", || {
+        taken.other_topics().len() == 1
+    });
+    let [found] = &taken.other_topics()[..] else {
+        panic!("{:?}", taken.other_topics())
+    };
+    assert_eq!(
+        (found.topic.as_str(), found.node.as_str()),
+        ("/rov2/odom", "/rov2/ekf")
+    );
+    drop(elsewhere);
+    until("it is gone", || taken.other_topics().is_empty());
+}
+
+#[test]
+fn sessions_that_stamp_what_they_put_are_told_apart() {
+    let (vehicle, other) = with_ros();
+    let poses = vehicle.subscribe_poses_on("rov/pose").unwrap();
+    let session = other.session_for_tests();
+    let json = crate::pose_message::encode_json(&pose(1), "map", "base_link");
+    let mut found = None;
+    until("a pose comes", || {
+        session.put("rov/pose", json.clone()).wait().unwrap();
+        found = poses.try_next();
+        found.is_some()
+    });
+    let name = poses.name_of(found.unwrap().publisher);
+    assert_eq!(name, Some(format!("zenoh session {}", other.zenoh_id())));
+}

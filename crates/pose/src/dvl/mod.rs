@@ -7,6 +7,7 @@
 //! positions come with an attitude; between positions more than half a second apart there are none.
 //! The world is the frame of that reset turned to z up: x as it was, y left.
 
+mod devices;
 mod report;
 mod track;
 

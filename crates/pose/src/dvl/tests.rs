@@ -158,6 +158,87 @@ fn reports_that_the_dvl_calls_invalid_are_counted_and_what_is_missing_is_told() 
     assert!(status.missing.unwrap().contains("bottom"));
 }
 
+/// One of two devices: how far its clock and its place lie from the other's, and its age.
+#[derive(Debug, Clone, Copy)]
+struct Second {
+    clock_s: f64,
+    north_m: f64,
+}
+
+#[test]
+fn of_two_devices_on_one_connection_the_first_is_used_and_both_are_told() {
+    for clock_s in [0.0, 0.07, 300.0, -300.0, UNIX as f64] {
+        for north_m in [2.0, 40.0] {
+            let second = Second { clock_s, north_m };
+            let mut track = Track::new(StampClock::Host);
+            let mut poses = Vec::new();
+            for i in 0..150 {
+                let at_s = f64::from(i) * 0.2;
+                let x = 0.2 * at_s;
+                let own = position(1_000.0 + at_s, [x, 0.0, 1.0], 0.0, 0);
+                poses.extend(take(&mut track, &own, at_s));
+                let place = [second.north_m + x, 0.0, 1.0];
+                let other = position(1_000.0 + second.clock_s + at_s, place, 90.0, 0);
+                poses.extend(take(&mut track, &other, at_s + 0.05));
+                let own = velocity(1_000.1 + at_s, [0.2, 0.0, 0.0]);
+                poses.extend(take(&mut track, &own, at_s + 0.1));
+            }
+            // After the first reports each pose is the first device's, at the time it was sent.
+            let begin = Timestamp::from_nanos(UNIX * 1_000_000_000);
+            let later = poses
+                .iter()
+                .filter(|p| p.arrived.seconds_since(begin) > 3.0);
+            let mut count = 0;
+            for ArrivedPose { pose, arrived } in later {
+                let at_s = arrived.seconds_since(begin);
+                let place_m = pose.world_from_vehicle.translation_m;
+                assert!(
+                    (place_m.x - 0.2 * at_s).abs() < 1e-6,
+                    "{second:?}: {place_m}"
+                );
+                assert!(pose.time.seconds_since(*arrived).abs() < 0.01, "{second:?}");
+                count += 1;
+            }
+            assert!(count > 120, "{second:?}: {count}");
+            let status = track.status(begin.offset_by(30.0));
+            let told = status.several.unwrap().sentence;
+            assert!(
+                told.contains("two DVLs") && told.contains("dvl://"),
+                "{told}"
+            );
+            assert_eq!(status.senders.len(), 2);
+            assert!(status.other_senders > 120, "{second:?}");
+        }
+    }
+}
+
+#[test]
+fn a_reset_a_boot_a_clock_that_is_set_and_a_gap_are_no_second_device() {
+    for (jump_s, jump_m, away_s) in [
+        (0.0, 30.0, 0.2),
+        (UNIX as f64, 0.0, 0.2),
+        (-990.0, 30.0, 8.0),
+        (0.0, 0.0, 20.0),
+    ] {
+        let mut track = Track::new(StampClock::Host);
+        let mut count = 0;
+        for i in 0..100 {
+            let at_s = f64::from(i) * 0.2;
+            let line = position(1_000.0 + at_s, [0.1 * at_s, 0.0, 1.0], 0.0, 0);
+            count += take(&mut track, &line, at_s).len();
+        }
+        for i in 0..100 {
+            let at_s = 20.0 + away_s + f64::from(i) * 0.2;
+            let place = [0.1 * at_s + jump_m, 0.0, 1.0];
+            let line = position(1_000.0 + jump_s + at_s, place, 0.0, 0);
+            count += take(&mut track, &line, at_s).len();
+        }
+        assert_eq!(count, 200, "{jump_s} {jump_m}");
+        let status = track.status(Timestamp::from_nanos(UNIX * 1_000_000_000));
+        assert_eq!((status.several, status.senders.len()), (None, 0));
+    }
+}
+
 #[test]
 fn a_dvl_that_falls_silent_is_not_told_to_see_the_bottom() {
     for is_valid in [true, false] {

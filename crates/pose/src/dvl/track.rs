@@ -5,12 +5,13 @@ use std::collections::VecDeque;
 use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{Pose, StampedPose, Timestamp, flu_from_flu, flu_from_frd};
 
+use super::devices::{Devices, Judged};
 use super::report::Report;
 use crate::advance::MAX_ADVANCE_S;
 use crate::clock::UnknownClock;
 use crate::fault::{self, Fault};
 use crate::mavlink::message::ned_from_frd;
-use crate::status::PoseSourceStatus;
+use crate::status::{PoseSender, PoseSourceStatus, Several};
 use echosplat_join::{ArrivedPose, StampClock};
 
 /// Two stamps this near are of one clock.
@@ -49,6 +50,7 @@ pub(super) struct Track {
     fix: Option<Fix>,
     /// Since that position, in order of time.
     velocities: VecDeque<Velocity>,
+    devices: Devices,
     first_report: Option<Timestamp>,
     last_line: Option<Timestamp>,
     last_position: Option<Timestamp>,
@@ -63,6 +65,7 @@ impl Track {
             velocity_clock: UnknownClock::default(),
             fix: None,
             velocities: VecDeque::new(),
+            devices: Devices::default(),
             first_report: None,
             last_line: None,
             last_position: None,
@@ -110,7 +113,20 @@ impl Track {
             && self.silent_s(now).is_none();
         let what = "the DVL reports but gives no valid position; it needs to see the bottom (0.05 \
                     to 50 m away) and its dead reckoning reset once it does";
+        let names = self.devices.names().into_iter().enumerate();
+        let senders = names.map(|(index, name)| PoseSender {
+            name,
+            is_used: index == 0,
+            ..PoseSender::default()
+        });
+        let several = self.devices.advice().map(|sentence| Several {
+            sentence,
+            leaves_out: true,
+        });
         PoseSourceStatus {
+            other_senders: self.devices.left_out(),
+            senders: senders.collect(),
+            several,
             missing: lacks.then(|| what.to_owned()),
             ..self.status.clone()
         }
@@ -128,6 +144,11 @@ impl Track {
                 ..
             } => {
                 let fix = fix_of(stamp_s, position_m, roll_pitch_yaw_deg)?;
+                match self.devices.position(stamp_s, position_m, arrived) {
+                    Judged::Used => {}
+                    Judged::First => self.begin_anew(),
+                    Judged::LeftOut => return Ok(Vec::new()),
+                }
                 self.last_position = Some(arrived);
                 self.position_clock.observe(fix.time.nanos(), arrived);
                 Ok(self.up_to(fix))
@@ -136,6 +157,7 @@ impl Track {
             Report::Velocity {
                 is_valid: false, ..
             } => Ok(Vec::new()),
+            Report::Velocity { .. } if !self.devices.uses_velocities() => Ok(Vec::new()),
             Report::Velocity {
                 valid_us,
                 sent_us,
@@ -149,6 +171,14 @@ impl Track {
                 Ok(Vec::new())
             }
         }
+    }
+
+    /// Forgets clocks and velocities: they may be another device's.
+    fn begin_anew(&mut self) {
+        self.position_clock = UnknownClock::default();
+        self.velocity_clock = UnknownClock::default();
+        self.fix = None;
+        self.velocities.clear();
     }
 
     /// A velocity waits for the position behind it, which tells the attitude at its time.

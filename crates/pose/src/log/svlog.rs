@@ -14,7 +14,7 @@ use echosplat_recording::svlog::{SessionHeader, SvlogError, SvlogReader};
 
 use super::found::{LogPosesError, in_order};
 use crate::mavlink::json;
-use crate::mavlink::message::Message;
+use crate::mavlink::message::{Message, Sender, Station};
 use crate::mavlink::vehicle::Vehicle;
 use echosplat_join::{ArrivedPose, StampClock};
 
@@ -22,7 +22,7 @@ const NANOS_PER_MILLI: i64 = 1_000_000;
 /// Stamps beyond 2001 are Unix time already, not time since boot.
 const LEAST_UNIX_NANOS: i64 = 1_000_000_000_000_000_000;
 
-/// The poses of the first vehicle in a log, on the time that the log's profiles are given.
+/// The poses of one vehicle in a log, of several of an autopilot and of the one with most, on the time that the log's profiles are given.
 ///
 /// # Errors
 /// If it is no `.svlog`, or there are no poses in it; then what it holds instead.
@@ -38,32 +38,67 @@ pub fn poses_of_svlog(path: &Path) -> Result<Vec<ArrivedPose>, LogPosesError> {
     let file = echosplat_input::open_file(path).map_err(io)?;
     let mut reader = SvlogReader::new(BufReader::new(file)).map_err(format)?;
     let mut decoder = Box::new(Decoder::new());
-    let mut log = Log::new();
+    let mut log = Log::default();
     while let Some(piece) = reader.next_piece().map_err(format)? {
         decoder.feed(piece, &mut |event| log.take(&event));
     }
     decoder.finish(&mut |event| log.take(&event));
-    log.finish().map_err(|reason| LogPosesError::None {
+    log.finish(path).map_err(|reason| LogPosesError::None {
         path: path.to_owned(),
         reason,
     })
 }
 
+/// Senders told apart; a log of a vehicle has a few.
+const MOST_SENDERS: usize = 16;
+
 /// What was read so far.
+#[derive(Default)]
 struct Log {
-    vehicle: Vehicle,
+    voices: Vec<Voice>,
     packet_count: u64,
     position_count: u64,
+    first_fault: Option<String>,
+    start: Timestamp,
+    profile: Profiles,
+}
+
+/// One sender of messages.
+struct Voice {
+    sender: Sender,
+    is_autopilot: bool,
+    vehicle: Vehicle,
     session: Session,
     poses: Vec<ArrivedPose>,
+}
+
+impl Voice {
+    fn new(sender: Sender) -> Self {
+        Self {
+            sender,
+            is_autopilot: false,
+            vehicle: Vehicle::new(StampClock::Data),
+            session: Session::default(),
+            poses: Vec::new(),
+        }
+    }
+
+    fn end_session(&mut self, start: Timestamp) {
+        let session = std::mem::take(&mut self.session);
+        self.poses.extend(session.on_its_clock(start));
+    }
+}
+
+/// Profiles since the newest session packet.
+#[derive(Default)]
+struct Profiles {
+    first_ms: Option<u32>,
+    channel: Option<u8>,
 }
 
 /// Since the newest session packet.
 #[derive(Default)]
 struct Session {
-    start: Timestamp,
-    first_profile_ms: Option<u32>,
-    channel: Option<u8>,
     /// Nanoseconds since boot of the newest message behind the newest profile.
     unmatched_boot: Option<i64>,
     /// Time since the first profile minus time since boot.
@@ -73,27 +108,17 @@ struct Session {
 }
 
 impl Log {
-    fn new() -> Self {
-        Self {
-            vehicle: Vehicle::new(StampClock::Data),
-            packet_count: 0,
-            position_count: 0,
-            session: Session::default(),
-            poses: Vec::new(),
-        }
-    }
-
     fn take(&mut self, event: &Event<'_>) {
         let Event::Frame(frame) = event else { return };
         match frame.message_id() {
             id::JSON => {
                 if let Ok(header) = SessionHeader::parse(frame.payload()) {
                     self.end_session();
-                    self.session.start = header.timestamp;
+                    self.start = header.timestamp;
                 }
             }
             id::MAVLINK => self.take_mavlink(frame.payload()),
-            id::OS_MONO_PROFILE => self.session.take_profile(frame),
+            id::OS_MONO_PROFILE => self.take_profile(frame),
             _ => {}
         }
     }
@@ -103,37 +128,79 @@ impl Log {
         let (sender, message) = match json::parse(text) {
             Ok(Some(found)) => found,
             Ok(None) => return,
-            Err(what) => return self.vehicle.refuse(format!("MAVLink packet: {what}")),
+            Err(what) => {
+                let fault = || format!("MAVLink packet: {what}");
+                self.first_fault.get_or_insert_with(fault);
+                return;
+            }
         };
+        let Some(voice) = voice_of(&mut self.voices, sender) else {
+            return;
+        };
+        if let Message::Heartbeat(station) = message {
+            voice.is_autopilot = station == Station::Autopilot;
+        }
         let Some(boot) = boot_nanos(&message) else {
             return;
         };
         self.position_count += u64::from(matches!(message, Message::Position { .. }));
         // When it arrived is not written down; of a log only the order matters.
         let arrived = Timestamp::from_nanos(boot);
-        if let Some(pose) = self.vehicle.take(sender, message, arrived) {
-            self.session.unmatched_boot = Some(pose.pose.time.nanos());
-            self.session.poses.push(pose);
+        if let Some(pose) = voice.vehicle.take(message, arrived) {
+            voice.session.unmatched_boot = Some(pose.pose.time.nanos());
+            voice.session.poses.push(pose);
+        }
+    }
+
+    fn take_profile(&mut self, frame: &Frame<'_>) {
+        let Ok(Packet::OsMonoProfile(profile)) = Packet::parse(frame) else {
+            return;
+        };
+        let channel = self.profile.channel.get_or_insert(profile.channel_number);
+        if *channel != profile.channel_number {
+            return;
+        }
+        let first_ms = self.profile.first_ms.get_or_insert(profile.timestamp_ms);
+        // The counter wraps after 49.7 days; no session is half as long.
+        let since_ms = profile.timestamp_ms.wrapping_sub(*first_ms).cast_signed();
+        for voice in &mut self.voices {
+            voice.session.take_profile(since_ms);
         }
     }
 
     fn end_session(&mut self) {
-        let session = std::mem::take(&mut self.session);
-        self.poses.extend(session.on_its_clock());
+        self.profile = Profiles::default();
+        let start = self.start;
+        self.voices
+            .iter_mut()
+            .for_each(|voice| voice.end_session(start));
     }
 
-    fn finish(mut self) -> Result<Vec<ArrivedPose>, String> {
-        let made_count = self.session.poses.len() + self.poses.len();
+    fn finish(mut self, path: &Path) -> Result<Vec<ArrivedPose>, String> {
+        let made = self.voices.iter();
+        let made_count: usize = made.map(|v| v.session.poses.len() + v.poses.len()).sum();
         self.end_session();
-        if !self.poses.is_empty() {
-            return Ok(in_order(self.poses));
+        let place = |voice: &&mut Voice| (voice.is_autopilot, voice.poses.len());
+        let with_poses = self
+            .voices
+            .iter_mut()
+            .filter(|voice| !voice.poses.is_empty());
+        if let Some(voice) = with_poses.max_by_key(place) {
+            let (sender, poses) = (voice.sender, std::mem::take(&mut voice.poses));
+            self.tell_others(path, sender);
+            return Ok(in_order(poses));
         }
-        let status = self.vehicle.status(Timestamp::ZERO);
-        Err(match status.first_fault {
+        let statuses = self
+            .voices
+            .iter()
+            .map(|voice| voice.vehicle.status(Timestamp::ZERO));
+        let fault = statuses.filter_map(|status| status.first_fault).next();
+        let received = self.voices.iter().any(|voice| voice.vehicle.received() > 0);
+        Err(match self.first_fault.or(fault) {
             Some(fault) => fault,
             None if self.packet_count == 0 => "there are no MAVLink packets (id 150) in it".into(),
             None if made_count > 0 => "there are no profiles to tell the sonar's clock by".into(),
-            None if status.received > 0 && self.position_count == 0 => {
+            None if received && self.position_count == 0 => {
                 "its MAVLink packets have attitudes but no LOCAL_POSITION_NED and no ODOMETRY: \
                  the vehicle knew no position"
                     .into()
@@ -144,27 +211,42 @@ impl Log {
             ),
         })
     }
+
+    fn tell_others(&self, path: &Path, used: Sender) {
+        let others = self.voices.iter().filter(|voice| !voice.poses.is_empty());
+        for other in others {
+            tracing::warn!(
+                "{}: it holds poses of two vehicles; those of {used} are used, {} of {} are left out",
+                path.display(),
+                other.poses.len(),
+                other.sender
+            );
+        }
+    }
+}
+
+fn voice_of(voices: &mut Vec<Voice>, sender: Sender) -> Option<&mut Voice> {
+    let index = voices.iter().position(|voice| voice.sender == sender);
+    let index = index.unwrap_or(voices.len());
+    if index == voices.len() {
+        if index == MOST_SENDERS {
+            return None;
+        }
+        voices.push(Voice::new(sender));
+    }
+    voices.get_mut(index)
 }
 
 impl Session {
-    fn take_profile(&mut self, frame: &Frame<'_>) {
-        let Ok(Packet::OsMonoProfile(profile)) = Packet::parse(frame) else {
-            return;
-        };
-        if *self.channel.get_or_insert(profile.channel_number) != profile.channel_number {
-            return;
-        }
-        let first_ms = *self.first_profile_ms.get_or_insert(profile.timestamp_ms);
-        // The counter wraps after 49.7 days; no session is half as long.
-        let since_ms = profile.timestamp_ms.wrapping_sub(first_ms).cast_signed();
+    fn take_profile(&mut self, since_ms: i32) {
         if let Some(boot) = self.unmatched_boot.take() {
             let apart = i64::from(since_ms) * NANOS_PER_MILLI - boot;
             self.least = Some(self.least.map_or(apart, |least| least.min(apart)));
         }
     }
 
-    fn on_its_clock(self) -> impl Iterator<Item = ArrivedPose> {
-        let (start, least) = (self.start, self.least);
+    fn on_its_clock(self, start: Timestamp) -> impl Iterator<Item = ArrivedPose> {
+        let least = self.least;
         self.poses.into_iter().filter_map(move |arrived| {
             let mut pose = arrived.pose;
             if pose.time.nanos() < LEAST_UNIX_NANOS {

@@ -150,65 +150,6 @@ impl VehicleClock {
     }
 }
 
-/// Milliseconds since boot without the wrap after 49.7 days, and whether the vehicle booted.
-#[derive(Debug, Default)]
-pub(crate) struct BootTime {
-    newest_ms: Option<i64>,
-    fallen_count: u32,
-}
-
-/// What a time since boot means.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum BootStep {
-    /// Milliseconds since boot, unwrapped.
-    At(i64),
-    /// So much older than the newest that it is left out: late, or the first after a boot.
-    Old,
-    /// The clock began anew.
-    Booted(i64),
-}
-
-/// A message may overtake another by this much.
-const OVERTAKEN_MS: i64 = 2_000;
-/// So many messages in a row from an older time are a boot.
-const FALLEN_COUNT: u32 = 3;
-const WRAP_MS: i64 = 1 << 32;
-
-impl BootTime {
-    /// Of a `time_boot_ms`.
-    pub(crate) fn step(&mut self, boot_ms: u32) -> BootStep {
-        let newest = self.newest_ms.unwrap_or(0);
-        let mut unwrapped = newest.div_euclid(WRAP_MS) * WRAP_MS + i64::from(boot_ms);
-        // A whole turn less by more than half is the next turn.
-        if newest - unwrapped > WRAP_MS / 2 {
-            unwrapped += WRAP_MS;
-        } else if unwrapped - newest > WRAP_MS / 2 && unwrapped >= WRAP_MS {
-            unwrapped -= WRAP_MS;
-        }
-        self.step_unwrapped(unwrapped)
-    }
-
-    /// Of a time that does not wrap.
-    pub(crate) fn step_unwrapped(&mut self, boot_ms: i64) -> BootStep {
-        let Some(newest) = self.newest_ms else {
-            self.newest_ms = Some(boot_ms);
-            return BootStep::At(boot_ms);
-        };
-        if boot_ms >= newest - OVERTAKEN_MS {
-            self.newest_ms = Some(newest.max(boot_ms));
-            self.fallen_count = 0;
-            return BootStep::At(boot_ms);
-        }
-        self.fallen_count += 1;
-        if self.fallen_count < FALLEN_COUNT {
-            return BootStep::Old;
-        }
-        self.newest_ms = Some(boot_ms);
-        self.fallen_count = 0;
-        BootStep::Booted(boot_ms)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -274,25 +215,5 @@ mod tests {
         );
         replayed.says_unix((UNIX / 1_000) as u64, 4);
         assert_eq!(replayed.offset_at(0).nanos, UNIX - 4);
-    }
-
-    #[test]
-    fn a_wrap_goes_on_and_a_boot_begins_anew() {
-        let mut time = BootTime::default();
-        assert_eq!(time.step(u32::MAX - 9), BootStep::At(WRAP_MS - 10));
-        assert_eq!(time.step(10), BootStep::At(WRAP_MS + 10));
-        assert_eq!(time.step(5_000), BootStep::At(WRAP_MS + 5_000));
-        assert_eq!(time.step(4_000), BootStep::At(WRAP_MS + 4_000));
-        // One from before the wrap that was overtaken by far.
-        assert_eq!(time.step(u32::MAX - 9), BootStep::Old);
-
-        let mut time = BootTime::default();
-        assert_eq!(time.step(900_000), BootStep::At(900_000));
-        assert_eq!(time.step(100), BootStep::Old);
-        assert_eq!(time.step(900_020), BootStep::At(900_020));
-        assert_eq!(time.step(100), BootStep::Old);
-        assert_eq!(time.step(120), BootStep::Old);
-        assert_eq!(time.step(140), BootStep::Booted(140));
-        assert_eq!(time.step(160), BootStep::At(160));
     }
 }

@@ -8,7 +8,7 @@
 use echosplat_model::glam::DVec3;
 use serde_json::{Map, Value};
 
-use super::message::{Message, Odometry, Sender, ned_from_frd, of_wxyz};
+use super::message::{Message, Odometry, Sender, Station, ned_from_frd, of_wxyz};
 use crate::fault::quoted;
 
 /// Longest text read; an `ODOMETRY` with both covariances has some 1,500 bytes.
@@ -82,6 +82,10 @@ fn message(fields: &Fields<'_>) -> Result<Option<Message>, String> {
             boot_ms: fields.integer("time_boot_ms")?,
         },
         "ODOMETRY" => Message::Odometry(Box::new(odometry(fields)?)),
+        "HEARTBEAT" => Message::Heartbeat(Station::of_names(
+            fields.name_of("autopilot")?,
+            fields.name_of("mavtype")?,
+        )),
         _ => return Ok(None),
     }))
 }
@@ -131,6 +135,13 @@ impl Fields<'_> {
         let numbers: Option<Vec<f64>> = list.and_then(|list| list.iter().map(number).collect());
         let array = numbers.and_then(|numbers| numbers.try_into().ok());
         array.ok_or_else(|| format!("`{key}` of {} is no list of {N} numbers", quoted(self.name)))
+    }
+
+    /// An enum's value: its name, or an object with its name.
+    fn name_of(&self, key: &str) -> Result<&str, String> {
+        let value = self.value(key)?;
+        let name = value.get("type").unwrap_or(value).as_str();
+        name.ok_or_else(|| format!("`{key}` of {} is no name", quoted(self.name)))
     }
 
     /// A `MAV_FRAME`: its number, its name, or an object with its name.

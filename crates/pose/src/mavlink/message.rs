@@ -1,13 +1,81 @@
 //! The few messages that poses need, in the units and names of this program.
 
+use std::fmt;
+
 use echosplat_model::glam::{DQuat, DVec3, EulerRot};
-use mavlink::dialects::ardupilotmega::{MavAutopilot, MavMessage};
+use mavlink::dialects::ardupilotmega::MavMessage;
 
 /// Who sent a message.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub(crate) struct Sender {
     pub(crate) system: u32,
     pub(crate) component: u8,
+}
+
+impl fmt::Display for Sender {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "system {} component {}", self.system, self.component)
+    }
+}
+
+/// What somebody says that it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Station {
+    /// It steers a vehicle, and knows where that is.
+    Autopilot,
+    Ground,
+    Gimbal,
+    Camera,
+    Companion,
+    /// Any other component.
+    Other,
+}
+
+/// Types of components that are no vehicle. Some of them run an autopilot's program, as antenna trackers do.
+const NO_VEHICLES: [&str; 16] = [
+    "MAV_TYPE_ANTENNA_TRACKER",
+    "MAV_TYPE_ADSB",
+    "MAV_TYPE_CHARGING_STATION",
+    "MAV_TYPE_FLARM",
+    "MAV_TYPE_SERVO",
+    "MAV_TYPE_ODID",
+    "MAV_TYPE_BATTERY",
+    "MAV_TYPE_PARACHUTE",
+    "MAV_TYPE_LOG",
+    "MAV_TYPE_OSD",
+    "MAV_TYPE_IMU",
+    "MAV_TYPE_GPS",
+    "MAV_TYPE_WINCH",
+    "MAV_TYPE_ILLUMINATOR",
+    "MAV_TYPE_GRIPPER",
+    "MAV_TYPE_RADIO",
+];
+
+impl Station {
+    /// By the names of its `MAV_AUTOPILOT` and its `MAV_TYPE`.
+    pub(crate) fn of_names(autopilot: &str, kind: &str) -> Self {
+        match kind {
+            "MAV_TYPE_GCS" => Self::Ground,
+            "MAV_TYPE_GIMBAL" => Self::Gimbal,
+            "MAV_TYPE_CAMERA" => Self::Camera,
+            "MAV_TYPE_ONBOARD_CONTROLLER" => Self::Companion,
+            kind if NO_VEHICLES.contains(&kind) => Self::Other,
+            _ if autopilot == "MAV_AUTOPILOT_INVALID" => Self::Other,
+            _ => Self::Autopilot,
+        }
+    }
+
+    /// For people.
+    pub(crate) fn name(self) -> &'static str {
+        match self {
+            Self::Autopilot => "autopilot",
+            Self::Ground => "ground station",
+            Self::Gimbal => "gimbal",
+            Self::Camera => "camera",
+            Self::Companion => "companion computer",
+            Self::Other => "other component",
+        }
+    }
 }
 
 /// One message, as it came; nothing is checked yet.
@@ -32,7 +100,7 @@ pub(crate) enum Message {
     /// `SYSTEM_TIME` (2).
     SystemTime { unix_us: u64, boot_ms: u32 },
     /// `HEARTBEAT` (0).
-    Heartbeat { is_autopilot: bool },
+    Heartbeat(Station),
 }
 
 /// `ODOMETRY` (331).
@@ -104,9 +172,10 @@ impl Message {
                 unix_us: m.time_unix_usec,
                 boot_ms: m.time_boot_ms,
             },
-            MavMessage::HEARTBEAT(m) => Self::Heartbeat {
-                is_autopilot: m.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID,
-            },
+            MavMessage::HEARTBEAT(m) => Self::Heartbeat(Station::of_names(
+                &format!("{:?}", m.autopilot),
+                &format!("{:?}", m.mavtype),
+            )),
             _ => return None,
         })
     }

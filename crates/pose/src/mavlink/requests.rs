@@ -5,8 +5,8 @@ use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega as dialect;
 use mavlink::dialects::ardupilotmega::{MavCmd, MavMessage};
 
+use super::fleet::Fleet;
 use super::message::Sender;
-use super::vehicle::Vehicle;
 
 /// `MAV_COMP_ID_ONBOARD_COMPUTER3`: not the one that a companion's own programs use.
 const COMPONENT: u8 = 193;
@@ -64,41 +64,41 @@ impl Requests {
     }
 
     /// What is to be sent now.
-    pub(crate) fn due(&mut self, vehicle: &mut Vehicle, now: Timestamp) -> Vec<MavMessage> {
+    pub(crate) fn due(&mut self, fleet: &mut Fleet, now: Timestamp) -> Vec<MavMessage> {
         let mut messages = Vec::new();
         if self.heartbeat.every(1.0, now) {
             messages.push(heartbeat());
         }
-        let Some(to) = vehicle.to_ask() else {
+        let Some(to) = fleet.to_ask() else {
             return messages;
         };
         if self.time.every(1.0, now) {
-            let ts1 = vehicle.clock.ask(now);
+            let ts1 = fleet.ask_time(now);
             messages.push(timesync(0, ts1));
         }
         // Each second at first; a vehicle that has none of them is not asked for ever as often.
         let pause_s = if self.round < 10 { 1.0 } else { 10.0 };
         if self.messages.every(pause_s, now) {
-            self.ask_for_messages(vehicle, to, now, &mut messages);
+            self.ask_for_messages(fleet, to, now, &mut messages);
         }
         messages
     }
 
     fn ask_for_messages(
         &mut self,
-        vehicle: &Vehicle,
+        fleet: &Fleet,
         to: Sender,
         now: Timestamp,
         messages: &mut Vec<MavMessage>,
     ) {
         let wanted = [ATTITUDE_QUATERNION, LOCAL_POSITION_NED, ODOMETRY];
-        let missing = wanted.into_iter().filter(|id| !vehicle.comes(*id, now));
+        let missing = wanted.into_iter().filter(|id| !fleet.comes(*id, now));
         let missing: Vec<u32> = missing.collect();
         if self.round.is_multiple_of(10) {
             messages.push(interval(to, SYSTEM_TIME, TIME_INTERVAL_US));
         }
         // With odometry nothing else is needed, and without it the other two do.
-        let has_poses = vehicle.comes(ODOMETRY, now) || missing == [ODOMETRY];
+        let has_poses = fleet.comes(ODOMETRY, now) || missing == [ODOMETRY];
         if !has_poses || self.round == 0 {
             let asked = missing.iter().map(|id| interval(to, *id, POSE_INTERVAL_US));
             messages.extend(asked);

@@ -4,12 +4,13 @@ use mavlink::MavHeader;
 use mavlink::dialects::ardupilotmega as dialect;
 use mavlink::dialects::ardupilotmega::MavMessage;
 
+use super::fleet::Fleet;
 use super::frames::{Frames, frame};
 use super::json;
-use super::message::{Message, Odometry, Sender, ned_from_frd};
+use super::message::{Message, Odometry, Sender, Station, ned_from_frd};
 use super::requests::Requests;
-use super::run::sender_of_key;
 use super::vehicle::Vehicle;
+use crate::only::Only;
 use echosplat_join::{ArrivedPose, StampClock};
 
 const UNIX: i64 = 1_700_000_000_000;
@@ -56,7 +57,7 @@ fn odometry(boot_ms: u32, frame: u32, child_frame: u32, reset_counter: u8) -> Me
 fn feed(vehicle: &mut Vehicle, messages: &[(u32, Message)]) -> Vec<ArrivedPose> {
     let mut poses = Vec::new();
     for (boot_ms, message) in messages {
-        poses.extend(vehicle.take(ROV, message.clone(), at(boot_ms + 2)));
+        poses.extend(vehicle.take(message.clone(), at(boot_ms + 2)));
     }
     poses
 }
@@ -229,25 +230,12 @@ fn a_boot_begins_a_new_epoch() {
             attitude(boot_ms, 0.0),
         ];
         for message in both {
-            poses.extend(vehicle.take(ROV, message, arrived));
+            poses.extend(vehicle.take(message, arrived));
         }
     }
     let last = poses.last().unwrap().pose;
     assert_eq!(last.epoch, 1);
     assert!(last.time.seconds_since(at(100_180)).abs() < 0.01);
-}
-
-#[test]
-fn the_first_vehicle_is_used_and_others_are_counted() {
-    let mut vehicle = Vehicle::new(StampClock::Host);
-    feed(&mut vehicle, &[(0, position(0, [0.0; 3], [0.0; 3]))]);
-    let other = Sender {
-        system: 2,
-        component: 1,
-    };
-    assert!(vehicle.take(other, attitude(10, 0.0), at(10)).is_none());
-    let status = vehicle.status(at(10));
-    assert_eq!((status.other_vehicles, status.received), (1, 1));
 }
 
 #[test]
@@ -290,7 +278,7 @@ fn a_vehicle_without_position_is_told_what_gives_one() {
 
 #[test]
 fn messages_are_asked_for_until_they_come_and_then_no_more() {
-    let mut vehicle = Vehicle::new(StampClock::Host);
+    let mut fleet = Fleet::new(StampClock::Host, Only::default());
     let mut requests = Requests::default();
     let names = |messages: &[MavMessage]| -> Vec<&'static str> {
         messages
@@ -298,9 +286,10 @@ fn messages_are_asked_for_until_they_come_and_then_no_more() {
             .map(mavlink::Message::message_name)
             .collect()
     };
-    assert_eq!(names(&requests.due(&mut vehicle, at(0))), ["HEARTBEAT"]);
-    vehicle.take(ROV, Message::Heartbeat { is_autopilot: true }, at(0));
-    let asked = names(&requests.due(&mut vehicle, at(10)));
+    assert_eq!(names(&requests.due(&mut fleet, at(0))), ["HEARTBEAT"]);
+    let heartbeat = Message::Heartbeat(Station::Autopilot);
+    fleet.take(ROV, heartbeat, at(0), |_| {});
+    let asked = names(&requests.due(&mut fleet, at(10)));
     assert_eq!(
         asked,
         [
@@ -311,10 +300,10 @@ fn messages_are_asked_for_until_they_come_and_then_no_more() {
             "COMMAND_LONG"
         ]
     );
-    assert!(requests.due(&mut vehicle, at(20)).is_empty());
+    assert!(requests.due(&mut fleet, at(20)).is_empty());
     let mut streams = 0;
     for second in 1..9 {
-        let asked = names(&requests.due(&mut vehicle, at(second * 1_010)));
+        let asked = names(&requests.due(&mut fleet, at(second * 1_010)));
         assert!(asked.contains(&"COMMAND_LONG"), "{second}: {asked:?}");
         streams += asked
             .iter()
@@ -322,12 +311,10 @@ fn messages_are_asked_for_until_they_come_and_then_no_more() {
             .count();
     }
     assert_eq!(streams, 2);
-    let poses = [
-        (9_500, attitude(9_500, 0.0)),
-        (9_500, position(9_500, [0.0; 3], [0.0; 3])),
-    ];
-    feed(&mut vehicle, &poses);
-    let asked = names(&requests.due(&mut vehicle, at(9_600)));
+    for message in [attitude(9_500, 0.0), position(9_500, [0.0; 3], [0.0; 3])] {
+        fleet.take(ROV, message, at(9_502), |_| {});
+    }
+    let asked = names(&requests.due(&mut fleet, at(9_600)));
     assert_eq!(asked, ["HEARTBEAT", "TIMESYNC"]);
 }
 
@@ -433,6 +420,4 @@ fn odd_json_is_named_and_other_messages_are_passed_over() {
         assert!(wrong.contains(told), "{text}: {wrong}");
     }
     assert!(json::parse(&vec![b' '; 20_000]).is_err());
-    let key = sender_of_key("sea/mavlink/1/191/ATTITUDE");
-    assert_eq!((key.system, key.component), (1, 191));
 }

@@ -11,15 +11,15 @@ use echosplat_model::{
 };
 use mavlink::dialects::ardupilotmega::MavFrame;
 
-use super::clock::{BootStep, BootTime, VehicleClock, is_unix_us};
-use super::message::{Message, Odometry, Sender};
+use super::clock::{VehicleClock, is_unix_us};
+use super::message::{Message, Odometry};
+use super::order::{CountsFrom, MessageKind, Order, Step, content_of};
 use crate::advance::Motion;
 use crate::clock::UnknownClock;
 use crate::fault::{self, Fault};
 use crate::status::PoseSourceStatus;
 use echosplat_join::{ArrivedPose, StampClock};
 
-const NANOS_PER_MILLI: i64 = 1_000_000;
 /// The better message is waited for so long before the next best is used.
 const PREFERRED_FOR_S: f64 = 1.0;
 /// An attitude without a position for so long is told.
@@ -60,16 +60,13 @@ impl Heard {
     }
 }
 
-/// The first vehicle heard.
+/// One sender of messages.
 #[derive(Debug)]
 pub(crate) struct Vehicle {
     pub(crate) clock: VehicleClock,
     status: PoseSourceStatus,
-    /// Whose poses are taken.
-    source: Option<Sender>,
-    /// Who is asked for them.
-    autopilot: Option<Sender>,
-    boot_time: BootTime,
+    boot_order: Order,
+    unix_order: Order,
     unix_clock: UnknownClock,
     stamps: StampClock,
     motion: Option<Motion>,
@@ -81,6 +78,10 @@ pub(crate) struct Vehicle {
     quaternion: Option<Heard>,
     position: Option<Heard>,
     odometry: Option<Heard>,
+    /// When the newest pose was made.
+    newest_pose: Option<Timestamp>,
+    /// How far the newest position lay behind what else is known of the vehicle's clock.
+    position_lag_s: f64,
 }
 
 impl Vehicle {
@@ -88,9 +89,8 @@ impl Vehicle {
         Self {
             clock: VehicleClock::new(stamps),
             status: PoseSourceStatus::default(),
-            source: None,
-            autopilot: None,
-            boot_time: BootTime::default(),
+            boot_order: Order::new(CountsFrom::Boot, stamps),
+            unix_order: Order::new(CountsFrom::Unix, stamps),
             unix_clock: UnknownClock::default(),
             stamps,
             motion: None,
@@ -101,47 +101,24 @@ impl Vehicle {
             quaternion: None,
             position: None,
             odometry: None,
+            newest_pose: None,
+            position_lag_s: 0.0,
         }
     }
 
     /// Takes one message; gives the pose that it completes.
-    pub(crate) fn take(
-        &mut self,
-        sender: Sender,
-        message: Message,
-        arrived: Timestamp,
-    ) -> Option<ArrivedPose> {
+    pub(crate) fn take(&mut self, message: Message, arrived: Timestamp) -> Option<ArrivedPose> {
         if message.is_of_pose() {
-            let source = *self.source.get_or_insert(sender);
-            if source != sender {
-                self.status.other_vehicles += 1;
-                return None;
-            }
             self.status.received += 1;
-        } else if self
-            .source
-            .is_some_and(|source| source.system != sender.system)
-        {
-            return None;
         }
-        let pose = self.pose_of(sender, message, arrived);
+        let pose = self.pose_of(message, arrived);
         let pose = pose.unwrap_or_else(|fault| {
             self.status.refuse(&fault);
             None
         })?;
         self.status.accepted += 1;
+        self.newest_pose = Some(arrived);
         Some(ArrivedPose { pose, arrived })
-    }
-
-    /// A message that could not even be read.
-    pub(crate) fn refuse(&mut self, what: String) {
-        self.status.received += 1;
-        self.status.refuse(&Fault::Malformed(what));
-    }
-
-    /// Whom to ask for messages: the vehicle used, or an autopilot heard.
-    pub(crate) fn to_ask(&self) -> Option<Sender> {
-        self.source.or(self.autopilot)
     }
 
     /// Whether the messages of these ids come.
@@ -156,42 +133,58 @@ impl Vehicle {
         Heard::within(heard, 2.0, now)
     }
 
-    /// Counters, clock and what is missing; rate and link are the caller's.
+    /// Messages that came and should have led to a pose.
+    pub(crate) fn received(&self) -> u64 {
+        self.status.received
+    }
+
+    /// Counters, clock and what is missing; rate, link and senders are the caller's.
     pub(crate) fn status(&self, now: Timestamp) -> PoseSourceStatus {
         PoseSourceStatus {
-            missing: self.missing(now).map(str::to_owned),
+            missing: self.missing(now),
             ..self.status.clone()
         }
     }
 
-    fn missing(&self, now: Timestamp) -> Option<&'static str> {
+    fn missing(&self, now: Timestamp) -> Option<String> {
         if Heard::within(self.odometry, PREFERRED_FOR_S, now) {
             return None;
         }
         let lasts = |heard| Heard::has_lasted(heard, MISSING_AFTER_S, now);
         let lacks = |heard| !Heard::within(heard, MISSING_AFTER_S, now);
-        if lasts(self.attitude.or(self.quaternion)) && lacks(self.position) {
+        let has_attitude = lasts(self.attitude.or(self.quaternion));
+        if has_attitude && lacks(self.position) {
             return Some(
                 "the vehicle sends attitude but no position; the map needs one: a DVL, visual \
                  SLAM or underwater GPS fused by its EKF, and the EKF's origin set \
-                 (SET_GPS_GLOBAL_ORIGIN)",
+                 (SET_GPS_GLOBAL_ORIGIN)"
+                    .to_owned(),
             );
         }
         let no_attitude = lacks(self.attitude) && lacks(self.quaternion);
         if lasts(self.position) && no_attitude {
             return Some(
-                "the vehicle sends a position but no attitude; ask it for ATTITUDE_QUATERNION",
+                "the vehicle sends a position but no attitude; ask it for ATTITUDE_QUATERNION"
+                    .to_owned(),
             );
         }
-        None
+        let since = self.newest_pose;
+        let lacks_poses = since.is_none_or(|at| now.seconds_since(at).abs() > MISSING_AFTER_S);
+        (has_attitude && lasts(self.position) && lacks_poses && self.position_lag_s > 0.0).then(|| {
+            format!(
+                "the vehicle's LOCAL_POSITION_NED is stamped {:.1} s before the attitude that comes with it, and no \
+                 pose can be made of both; look for a second, slower route that positions take",
+                self.position_lag_s
+            )
+        })
     }
 
     fn pose_of(
         &mut self,
-        sender: Sender,
         message: Message,
         arrived: Timestamp,
     ) -> Result<Option<StampedPose>, Fault> {
+        let content = content_of(&message);
         match message {
             Message::Attitude {
                 boot_ms,
@@ -205,7 +198,11 @@ impl Vehicle {
                 let is_second = !is_quaternion
                     && Heard::within(self.quaternion, PREFERRED_FOR_S, arrived)
                     || Heard::within(self.odometry, PREFERRED_FOR_S, arrived);
-                let boot = self.booted_at(boot_ms, arrived);
+                let kind = match is_quaternion {
+                    true => MessageKind::Quaternion,
+                    false => MessageKind::Attitude,
+                };
+                let boot = self.booted_at(kind, boot_ms, content, arrived);
                 match boot.filter(|_| !is_second) {
                     Some(boot) => self.of_attitude(boot, ned_from_frd),
                     None => Ok(None),
@@ -217,15 +214,14 @@ impl Vehicle {
                 velocity_ned_mps,
             } => {
                 Heard::note(&mut self.position, arrived);
-                if let Some(boot) = self.booted_at(boot_ms, arrived) {
-                    self.take_position(boot, position_ned_m, velocity_ned_mps)?;
+                let lag_s = self.boot_order.behind_s(boot_ms);
+                match self.booted_at(MessageKind::Position, boot_ms, content, arrived) {
+                    Some(boot) => self.take_position(boot, position_ned_m, velocity_ned_mps)?,
+                    None => self.position_lag_s = lag_s,
                 }
                 Ok(None)
             }
-            Message::Odometry(odometry) => {
-                Heard::note(&mut self.odometry, arrived);
-                self.of_odometry(&odometry, arrived)
-            }
+            Message::Odometry(odometry) => self.of_odometry(&odometry, content, arrived),
             Message::TimeSync { tc1, ts1 } => {
                 if tc1 != 0 {
                     self.clock.answered(tc1, ts1, arrived);
@@ -233,38 +229,45 @@ impl Vehicle {
                 Ok(None)
             }
             Message::SystemTime { unix_us, boot_ms } => {
-                if let Some(boot) = self.booted_at(boot_ms, arrived) {
+                if let Some(boot) =
+                    self.booted_at(MessageKind::SystemTime, boot_ms, content, arrived)
+                {
                     self.clock.says_unix(unix_us, boot);
                 }
                 Ok(None)
             }
-            Message::Heartbeat { is_autopilot } => {
-                if is_autopilot {
-                    self.autopilot.get_or_insert(sender);
-                }
-                Ok(None)
-            }
+            Message::Heartbeat(_) => Ok(None),
         }
     }
 
-    /// Nanoseconds since boot; `None` for what is too old.
-    fn booted_at(&mut self, boot_ms: u32, arrived: Timestamp) -> Option<i64> {
-        let step = self.boot_time.step(boot_ms);
+    /// Nanoseconds since boot; `None` for what comes late.
+    fn booted_at(
+        &mut self,
+        kind: MessageKind,
+        boot_ms: u32,
+        content: u64,
+        arrived: Timestamp,
+    ) -> Option<i64> {
+        let step = self
+            .boot_order
+            .step_boot_ms(kind, boot_ms, content, arrived);
         self.stepped(step, arrived)
     }
 
-    fn stepped(&mut self, step: BootStep, arrived: Timestamp) -> Option<i64> {
-        let boot_ms = match step {
-            BootStep::At(boot_ms) => boot_ms,
-            BootStep::Old => return None,
-            BootStep::Booted(boot_ms) => {
+    fn stepped(&mut self, step: Step, arrived: Timestamp) -> Option<i64> {
+        let boot = match step {
+            Step::At(boot) => boot,
+            Step::Late => {
+                self.status.late += 1;
+                return None;
+            }
+            Step::Anew(boot) => {
                 self.clock.forget();
                 self.motion = None;
                 self.begin_epoch();
-                boot_ms
+                boot
             }
         };
-        let boot = boot_ms.saturating_mul(NANOS_PER_MILLI);
         self.clock.observe(boot, arrived);
         Some(boot)
     }
@@ -324,8 +327,11 @@ impl Vehicle {
     ) -> Result<Option<StampedPose>, Fault> {
         let rotation = enu_from_flu(fault::rotation("the attitude", ned_from_frd)?);
         let motion = self.motion;
-        let there = motion.and_then(|motion| motion.position_at(Timestamp::from_nanos(boot)));
+        let time = Timestamp::from_nanos(boot);
+        let there = motion.and_then(|motion| motion.position_at(time));
         let Some(translation_m) = there else {
+            let behind_s = motion.map(|motion| time.seconds_since(motion.time));
+            self.position_lag_s = behind_s.unwrap_or(self.position_lag_s);
             return Ok(None);
         };
         self.switch_to(Kind::Attitude);
@@ -343,16 +349,18 @@ impl Vehicle {
     fn of_odometry(
         &mut self,
         odometry: &Odometry,
+        content: u64,
         arrived: Timestamp,
     ) -> Result<Option<StampedPose>, Fault> {
+        let Some(time) = self.time_of_odometry(odometry.time_us, content, arrived) else {
+            return Ok(None);
+        };
+        Heard::note(&mut self.odometry, arrived);
         if odometry.quality < 0 {
             let what = "ODOMETRY of quality -1: the vehicle's estimate has failed";
             return Err(Fault::Malformed(what.to_owned()));
         }
         let world_from_vehicle = pose_of_odometry(odometry)?;
-        let Some(time) = self.time_of_odometry(odometry.time_us, arrived) else {
-            return Ok(None);
-        };
         self.switch_to(Kind::Odometry(odometry.frame));
         self.count_resets(odometry.reset_counter);
         Ok(Some(StampedPose {
@@ -363,13 +371,23 @@ impl Vehicle {
         }))
     }
 
-    fn time_of_odometry(&mut self, time_us: u64, arrived: Timestamp) -> Option<Timestamp> {
+    /// On the host's clock; `None` for what comes late.
+    fn time_of_odometry(
+        &mut self,
+        time_us: u64,
+        content: u64,
+        arrived: Timestamp,
+    ) -> Option<Timestamp> {
         let nanos = i64::try_from(time_us).map_or(i64::MAX, |us| us.saturating_mul(1_000));
+        let kind = MessageKind::Odometry;
         if !is_unix_us(time_us) {
-            let boot_ms = nanos / NANOS_PER_MILLI;
-            let step = self.boot_time.step_unwrapped(boot_ms);
+            let step = self.boot_order.step(kind, nanos, content, arrived);
             self.stepped(step, arrived)?;
             return Some(self.on_host(nanos));
+        }
+        if self.unix_order.step(kind, nanos, content, arrived) == Step::Late {
+            self.status.late += 1;
+            return None;
         }
         if self.stamps == StampClock::Data {
             self.tell_clock(0, "data");

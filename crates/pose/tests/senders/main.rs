@@ -271,14 +271,17 @@ fn json_and_odometry_of_rosbags_over_zenoh_come_out_as_they_went_in() {
 }
 
 #[test]
-fn a_mavlink_servers_json_over_zenoh_comes_out_as_it_went_in() {
-    for more in [&["--system-time"][..], &["--odometry"]] {
-        let sent = over_zenoh(
-            "mavlink+zenoh://",
-            &[&["--as", "mavlink-json"], more].concat(),
-        );
-        assert_all_came(&sent.poses);
-        assert_eq!(sent.status.first_fault, None);
+fn a_mavlink_servers_json_and_raw_messages_over_zenoh_come_out_as_they_went_in() {
+    for kind in ["mavlink-json", "mavlink-raw"] {
+        for more in [&["--system-time"][..], &["--odometry"]] {
+            let sent = over_zenoh("mavlink+zenoh://", &[&["--as", kind], more].concat());
+            assert_all_came(&sent.poses);
+            assert_eq!(sent.status.first_fault, None);
+            let [sender] = &sent.status.senders[..] else {
+                panic!("{:?}", sent.status)
+            };
+            assert_eq!(sender.kind.as_deref(), Some("autopilot"));
+        }
     }
 }
 

@@ -10,7 +10,7 @@
 //! In tokens a slash becomes `%`, and the enclave, which nothing here has, is `%`.
 
 /// What tokens begin with.
-const ADMIN_SPACE: &str = "@ros2_lv";
+pub(super) const ADMIN_SPACE: &str = "@ros2_lv";
 
 /// The first node of a session; there is never another.
 const NODE_ID: u32 = 0;

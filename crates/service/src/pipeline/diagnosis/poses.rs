@@ -18,6 +18,8 @@ const ODD_LEAD_S: f64 = 0.5;
 /// A few poses in another order are the network's; so many more are news.
 const STAMPS_REPEATED: u64 = 10;
 const NANOS_PER_SECOND: f64 = 1e9;
+/// More than one sends poses that may be meant.
+const SECOND_SOURCE: &str = "second-pose-source";
 
 /// Poses that cannot be what they are read as.
 pub(crate) fn frames(status: &Status) -> Option<Finding> {
@@ -69,6 +71,14 @@ impl Diagnosis {
         findings.extend(self.stamps(poses, now));
         if self.expectations.pace == Pace::Live {
             findings.extend(self.untimely(status, now));
+        }
+        match &poses.source.several {
+            Some(several) => findings.push(Finding {
+                code: SECOND_SOURCE.into(),
+                sentence: several.sentence.clone(),
+                is_loss: several.leaves_out,
+            }),
+            None => findings.extend(self.second_source(poses, now)),
         }
         findings.extend(self.guarded(poses, now));
         findings.extend(self.covariances(status, now));
@@ -123,93 +133,25 @@ impl Diagnosis {
         findings
     }
 
-    /// Whether poses come often enough and are refused, which is told by itself: pings without a pose are no
-    /// wonder then.
-    fn is_refusing(&mut self, poses: &PoseReport, now: Instant) -> bool {
-        let (source, guard) = (&poses.source, &poses.guard);
-        let unusable = source.malformed + source.not_finite + source.bad_quaternion;
-        let refused = guard.stamps_zero + guard.stamps_far + guard.off_track + guard.out_of_order;
-        let is_unusable = self.grows("poses unusable", unusable, now);
-        let is_refused = self.grows("poses refused", refused, now);
-        let come_often = source.rate_hz * self.pose.max_pose_gap_s > 1.0;
-        is_unusable || is_refused && come_often
-    }
-
-    fn rare(&self, poses: &PoseReport) -> Finding {
-        let (gap_s, rate_hz) = (self.pose.max_pose_gap_s, poses.source.rate_hz);
-        let advice = match rate_hz * gap_s > 1.0 {
-            true => "as they come in bursts; have them sent evenly".to_owned(),
-            false => format!(
-                "have them sent at least {:.0} times a second",
-                (2.0 / gap_s).ceil()
-            ),
-        };
-        loss(
-            "poses-rare",
-            format!(
-                "{} pings so far lie between poses more than {gap_s} s apart (pose.max_pose_gap_s); poses come \
-                 {rate_hz:.1} times a second: {advice}",
-                poses.join.pings_in_gap
-            ),
-        )
-    }
-
-    fn late(&self, status: &Status) -> Finding {
-        let poses = &status.report.poses;
-        let count = poses.join.pings_pose_never_came;
-        let late_s = self.pose.time_offset_s - poses.guard.lead_s;
-        let wait_s = (late_s + 1.0).ceil();
-        let is_slow = (0.0..self.pose.max_wait_s).contains(&late_s);
-        let sentence = match !is_slow && (0.0..MOST_WAIT_S).contains(&late_s) {
-            true => format!(
-                "{count} pings so far were given up before their poses came, which takes {late_s:.1} s: if the link \
-                 is that slow, set pose.max_wait_s = {wait_s:.0}{}",
-                self.room_for(wait_s * status.rates.pings_per_s)
-            ),
-            false => format!(
-                "{count} pings so far were given up before their poses came (pose.max_wait_s is {} s); poses are \
-                 late, or stamped by another clock",
-                self.pose.max_wait_s
-            ),
-        };
-        loss("poses-late", sentence)
-    }
-
-    /// What else is to be set where so many pings wait.
-    fn room_for(&self, pings: f64) -> String {
-        let wanted = (1.5 * pings).ceil().clamp(1.0, MOST_WAITING);
-        match wanted > self.pose.waiting_pings as f64 {
-            true => format!(" and pose.waiting_pings = {wanted:.0}"),
-            false => String::new(),
-        }
-    }
-
-    fn guarded(&mut self, poses: &PoseReport, now: Instant) -> Vec<Finding> {
+    /// Poses of two tracks, of senders that nothing else tells apart.
+    fn second_source(&mut self, poses: &PoseReport, now: Instant) -> Option<Finding> {
         let guard = &poses.guard;
-        let mut findings = Vec::new();
-        if guard.has_second_source() && self.grows("off track", guard.off_track, now) {
-            findings.push(loss(
-                "second-pose-source",
+        let is_told = guard.has_second_source() && self.grows("off track", guard.off_track, now);
+        is_told.then(|| {
+            loss(
+                SECOND_SOURCE,
                 format!(
                     "a second source sends poses {:.1} m from the first; {} were refused: end one of \
                      the two, or give each vehicle a --node of its own",
                     guard.off_track_m, guard.off_track
                 ),
-            ));
-        }
-        if guard.has_other_epochs() && self.grows("other epochs", guard.other_epochs, now) {
-            findings.push(loss(
-                "second-pose-source",
-                format!(
-                    "poses of another epoch ({}) come between those that are followed, {:.1} m from them; {} \
-                     were refused: a second sender, or one that counts resets that there were not; end one of \
-                     the two, or give each vehicle a --node of its own",
-                    guard.other_epoch.unwrap_or_default(),
-                    guard.other_epoch_m,
-                    guard.other_epochs
-                ),
-            ));
-        }
+            )
+        })
+    }
+
+    fn guarded(&mut self, poses: &PoseReport, now: Instant) -> Vec<Finding> {
+        let guard = &poses.guard;
+        let mut findings = Vec::new();
         if self.grows("far stamps", guard.stamps_far, now) {
             findings.push(warning(
                 "pose-stamps-far",
