@@ -11,6 +11,7 @@ mod bench;
 mod browser;
 mod browser_pictures;
 mod calibrate;
+mod damaged;
 mod device;
 mod disturbances;
 mod dive;

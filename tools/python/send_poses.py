@@ -353,13 +353,43 @@ def as_odometry(options, poses, clock):
                 covariance=unknown))
         return bytes(store.serialize_cdr(message, "nav_msgs/msg/Odometry"))
 
-    if options.kind == "odometry-mcap":
-        from rosbags.rosbag2 import StoragePlugin, Writer
+    def transforms(nanos, *frames):
+        """A TFMessage of (parent, child, position, rotation)."""
+        header, time_type = types["std_msgs/msg/Header"], types["builtin_interfaces/msg/Time"]
+        vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+        stamp = time_type(sec=nanos // 10**9, nanosec=nanos % 10**9)
+        message = types["tf2_msgs/msg/TFMessage"](transforms=[
+            types["geometry_msgs/msg/TransformStamped"](
+                header=header(stamp=stamp, frame_id=parent), child_frame_id=child,
+                transform=types["geometry_msgs/msg/Transform"](
+                    translation=vector(*position), rotation=quaternion(*rotation)))
+            for parent, child, position, rotation in frames])
+        return bytes(store.serialize_cdr(message, "tf2_msgs/msg/TFMessage"))
 
-        with Writer(options.to, version=9, storage_plugin=StoragePlugin.MCAP) as bag:
-            channel = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
-            for pose in with_velocities(poses):
-                bag.write(channel, pose[0], encoded(pose))
+    if options.kind in ("odometry-mcap", "tf-mcap"):
+        from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+
+        bag = Writer(options.to, version=9, storage_plugin=StoragePlugin.MCAP)
+        bag.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+        with bag:
+            if options.kind == "odometry-mcap":
+                channel = bag.add_connection("/odom", "nav_msgs/msg/Odometry", typestore=store)
+                for pose in with_velocities(poses):
+                    bag.write(channel, pose[0], encoded(pose))
+                return
+            still = bag.add_connection("/tf_static", "tf2_msgs/msg/TFMessage", typestore=store)
+            moving = bag.add_connection("/tf", "tf2_msgs/msg/TFMessage", typestore=store)
+            turned = [0.0, 0.0, math.sin(0.3), math.cos(0.3)]
+            bag.write(still, poses[0][0], transforms(
+                poses[0][0], ("base_link", "sonar", [0.2, 0.0, 0.1], turned)))
+            for nanos, pose in poses:
+                # Half a turn about up and back again, so that the order of frames matters.
+                half = [0.0, 0.0, 1.0, 0.0]
+                inner = product(conjugate(half), pose[3:])
+                bag.write(moving, nanos, transforms(
+                    nanos, ("map", "odom", pose[:3], half),
+                    ("odom", "base_link", [0.0, 0.0, 0.0], inner),
+                    ("base_link", "lamp", [0.0, 0.0, nanos % 7 * 1.0], [0.0, 0.0, 0.0, 1.0])))
         return
     with zenoh_session(options) as session:
         key = options.key or "echosplat/vehicle/pose"
@@ -379,8 +409,8 @@ def as_json(options, poses, clock):
 
 
 KINDS = {"mavlink-udp": over_link, "mavlink-tcp": over_link, "mavlink-json": over_json,
-         "mavlink-raw": over_raw,
-         "dvl": as_dvl, "odometry": as_odometry, "odometry-mcap": as_odometry, "json": as_json}
+         "dvl": as_dvl, "odometry": as_odometry, "odometry-mcap": as_odometry, "tf-mcap": as_odometry,
+         "json": as_json}
 
 
 def main():

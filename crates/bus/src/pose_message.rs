@@ -136,6 +136,29 @@ pub fn decode(encoding: &str, payload: &[u8]) -> Result<PoseMessage, PoseMessage
     raw.checked()
 }
 
+/// A pose that stood in a message of another kind, judged as those read here are: its time, the names
+/// of its frames (outer, inner), position in metres and orientation as x, y, z, w, and its covariance.
+///
+/// # Errors
+/// As [`decode`].
+pub fn checked(
+    time: Timestamp,
+    [frame_id, child_frame_id]: [&str; 2],
+    (position_m, orientation_xyzw): ([f64; 3], [f64; 4]),
+    covariance: Option<[f64; 36]>,
+) -> Result<PoseMessage, PoseMessageError> {
+    let raw = RawPose {
+        time,
+        frame_id: frame_id.to_owned(),
+        child_frame_id: child_frame_id.to_owned(),
+        position_m,
+        orientation_xyzw,
+        covariance,
+        epoch: 0,
+    };
+    raw.checked()
+}
+
 /// `Odometry` of `nav_msgs/msg/Odometry`, and of the name DDS gives it,
 /// `nav_msgs::msg::dds_::Odometry_`.
 fn message_name(schema: &str) -> &str {

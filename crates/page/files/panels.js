@@ -36,6 +36,7 @@ const LEDGER = [
   ["without_pose", "without a pose", "#e3b23c"],
   ["shed", "dropped", "#d6455f"],
   ["rejected", "rejected", "#e8733c"],
+  ["repeated", "came twice", "#a08c5b"],
   ["not_wanted", "not asked for", "#8fa5b5"],
 ];
 const PHASES = { running: "mapping", input_ended: "input ended", finishing: "finishing" };

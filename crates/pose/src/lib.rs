@@ -28,8 +28,7 @@ mod status;
 mod tum_file;
 mod url;
 
-pub use log::{LogPosesError, poses_of_mcap, poses_of_svlog};
-pub use only::Only;
+pub use log::{LogPoses, LogPosesError, poses_of_mcap, poses_of_svlog};
 pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
 pub use status::{PoseSender, PoseSourceStatus, Several};
 pub use url::{POSE_URL_FORMS, PoseUrl, PoseUrlError};

@@ -9,7 +9,8 @@ use crossbeam_channel::Receiver;
 use echosplat_bus::{Bus, BusError, PoseSubscription};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::StampedPose;
-use echosplat_recording::tum::TumError;
+use echosplat_recording::foreign;
+use echosplat_recording::tum::{self, TumError};
 use tokio::runtime::Handle;
 
 use crate::bus_feed::{BusFeed, receive};
@@ -114,6 +115,14 @@ pub enum PoseSourceError {
         path: PathBuf,
         /// Where and what.
         reason: TumError,
+    },
+    /// The file is of another program.
+    #[error("poses: {path} is {reason}", path = .path.display())]
+    Foreign {
+        /// Which.
+        path: PathBuf,
+        /// What it is, and what makes a file that is read of it.
+        reason: String,
     },
     /// The file holds no pose.
     #[error("poses: {path} holds no pose; lines are `timestamp tx ty tz qx qy qz qw`", path = .0.display())]
@@ -407,6 +416,37 @@ fn live(url: &PoseUrl, feed: Feed) -> PoseSource {
 
 fn task(runtime: &Handle, url: &PoseUrl, work: Work) -> PoseSource {
     live(url, Feed::Task(SourceTask::start(runtime, work)))
+}
+
+fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {
+    let path = path.to_owned();
+    let file = match File::open(&path) {
+        Ok(file) => file,
+        Err(reason) => return Err(PoseSourceError::Open { path, reason }),
+    };
+    if let Some(reason) = foreign::of_file(&file, &path) {
+        return Err(PoseSourceError::Foreign { path, reason });
+    }
+    let read = match tum::read(BufReader::new(file)) {
+        Ok(read) => read,
+        Err(reason) => return Err(PoseSourceError::Read { path, reason }),
+    };
+    if read.poses.is_empty() {
+        return Err(PoseSourceError::Empty(path));
+    }
+    let path = path.display();
+    if read.out_of_order_count > 0 {
+        let count = read.out_of_order_count;
+        tracing::info!("{path}: {count} poses stood after later ones; all are sorted by time");
+    }
+    let (duplicates, contradicting) = (read.duplicate_count, read.contradicting_count);
+    if duplicates + contradicting > 0 {
+        tracing::warn!(
+            "{path}: {duplicates} poses left out that stand there twice, {contradicting} that \
+             contradict an earlier line of the same time"
+        );
+    }
+    Ok(PoseSource::File(read.poses.into_iter()))
 }
 
 #[cfg(test)]

@@ -8,6 +8,7 @@
 //! meaning of sonar messages, and any map other than one of Gaussians.
 
 pub mod export;
+pub mod foreign;
 pub mod mcap;
 pub mod ply;
 mod ramp;

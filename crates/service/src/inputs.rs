@@ -10,6 +10,7 @@ use echosplat_bus::{Bus, BusConfig, BusError};
 use echosplat_driver::{DriverConfig, SonarUrl};
 use echosplat_join::StampClock;
 use echosplat_pose::{PoseSource, PoseSourceError, PoseUrl};
+use echosplat_recording::foreign;
 use echosplat_recording::svlog::LogClock;
 use echosplat_recording::svlog::SvlogReader;
 use echosplat_session::{ClockSource, SessionConfig};
@@ -58,6 +59,27 @@ pub(crate) fn check_log(path: &Path) -> anyhow::Result<()> {
     let file = echosplat_input::open_file(path).map_err(|error| refused(&error))?;
     SvlogReader::new(BufReader::new(file)).map_err(|error| refused(&error))?;
     Ok(())
+}
+
+/// Refuses a file that another program packed or wrote, and says what makes one that is read of it.
+/// What is no regular file is somebody else's to refuse.
+///
+/// # Errors
+/// If it is one.
+pub(crate) fn refuse_foreign(path: &Path) -> anyhow::Result<()> {
+    if files::readable(path).is_err() {
+        return Ok(());
+    }
+    let opened = File::open(path).ok();
+    match opened.and_then(|file| foreign::of_file(&file, path)) {
+        Some(what) => Err(Usage::error(format!("{}: {what}", path.display()))),
+        None => Ok(()),
+    }
+}
+
+/// Whether a file holds nothing at all.
+pub(crate) fn is_empty(path: &Path) -> bool {
+    std::fs::metadata(path).is_ok_and(|metadata| metadata.len() == 0)
 }
 
 /// Opens a source of poses. A file is read whole. `stamps` is the clock of the pings.

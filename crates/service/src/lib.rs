@@ -14,7 +14,7 @@ pub mod dives;
 pub mod exit;
 mod files;
 mod inputs;
-mod log_clock;
+mod kind;
 pub mod logging;
 mod logs;
 pub mod maps;

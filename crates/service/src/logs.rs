@@ -29,7 +29,7 @@ pub(crate) fn posed_pings(
     let asked = poses.map(|path| PoseUrl::Tum(path.to_owned()));
     let replayed = Replayed::open(&[log.to_owned()])?;
     let decided = replayed.decided();
-    let mut poses = replayed.poses(asked.as_ref(), config, None, None)?;
+    let (mut poses, _) = replayed.poses(asked.as_ref(), config, None, None)?;
     events(&replayed, config, |event| match event {
         DriverEvent::ClockStepped => poses.clock_stepped(),
         DriverEvent::Mark(count) => {
@@ -53,6 +53,21 @@ pub(crate) fn posed_pings(
     Ok(poses.report().join)
 }
 
+/// Says what the recording `log`, or the file of poses, lacks; and whether that is anything.
+///
+/// # Errors
+/// As [`posed_pings`].
+pub(crate) fn tell_losses(log: &Path, poses: Option<&Path>) -> anyhow::Result<bool> {
+    let replayed = Replayed::open(&[log.to_owned()])?;
+    let asked = poses.map(|path| PoseUrl::Tum(path.to_owned()));
+    let (_, of_poses) = replayed.pose_source(asked.as_ref(), None)?;
+    let losses = [replayed.losses(), of_poses].concat();
+    for loss in &losses {
+        tracing::warn!("{loss}");
+    }
+    Ok(!losses.is_empty())
+}
+
 /// All poses of `poses`, or without that file those inside the log.
 ///
 /// # Errors
@@ -60,7 +75,7 @@ pub(crate) fn posed_pings(
 pub(crate) fn poses(log: &Path, poses: Option<&Path>) -> anyhow::Result<Vec<ArrivedPose>> {
     let asked = poses.map(|path| PoseUrl::Tum(path.to_owned()));
     let replayed = Replayed::open(&[log.to_owned()])?;
-    let mut source = replayed.pose_source(asked.as_ref(), None)?;
+    let (mut source, _) = replayed.pose_source(asked.as_ref(), None)?;
     Ok(std::iter::from_fn(|| source.try_next()).collect())
 }
 

@@ -8,15 +8,20 @@ use echosplat_bus::Bus;
 use echosplat_driver::{DriverConfig, Pause, SonarUrl, Tape, TapeItem};
 use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_pose::{PoseSource, PoseUrl};
-use echosplat_recording::mcap::{Record, Recording, RecordingReader, Scan};
+use echosplat_recording::mcap::{Messages, Record, Recording, RecordingReader, Scan};
 use echosplat_session::{ClockSource, SessionConfig};
+use serde_json::Value;
 
 use crate::config::Config;
 use crate::decided::Decided;
 use crate::exit::Usage;
 use crate::inputs;
+use crate::kind::Kind;
 use crate::pipeline::{Input, Patience, Poses};
 use crate::recorder::{BEGIN, Recorder};
+
+/// Topics named in an error.
+const NAMED_TOPICS: usize = 8;
 
 /// Logs, or the files of one recorded dive.
 pub(crate) struct Replayed {
@@ -34,10 +39,13 @@ struct RecordedDive {
     is_log: bool,
 }
 
-/// Whether a file is a recording by its name; what it holds is checked when it is read.
+/// Whether a file is a recording by its name or its first bytes; what it holds is checked when it is
+/// read.
 pub(crate) fn is_recording(path: &Path) -> bool {
-    path.extension()
-        .is_some_and(|ext| ext.eq_ignore_ascii_case("mcap"))
+    let is_named = path
+        .extension()
+        .is_some_and(|ext| ext.eq_ignore_ascii_case("mcap"));
+    is_named || matches!(Kind::of(path), Ok(Kind::Recording))
 }
 
 impl Replayed {
@@ -46,6 +54,9 @@ impl Replayed {
     /// # Errors
     /// Says which file is what instead; also if logs and recordings are mixed.
     pub(crate) fn open(paths: &[PathBuf]) -> anyhow::Result<Self> {
+        paths
+            .iter()
+            .try_for_each(|path| inputs::refuse_foreign(path))?;
         let recordings = paths.iter().filter(|path| is_recording(path)).count();
         if recordings == 0 {
             for path in paths {
@@ -62,6 +73,9 @@ impl Replayed {
             return Err(Usage::error(message));
         }
         let scan = Recording::scan(paths).map_err(Usage::error)?;
+        if scan.counts.raw == 0 {
+            return Err(Usage::error(without_bytes(paths)));
+        }
         Ok(Self {
             paths: paths.to_owned(),
             pause: Pause::default(),
@@ -72,6 +86,23 @@ impl Replayed {
     /// The configuration a recorded dive was mapped with.
     pub(crate) fn settings(&self) -> Option<&str> {
         self.dive.as_ref()?.scan.settings.as_deref()
+    }
+
+    /// What the files lack or hold that is not of the dive, a sentence each. Of a log that is found as
+    /// it is read.
+    pub(crate) fn losses(&self) -> Vec<String> {
+        let Some(dive) = &self.dive else {
+            return Vec::new();
+        };
+        let mut losses = dive.scan.losses(false);
+        if dive.scan.settings.is_none() {
+            let file = self.paths[0].display();
+            losses.push(format!(
+                "{file} lacks its beginning, and with it the settings of the dive: those of --config or \
+                 the defaults are used"
+            ));
+        }
+        losses
     }
 
     /// Holds it, and lets it go on.
@@ -110,7 +141,7 @@ impl Replayed {
     }
 
     /// Where poses come from: as asked, else those that the files hold. Those of a recorded dive are
-    /// judged as they were then.
+    /// judged as they were then. Also what a file of them lacks, a sentence each.
     ///
     /// # Errors
     /// If none were asked for and the files hold none: says what to give.
@@ -120,21 +151,22 @@ impl Replayed {
         config: &Config,
         bus: Option<&Bus>,
         recorder: Option<Recorder>,
-    ) -> anyhow::Result<Poses> {
-        let source = self.pose_source(asked, bus)?;
-        let poses = Poses::new(config, source, Patience::HoldBack, recorder)?;
+    ) -> anyhow::Result<(Poses, Vec<String>)> {
+        let (source, losses) = self.pose_source(asked, bus)?;
+        let poses = Poses::new(&config.pose, source, Patience::HoldBack, recorder)?;
         let takes_its_own = asked.is_none() || matches!(asked, Some(PoseUrl::Log(None)));
         let dive = self
             .dive
             .as_ref()
             .filter(|dive| !dive.is_log && takes_its_own);
-        Ok(match dive {
+        let poses = match dive {
             Some(dive) => poses.of_recording(dive.clock(), self.decided().let_go),
             None => poses,
-        })
+        };
+        Ok((poses, losses))
     }
 
-    /// As [`Replayed::poses`] has them, before anybody judges them.
+    /// As [`Replayed::poses`] has them, before anybody judges them; and what a file of them lacks.
     ///
     /// # Errors
     /// As [`Replayed::poses`].
@@ -142,13 +174,17 @@ impl Replayed {
         &self,
         asked: Option<&PoseUrl>,
         bus: Option<&Bus>,
-    ) -> anyhow::Result<PoseSource> {
-        match asked {
-            Some(PoseUrl::Tum(path)) if is_recording(path) => foreign(path, None),
-            Some(PoseUrl::Log(Some(topic))) => foreign(&self.paths[0], Some(topic)),
+    ) -> anyhow::Result<(PoseSource, Vec<String>)> {
+        let source = match asked {
+            Some(PoseUrl::Tum(path)) if is_recording(path) => {
+                inputs::refuse_foreign(path)?;
+                return foreign(path, None);
+            }
+            Some(PoseUrl::Log(Some(topic))) => return foreign(&self.paths[0], Some(topic)),
             Some(PoseUrl::Log(None)) | None => self.own_poses(),
             Some(url) => inputs::poses(url, bus, StampClock::Data),
-        }
+        };
+        Ok((source?, Vec::new()))
     }
 
     fn own_poses(&self) -> anyhow::Result<PoseSource> {
@@ -196,15 +232,10 @@ impl Replayed {
 
 impl RecordedDive {
     fn of(scan: Scan) -> Self {
-        let begin = scan
-            .events
-            .iter()
-            .map(|(_, event)| event)
-            .find(|event| event["event"] == BEGIN);
-        let session = begin.and_then(|event| serde_json::from_value(event["session"].clone()).ok());
+        let begin = Begun::of(&scan);
         Self {
-            session,
-            is_log: begin.is_some_and(|event| event["is_log"] == true),
+            session: begin.session,
+            is_log: begin.is_log,
             scan,
         }
     }
@@ -218,10 +249,59 @@ impl RecordedDive {
     }
 }
 
-/// Poses in an MCAP file of another program.
-fn foreign(path: &Path, topic: Option<&str>) -> anyhow::Result<PoseSource> {
+/// What a recording says first of its run.
+pub(crate) struct Begun {
+    /// As the dive asked the sonar, if the recording says it.
+    pub(crate) session: Option<SessionConfig>,
+    /// The bytes are those of a log, not of a link.
+    pub(crate) is_log: bool,
+}
+
+impl Begun {
+    pub(crate) fn of(scan: &Scan) -> Self {
+        let mut events = scan.events.iter().map(|(_, event)| event);
+        let begin = events.find(|event| event["event"] == BEGIN);
+        let session = |event: &Value| serde_json::from_value(event["session"].clone()).ok();
+        Self {
+            session: begin.and_then(session),
+            is_log: begin.is_some_and(|event| event["is_log"] == true),
+        }
+    }
+}
+
+/// Poses in an MCAP file of another program, and what that lacks.
+fn foreign(path: &Path, topic: Option<&str>) -> anyhow::Result<(PoseSource, Vec<String>)> {
     let held = echosplat_pose::poses_of_mcap(path, topic).map_err(Usage::error)?;
-    Ok(PoseSource::recorded(held))
+    Ok((PoseSource::recorded(held.poses), held.losses))
+}
+
+/// Why there is nothing to map: what the files hold instead.
+fn without_bytes(paths: &[PathBuf]) -> String {
+    let file = paths[0].display();
+    if paths.iter().all(|path| inputs::is_empty(path)) {
+        return format!("{file}: the file is empty; expected a recording (.mcap)");
+    }
+    let mut topics: Vec<String> = Vec::new();
+    for path in paths {
+        let Ok(mut messages) = Messages::open(path) else {
+            continue;
+        };
+        while let Ok(Some(message)) = messages.next_message() {
+            let channel = messages.channel(message.header.channel_id);
+            let name = channel.map(|channel| format!("{} ({})", channel.topic, channel.schema));
+            topics.extend(name.filter(|name| !topics.contains(name)));
+        }
+    }
+    topics.sort();
+    topics.truncate(NAMED_TOPICS);
+    let held = match topics.is_empty() {
+        true => "no messages at all".to_owned(),
+        false => topics.join(", "),
+    };
+    format!(
+        "{file}: holds no bytes of a sonar (topic /sonar/raw), so there is nothing to map; it has {held}. \
+         Poses of another program go beside a log: `echosplat replay LOG --poses {file}`"
+    )
 }
 
 fn of_log(log: &Path, config: &Config, rate: f64, pause: &Pause) -> Input {

@@ -1,21 +1,18 @@
-//! Pose messages in an MCAP file that another program wrote: ROS 2 messages in CDR, or poses as
-//! JSON as this program takes them. In chunks or not; compressed chunks are not read.
+//! Pose messages in an MCAP file that another program wrote: in chunks or not, compressed or not, in
+//! any order, also cut or damaged.
 
 use std::collections::HashMap;
-use std::io::Read;
 use std::path::Path;
 
-use ::mcap::records::Record;
-use ::mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
-use echosplat_bus::pose_message;
+use echosplat_join::ArrivedPose;
 use echosplat_model::Timestamp;
+use echosplat_recording::mcap::{Channel, Condition, Message, Messages, RecordingError};
 
 use super::found::{LogPosesError, in_order};
+use super::frames::Frames;
+use super::message::{Kind, transforms};
 use crate::fault::quoted;
-use echosplat_join::ArrivedPose;
 
-/// Longest record or chunk taken into memory.
-const MAX_RECORD_BYTES: usize = 256 << 20;
 /// Poses of one topic; two days at 50 Hz.
 const MAX_POSES: usize = 8_640_000;
 /// A topic of JSON whose first messages are no poses is another's.
@@ -23,127 +20,142 @@ const TRIALS: u64 = 10;
 /// Topics named in an error.
 const NAMED_TOPICS: usize = 8;
 
-/// The poses of `topic`, or else of the topic that holds most of them, with the times at which the
-/// file says they were logged.
+/// Poses of a file.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LogPoses {
+    /// In order of time, with the times at which the file says they were logged.
+    pub poses: Vec<ArrivedPose>,
+    /// What the file lacks, a sentence each.
+    pub losses: Vec<String>,
+}
+
+/// The poses of `topic`, or else of the topic that holds most of them, or those that `/tf` leads to.
 ///
 /// # Errors
 /// If it cannot be read as MCAP, or there are no poses in it; then which topics there are.
-pub fn poses_of_mcap(path: &Path, topic: Option<&str>) -> Result<Vec<ArrivedPose>, LogPosesError> {
-    let io = |reason| LogPosesError::Io {
-        path: path.to_owned(),
-        reason,
+pub fn poses_of_mcap(path: &Path, topic: Option<&str>) -> Result<LogPoses, LogPosesError> {
+    let wrong = |error: RecordingError| match error {
+        RecordingError::Io(reason) => LogPosesError::Io {
+            path: path.to_owned(),
+            reason,
+        },
+        other => LogPosesError::Format {
+            path: path.to_owned(),
+            reason: other.to_string(),
+        },
     };
-    let format = |reason: String| LogPosesError::Format {
-        path: path.to_owned(),
-        reason,
-    };
-    let mut file = echosplat_input::open_file(path).map_err(io)?;
-    let options = LinearReaderOptions::default()
-        .with_skip_end_magic(true)
-        .with_record_length_limit(MAX_RECORD_BYTES);
-    let mut reader = LinearReader::new_with_options(options);
+    let mut messages = Messages::open(path).map_err(wrong)?;
     let mut topics = Topics::default();
-    while let Some(event) = reader.next_event() {
-        match event {
-            Ok(LinearReadEvent::ReadRequest(wanted)) => {
-                let count = file.read(reader.insert(wanted)).map_err(io)?;
-                reader.notify_read(count);
-            }
-            Ok(LinearReadEvent::Record { opcode, data }) => {
-                let record = ::mcap::parse_record(opcode, data);
-                topics.take(record.map_err(|error| format(error.to_string()))?);
-            }
-            // What was read up to a cut stands.
-            Err(_) if topics.has_poses() => break,
-            Err(error) => return Err(format(in_words(&error))),
+    while let Some(message) = messages.next_message().map_err(wrong)? {
+        if let Some(channel) = messages.channel(message.header.channel_id) {
+            topics.take(channel, &message);
         }
     }
-    topics.chosen(topic).map_err(|reason| LogPosesError::None {
-        path: path.to_owned(),
-        reason,
-    })
+    let losses = losses(path, messages.condition());
+    match topics.chosen(topic) {
+        Ok(poses) => Ok(LogPoses { poses, losses }),
+        Err(reason) => Err(LogPosesError::None {
+            path: path.to_owned(),
+            reason: [&losses[..], &[reason]].concat().join("; "),
+        }),
+    }
 }
 
-fn in_words(error: &::mcap::McapError) -> String {
-    match error {
-        ::mcap::McapError::UnsupportedCompression(name) => format!(
-            "its chunks are compressed with {}, which is not read; `mcap convert --compression \
-             none` makes a copy that is",
-            quoted(name)
-        ),
-        other => other.to_string(),
+fn losses(path: &Path, condition: Condition) -> Vec<String> {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    let mut losses = Vec::new();
+    if condition.is_cut {
+        losses.push(format!(
+            "the poses' file {name} ends in the middle: those after are missing"
+        ));
     }
+    let bytes = condition.damaged_byte_count;
+    if bytes > 0 || condition.is_checksum_wrong {
+        losses.push(format!(
+            "the poses' file {name} is damaged: {bytes} bytes in it make no record, and poses may be \
+             missing"
+        ));
+    }
+    losses
 }
 
 /// What the file's channels hold.
 #[derive(Default)]
 struct Topics {
-    schemas: HashMap<u16, String>,
-    channels: HashMap<u16, Channel>,
+    channels: HashMap<u16, Taken>,
+    frames: Frames,
+    fault_of_frames: Option<String>,
 }
 
 /// One channel that may hold poses.
-struct Channel {
+struct Taken {
     topic: String,
-    /// As [`pose_message::decode`] takes it.
-    encoding: String,
+    kind: Option<Kind>,
     tried: u64,
     fault: Option<String>,
     poses: Vec<ArrivedPose>,
 }
 
 impl Topics {
-    fn take(&mut self, record: Record<'_>) {
-        match record {
-            Record::Schema { header, .. } => {
-                self.schemas.insert(header.id, header.name);
-            }
-            Record::Channel(channel) => {
-                let schema = self.schemas.get(&channel.schema_id);
-                let schema = schema.map_or("", String::as_str);
-                let encoding = match channel.message_encoding.as_str() {
-                    "cdr" => format!("{};{schema}", "application/cdr"),
-                    "json" => pose_message::JSON.to_owned(),
-                    _ => return,
-                };
-                self.channels.entry(channel.id).or_insert(Channel {
-                    topic: channel.topic,
-                    encoding,
-                    tried: 0,
-                    fault: None,
-                    poses: Vec::new(),
-                });
-            }
-            Record::Message { header, data } => {
-                if let Some(channel) = self.channels.get_mut(&header.channel_id) {
-                    channel.take(&data, header.log_time);
+    fn take(&mut self, channel: &Channel, message: &Message) {
+        let arrived = i64::try_from(message.header.log_time).unwrap_or(i64::MAX);
+        let arrived = Timestamp::from_nanos(arrived);
+        let taken = self.channels.entry(message.header.channel_id);
+        let taken = taken.or_insert_with(|| Taken {
+            topic: channel.topic.clone(),
+            kind: Kind::of(channel),
+            tried: 0,
+            fault: None,
+            poses: Vec::new(),
+        });
+        let Some(Kind::Transforms(encoding)) = taken.kind else {
+            return taken.take(&message.data, arrived);
+        };
+        let is_static = taken.topic.ends_with("tf_static");
+        match transforms(encoding, &message.data) {
+            Ok(found) => {
+                for transform in found {
+                    self.frames.take(transform, is_static, arrived);
                 }
             }
-            _ => {}
+            Err(fault) => {
+                self.fault_of_frames.get_or_insert(fault);
+            }
         }
-    }
-
-    fn has_poses(&self) -> bool {
-        self.channels
-            .values()
-            .any(|channel| !channel.poses.is_empty())
     }
 
     fn chosen(self, topic: Option<&str>) -> Result<Vec<ArrivedPose>, String> {
         let words = self.words(topic);
+        let is_of_frames = |taken: &Taken| matches!(taken.kind, Some(Kind::Transforms(_)));
+        let asks_for_frames = topic.is_some_and(|topic| {
+            let mut channels = self.channels.values();
+            channels.any(|taken| taken.topic == topic && is_of_frames(taken))
+        });
+        let fits = |taken: &Taken| topic.is_none_or(|topic| taken.topic == topic);
         let channels = self.channels.into_values();
-        let fits = |channel: &Channel| topic.is_none_or(|topic| channel.topic == topic);
         let most = channels
             .filter(fits)
-            .max_by_key(|channel| channel.poses.len());
+            .max_by_key(|taken| taken.poses.len())
+            .filter(|taken| !taken.poses.is_empty());
         match most {
-            Some(channel) if !channel.poses.is_empty() => Ok(in_order(channel.poses)),
-            _ => Err(words),
+            Some(taken) => Ok(in_order(taken.poses)),
+            None if !self.frames.is_empty() && (topic.is_none() || asks_for_frames) => {
+                let found = self.frames.poses();
+                let (poses, way) = found.map_err(|why| format!("/tf: {why}"))?;
+                tracing::info!("poses of /tf, {way}");
+                Ok(in_order(poses))
+            }
+            None => Err(words),
         }
     }
 
     fn words(&self, topic: Option<&str>) -> String {
-        let mut names: Vec<String> = self.channels.values().map(Channel::words).collect();
+        let mut names: Vec<String> = self.channels.values().map(Taken::words).collect();
+        names.extend(
+            self.fault_of_frames
+                .as_ref()
+                .map(|fault| format!("/tf ({fault})")),
+        );
         names.sort();
         names.truncate(NAMED_TOPICS);
         let wanted = match topic {
@@ -151,38 +163,40 @@ impl Topics {
             None => "on any topic".to_owned(),
         };
         match names.is_empty() {
-            true => "there is no channel of CDR or JSON in it".to_owned(),
+            true => "there are no messages in it".to_owned(),
             false => format!(
-                "no Odometry, PoseStamped or PoseWithCovarianceStamped {wanted}; it has {}",
+                "no Odometry, PoseStamped, PoseWithCovarianceStamped, TFMessage or PoseInFrame {wanted}; \
+                 it has {}",
                 names.join(", ")
             ),
         }
     }
 }
 
-impl Channel {
-    fn take(&mut self, data: &[u8], log_time: u64) {
+impl Taken {
+    fn take(&mut self, data: &[u8], arrived: Timestamp) {
         let is_hopeless = self.poses.is_empty() && self.tried >= TRIALS;
         if is_hopeless || self.poses.len() >= MAX_POSES {
             return;
         }
+        let Some(kind) = &self.kind else { return };
         self.tried += 1;
-        match pose_message::decode(&self.encoding, data) {
+        match kind.pose(data) {
             Ok(message) => self.poses.push(ArrivedPose {
                 pose: message.pose,
-                arrived: Timestamp::from_nanos(i64::try_from(log_time).unwrap_or(i64::MAX)),
+                arrived,
             }),
-            Err(error) => {
-                self.fault.get_or_insert_with(|| error.to_string());
+            Err(fault) => {
+                self.fault.get_or_insert(fault);
             }
         }
     }
 
     fn words(&self) -> String {
         let name = quoted(&self.topic);
-        let is_ros_pose = self.encoding.contains("Pose") || self.encoding.contains("Odometry");
+        let is_by_schema = self.kind.as_ref().is_some_and(Kind::is_by_schema);
         match &self.fault {
-            Some(fault) if is_ros_pose => format!("{name} ({fault})"),
+            Some(fault) if is_by_schema => format!("{name} ({fault})"),
             _ => name,
         }
     }

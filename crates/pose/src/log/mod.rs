@@ -1,9 +1,13 @@
 //! Poses inside logs: `MAVLink` in wrapper packets of a `.svlog`, pose messages in a foreign MCAP.
 
 mod found;
+mod frames;
 mod mcap;
+mod message;
+mod protobuf;
+mod ros1;
 mod svlog;
 
 pub use self::found::LogPosesError;
-pub use self::mcap::poses_of_mcap;
+pub use self::mcap::{LogPoses, poses_of_mcap};
 pub use self::svlog::poses_of_svlog;

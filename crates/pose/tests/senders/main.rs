@@ -295,8 +295,16 @@ fn a_bag_of_rosbags_holds_its_poses() {
     let mcap = directory.path().join("bag/bag.mcap");
     for topic in [None, Some("/odom")] {
         let found = poses_of_mcap(&mcap, topic).unwrap();
-        assert_all_came(&found);
-        assert_eq!(found[7].arrived, poses()[7].time);
+        assert_all_came(&found.poses);
+        assert_eq!(found.poses[7].arrived, poses()[7].time);
+        assert_eq!(found.losses, [""; 0]);
+    }
+    let frames = directory.path().join("frames").display().to_string();
+    let arguments = ["--as", "tf-mcap", "--to", &frames, &sent];
+    python::tool("send_poses.py", &arguments).finish();
+    let frames = directory.path().join("frames/frames.mcap");
+    for topic in [None, Some("/tf")] {
+        assert_all_came(&poses_of_mcap(&frames, topic).unwrap().poses);
     }
     let other = poses_of_mcap(&mcap, Some("/other"))
         .unwrap_err()

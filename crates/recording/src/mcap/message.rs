@@ -56,9 +56,12 @@ pub(super) fn messages_of<'a>(record: &'a Record, frame_id: &str) -> Vec<Message
     }
 }
 
+/// Name of the event that says it.
+pub(super) const POSE_EPOCH: &str = "pose_epoch";
+
 /// Said before the first pose of each epoch: the message of a pose has no field for it.
 pub(super) fn epoch_event(epoch: u32) -> Record {
-    Record::Event(json!({ "event": "pose_epoch", "epoch": epoch }))
+    Record::Event(json!({ "event": POSE_EPOCH, "epoch": epoch }))
 }
 
 fn message<'a>(topic: Topic, bytes: impl Into<Cow<'a, [u8]>>) -> Message<'a> {
@@ -113,10 +116,10 @@ pub(super) enum Made {
 }
 
 impl Assembler {
-    pub(super) fn take(&mut self, topic: Topic, header: &MessageHeader, bytes: &[u8]) -> Made {
+    pub(super) fn take(&mut self, topic: Topic, header: &MessageHeader, bytes: &Bytes) -> Made {
         let made = match topic {
             Topic::Delta => {
-                let before = self.cloud.replace(bytes.into());
+                let before = self.cloud.replace(Arc::from(&bytes[..]));
                 return match before {
                     Some(_) => Made::Undecodable,
                     None => Made::Half,
@@ -124,7 +127,7 @@ impl Assembler {
             }
             Topic::DeltaInfo => self.cloud.take().map(|cloud| Record::Delta {
                 cloud,
-                info: bytes.into(),
+                info: Arc::from(&bytes[..]),
             }),
             _ => record_of(topic, header, bytes),
         };
@@ -132,12 +135,12 @@ impl Assembler {
     }
 }
 
-fn record_of(topic: Topic, header: &MessageHeader, bytes: &[u8]) -> Option<Record> {
+fn record_of(topic: Topic, header: &MessageHeader, bytes: &Bytes) -> Option<Record> {
     let value = || serde_json::from_slice::<Value>(bytes).ok();
     match topic {
         Topic::Raw => {
-            let (head, rest) = bytes.split_at_checked(RAW_HEAD_BYTES)?;
-            is_raw_of(head, bytes.len()).then(|| Record::Raw(Bytes::copy_from_slice(rest)))
+            let head = bytes.get(..RAW_HEAD_BYTES)?;
+            is_raw_of(head, bytes.len()).then(|| Record::Raw(bytes.slice(RAW_HEAD_BYTES..)))
         }
         Topic::Link => match value()?["link"].as_str()? {
             "up" => Some(Record::LinkUp),
@@ -149,7 +152,7 @@ fn record_of(topic: Topic, header: &MessageHeader, bytes: &[u8]) -> Option<Recor
         Topic::Settings => Some(Record::Settings(value()?["toml"].as_str()?.to_owned())),
         Topic::Events => value().map(Record::Event),
         Topic::Status => value().map(Record::Status),
-        Topic::StaticTransform => Some(Record::StaticTransform(bytes.into())),
+        Topic::StaticTransform => Some(Record::StaticTransform(Arc::from(&bytes[..]))),
         Topic::Delta | Topic::DeltaInfo => None,
     }
 }

@@ -17,12 +17,22 @@
 //! caller's timer says when to sync to disk. A cut or damaged file is read up to the cut and
 //! around the damage.
 //!
-//! Deliberately absent: compression and chunks (write-through is the point; a finished file may be
-//! compressed by any MCAP tool), threads and clocks.
+//! A finished one may be compressed, sorted or filtered by any MCAP tool: chunks
+//! are read, stored as they are or by zstd or lz4. Of a chunk that is cut or damaged what stands
+//! before that is read.
+//!
+//! Deliberately absent: writing chunks (write-through is the point), threads and clocks.
 
+mod channel;
+mod chunk;
+mod cutter;
+mod ends;
+mod files;
+mod joining;
 mod message;
+mod messages;
+mod part;
 mod reader;
-mod records;
 mod scan;
 mod topic;
 mod writer;
@@ -33,13 +43,18 @@ use std::sync::Arc;
 use bytes::Bytes;
 use echosplat_model::{StampedPose, Timestamp};
 
-pub use reader::RecordingReader;
-pub use records::Ending;
+pub use channel::Channel;
+pub use messages::{Condition, Message, Messages};
+pub use part::Part;
+pub use reader::{Ending, RecordingReader};
 pub use scan::{Counts, Recording, Scan};
 pub use writer::{MAX_MESSAGE_BYTES, RecordingFile, RecordingWriter};
 
 /// Written into every recording; by it a reader knows the fixed channel ids.
 const LIBRARY: &str = "echosplat recording 2";
+
+/// Bytes of a file, or from somewhere else.
+type Source<'a> = Box<dyn std::io::Read + Send + 'a>;
 
 /// What is recorded, in the order it came.
 #[derive(Debug, Clone, PartialEq)]
@@ -89,11 +104,15 @@ pub enum RecordingError {
         /// The first bytes, printable or in hex.
         found: String,
     },
-    /// MCAP as other programs write it.
+    /// More than is taken into memory at once.
     #[error(
-        "written in chunks, which recordings never are; convert it with `mcap convert --chunked=false`"
+        "a chunk of {found} bytes, at most {} are read; `mcap compress` writes the file anew in chunks of 4 MB",
+        chunk::MAX_CHUNK_BYTES
     )]
-    Chunked,
+    ChunkTooLong {
+        /// Its length.
+        found: u64,
+    },
     /// A message no reader would take back.
     #[error(
         "message of {found} bytes on {topic}, at most {MAX_MESSAGE_BYTES} are recorded at once"

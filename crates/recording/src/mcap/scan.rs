@@ -5,6 +5,7 @@ use std::path::Path;
 use echosplat_model::{StampedPose, Timestamp};
 use serde_json::Value;
 
+use super::part::{Part, losses};
 use super::{Ending, Record, Recorded, RecordingError, RecordingReader};
 
 /// The files of a dive.
@@ -32,6 +33,8 @@ pub struct Scan {
     pub undecodable_count: u64,
     /// A file ends in the middle.
     pub is_cut: bool,
+    /// What each file gave and lacks, or each of several recordings in a file.
+    pub parts: Vec<Part>,
 }
 
 /// How many records of each kind.
@@ -78,11 +81,19 @@ impl Recording {
         scan.damaged_byte_count = reader.damaged_byte_count();
         scan.undecodable_count = reader.undecodable_count();
         scan.is_cut = reader.ending() == Some(Ending::Cut);
+        scan.parts = reader.parts().to_vec();
         Ok(scan)
     }
 }
 
 impl Scan {
+    /// What was lost or wrong, a sentence each. `goes_on` if somebody else gives what comes after the
+    /// end.
+    #[must_use]
+    pub fn losses(&self, goes_on: bool) -> Vec<String> {
+        losses(&self.parts, goes_on)
+    }
+
     fn take(&mut self, recorded: Recorded) {
         let time = recorded.host_time;
         let (first, last) = self.span.unwrap_or((time, time));

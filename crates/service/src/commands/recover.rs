@@ -1,5 +1,6 @@
 //! `echosplat recover FILE`: a clean file of a cut or damaged recording or log.
 
+use std::ffi::OsStr;
 use std::fs::{File, OpenOptions};
 use std::io::{BufReader, BufWriter, Write};
 use std::path::{Path, PathBuf};
@@ -9,9 +10,9 @@ use echosplat_firmware_protocol::{Decoder, Event, id};
 use echosplat_recording::mcap::{Ending, Record, RecordingReader, RecordingWriter};
 use echosplat_recording::svlog::SvlogReader;
 
-use super::info::Kind;
 use crate::arguments::RecoverArguments;
 use crate::exit::{Finish, Usage};
+use crate::kind::Kind;
 use crate::logging;
 
 /// # Errors
@@ -19,7 +20,6 @@ use crate::logging;
 pub(crate) fn run(arguments: &RecoverArguments) -> anyhow::Result<Finish> {
     let file = &arguments.file;
     let kind = Kind::of(file)?;
-    let out = arguments.out.clone().unwrap_or_else(|| beside(file));
     let salvage = match kind {
         Kind::Recording => recording,
         Kind::Log => log,
@@ -30,6 +30,8 @@ pub(crate) fn run(arguments: &RecoverArguments) -> anyhow::Result<Finish> {
             )));
         }
     };
+    let out = arguments.out.clone().unwrap_or_else(|| beside(file, kind));
+    refuse_other_ending(file, kind, &out)?;
     let created = OpenOptions::new().write(true).create_new(true).open(&out);
     let created = created.map_err(|error| {
         Usage::error(format!("{}: {error}; --out names another", out.display()))
@@ -39,19 +41,35 @@ pub(crate) fn run(arguments: &RecoverArguments) -> anyhow::Result<Finish> {
         let _ = std::fs::remove_file(&out);
     })?;
     logging::print(&format!("{}: {}", out.display(), found.words()));
-    Ok(match found.lost_bytes + found.lost_records {
-        0 => Finish::Done,
-        _ => Finish::Lossy,
+    for loss in &found.losses {
+        tracing::warn!("{loss}");
+    }
+    Ok(match found.is_whole() {
+        true => Finish::Done,
+        false => Finish::Lossy,
     })
 }
 
-/// `a.recovered.mcap` of `a.mcap`.
-fn beside(file: &Path) -> PathBuf {
-    let ending = file.extension().map(|ending| ending.to_string_lossy());
-    file.with_extension(match ending {
-        Some(ending) => format!("recovered.{ending}"),
-        None => "recovered".to_owned(),
-    })
+/// `a.recovered.mcap` of a recording `a.mcap`, whatever it is called.
+fn beside(file: &Path, kind: Kind) -> PathBuf {
+    file.with_extension(format!("recovered.{}", kind.ending()))
+}
+
+/// A log under the name of a recording would be read by nobody.
+fn refuse_other_ending(file: &Path, kind: Kind, out: &Path) -> anyhow::Result<()> {
+    let ending = out.extension().map(OsStr::to_ascii_lowercase);
+    let other = [Kind::Recording, Kind::Log, Kind::Trajectory, Kind::Map];
+    let mut other = other.into_iter().filter(|other| *other != kind);
+    match other.any(|other| ending.as_deref() == Some(other.ending().as_ref())) {
+        false => Ok(()),
+        true => Err(Usage::error(format!(
+            "--out {}: {} is a {}, and so is what can be recovered of it; give a name that ends in .{}",
+            out.display(),
+            file.display(),
+            kind.name(),
+            kind.ending()
+        ))),
+    }
 }
 
 /// What was kept and what was lost.
@@ -61,9 +79,17 @@ struct Salvage {
     lost_bytes: u64,
     lost_records: u64,
     is_cut: bool,
+    /// What the recording lacks, a sentence each.
+    losses: Vec<String>,
 }
 
 impl Salvage {
+    /// A file that merely has no end has lost nothing that can be told.
+    fn is_whole(&self) -> bool {
+        let is_only_cut = self.is_cut && self.losses.len() == 1;
+        self.lost_bytes + self.lost_records == 0 && (is_only_cut || self.losses.is_empty())
+    }
+
     fn words(&self) -> String {
         let end = match self.is_cut {
             true => "the end was cut off",
@@ -105,6 +131,7 @@ fn recording(file: &Path, out: File) -> anyhow::Result<Salvage> {
     found.lost_bytes = reader.damaged_byte_count();
     found.lost_records = reader.undecodable_count();
     found.is_cut = reader.ending() == Some(Ending::Cut);
+    found.losses = reader.losses(false);
     Ok(found)
 }
 

@@ -25,8 +25,10 @@ use crate::{clock, files, inputs, log_clock, logging, maps, truth};
 pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
     check_part(arguments)?;
     let replayed = Replayed::open(&arguments.logs)?;
-    let mut config = configuration(arguments, &replayed)?;
-    let known = log_clock_of(arguments, &mut config)?;
+    for loss in replayed.losses() {
+        tracing::warn!("{loss}");
+    }
+    let config = configuration(arguments, &replayed)?;
     if let Some(map) = &config.output.map {
         maps::prepare(map)?;
     }
@@ -156,12 +158,14 @@ fn once(
         page.control(recorder.as_ref());
         page.control_replay(replayed.pause());
     }
-    let poses = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
+    let found = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
+    let (poses, losses_of_poses) = found;
     let setup = Setup {
         part: Part::Whole,
         inputs,
         poses,
-        gate: Gate::new(arguments.start, arguments.end, config.output.duration_s),
+        gate: Gate::new(arguments.start, arguments.end, config.output.duration_s).taking_once(),
+        losses: [replayed.losses(), losses_of_poses].concat(),
         bus: bus.clone().filter(|_| arguments.publish),
         recorder,
         shedding: Shedding::as_before(replayed.decided()),
@@ -197,6 +201,9 @@ fn once(
     if all_are_early(&outcome) {
         return Err(Usage::error(no_ping_from(arguments)));
     }
+    if outcome.status.pings_received == 0 {
+        return Err(Usage::error(no_ping_in(arguments)));
+    }
     match !takes_poses_live && nothing_overlaps(&outcome) {
         true => Err(Usage::error(no_time_in_common(arguments, &outcome, config))),
         false => Ok(outcome),
@@ -224,6 +231,13 @@ fn no_ping_from(arguments: &ReplayArguments) -> String {
     let (start, log) = (arguments.start.unwrap_or(0.0), arguments.logs[0].display());
     format!(
         "--start {start}: all pings of {log} are earlier; `echosplat info {log}` says how long it is"
+    )
+}
+
+fn no_ping_in(arguments: &ReplayArguments) -> String {
+    let log = arguments.logs[0].display();
+    format!(
+        "{log} holds no ping, so there is nothing to map; `echosplat info {log}` says what it holds"
     )
 }
 

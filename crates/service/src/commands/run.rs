@@ -183,6 +183,10 @@ fn map_what_the_driver_hears(
     stop: &Stop,
 ) -> anyhow::Result<Option<Outcome>> {
     let decided = resumed.as_mut().map(Resumed::take_decided);
+    let losses = resumed.as_ref().map_or(Vec::new(), Resumed::losses);
+    for loss in &losses {
+        tracing::warn!("--resume: {loss}");
+    }
     let let_go = decided.as_ref().map(|decided| decided.let_go.clone());
     let queue_pings = config.pipeline.queue_pings;
     let met = VehicleTape::meet(bus.follow_tape(), resumed, queue_pings, stop)?;
@@ -207,6 +211,7 @@ fn map_what_the_driver_hears(
         part: Part::Mapper(tape.state()),
         inputs: vec![tape.recorded_by(recorder.clone()).into_input()],
         shedding: shedding(config, patience, recorder.clone(), decided),
+        losses,
         poses: poses.of_tape(clock, begin.guards_poses, let_go.unwrap_or_default()),
         gate: Gate::new(None, None, duration_s),
         bus: Some(Arc::clone(bus)),
@@ -278,7 +283,8 @@ fn serve(
         part: Part::Whole,
         inputs: vec![Input::link(driver)],
         shedding: shedding(config, patience, recorder.clone(), None),
-        poses: Poses::new(config, source, patience, recorder.clone())?,
+        losses: Vec::new(),
+        poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
         gate: Gate::new(None, None, config.output.duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,

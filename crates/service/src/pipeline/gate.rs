@@ -1,6 +1,10 @@
-//! Which pings of a stream are wanted: `--start`, `--end` and `--duration`, on the pings' clock.
+//! Which pings of a stream are wanted: `--start`, `--end` and `--duration`, on the pings' clock; and of
+//! logs, which may hold a ping twice, each ping once.
 
-use echosplat_model::Timestamp;
+use std::collections::HashSet;
+use std::hash::{DefaultHasher, Hash, Hasher};
+
+use echosplat_model::{Ping, Timestamp};
 
 /// Seconds count from the first ping of the stream.
 #[derive(Debug, Clone, Default)]
@@ -10,6 +14,8 @@ pub(crate) struct Gate {
     newest_s: f64,
     start_s: f64,
     end_s: Option<f64>,
+    /// The pings so far, where one may come twice.
+    seen: Option<HashSet<u64>>,
 }
 
 /// What to do with a ping.
@@ -36,7 +42,29 @@ impl Gate {
                 (Some(a), Some(b)) => Some(a.min(b)),
                 (a, b) => a.or(b),
             },
+            seen: None,
         }
+    }
+
+    /// The same for logs, of which one may be given twice, or one may hold another.
+    pub(crate) fn taking_once(self) -> Self {
+        Self {
+            seen: Some(HashSet::new()),
+            ..self
+        }
+    }
+
+    /// Whether this ping came before: sent at the same time, with the same echoes.
+    pub(crate) fn has_seen(&mut self, ping: &Ping) -> bool {
+        let Some(seen) = &mut self.seen else {
+            return false;
+        };
+        let mut hasher = DefaultHasher::new();
+        ping.transmit_time().nanos().hash(&mut hasher);
+        for power in ping.intensity() {
+            hasher.write_u32(power.to_bits());
+        }
+        !seen.insert(hasher.finish())
     }
 
     /// The clock of the pings stepped: the stream's own time goes on with the next one.

@@ -79,6 +79,8 @@ pub(crate) struct Setup {
     pub(crate) bus: Option<Arc<Bus>>,
     pub(crate) recorder: Option<Recorder>,
     pub(crate) shedding: Shedding,
+    /// What is known to be missing or wrong in what is read, a sentence each.
+    pub(crate) losses: Vec<String>,
     /// Names this run's map; no two runs that somebody may follow have the same.
     pub(crate) epoch: u64,
     pub(crate) expectations: Expectations,

@@ -67,6 +67,8 @@ pub(super) struct Run {
     pub(super) systemd: Systemd,
     pub(super) hooks: Hooks,
     pub(super) part: Part,
+    /// What is known to be missing or wrong in what is read.
+    pub(super) losses: Vec<String>,
     /// How long the map may be finished once a signal asked for an end.
     finish_within: Duration,
     pub(super) begin: Instant,
@@ -127,6 +129,7 @@ impl Run {
             systemd: Systemd::of_environment(),
             hooks: setup.hooks,
             part: setup.part,
+            losses: setup.losses,
             finish_within: config.pipeline.finish_within(),
             begin,
             rates: RateMeter::default(),

@@ -48,6 +48,8 @@ pub struct MapperReport {
     pub(crate) pings_after_end: u64,
     /// Pings whose pose was not finite.
     pub(crate) pings_rejected: u64,
+    /// Pings that a log held twice, taken once.
+    pub(crate) pings_repeated: u64,
     /// Maps handed on.
     pub(crate) snapshots: u64,
     /// Maps of earlier epochs, each kept apart.

@@ -79,6 +79,8 @@ pub(crate) struct Status {
     pub(crate) input_share: Option<f64>,
     /// Of a mapper whose driver is elsewhere: what came from there.
     pub(crate) tape: Option<TapeReport>,
+    /// What is known to be missing or wrong in the recordings that are read, a sentence each.
+    pub(crate) input_losses: Vec<String>,
     /// Where every ping received is.
     pub(crate) ledger: Ledger,
     pub(crate) memory_bytes: u64,
@@ -98,6 +100,8 @@ pub(crate) struct Ledger {
     pub(crate) without_pose: u64,
     /// With a pose or motion that cannot be.
     pub(crate) rejected: u64,
+    /// Twice in the logs, and taken once.
+    pub(crate) repeated: u64,
     /// Before `--start` or after `--end`, `--duration` or the end asked for.
     pub(crate) not_wanted: u64,
     /// Dropped since a queue was full, or as the recorded dive had dropped them.
@@ -118,6 +122,7 @@ impl Ledger {
             held_out: report.pings_held_out,
             without_pose: join.pings_without_pose() - join.pings_dropped_full,
             rejected: report.pings_rejected,
+            repeated: report.pings_repeated,
             not_wanted: report.pings_before_start + report.pings_after_end,
             shed: sonar.pings_dropped + join.pings_dropped_full + report.pings_shed,
             queued: sonar.pings_sent.saturating_sub(taken),
@@ -204,6 +209,7 @@ impl Status {
             newest_notice: None,
             input_share: None,
             tape: None,
+            input_losses: Vec::new(),
             memory_bytes: processor::memory_bytes(),
             peak_memory_bytes: processor::peak_memory_bytes(),
         }
@@ -285,6 +291,17 @@ impl Status {
             return Some(format!(
                 "{} damaged frames, {damaged} damaged profiles, {} bytes skipped",
                 session.frames_bad, session.bytes_skipped
+            ));
+        }
+        if !self.input_losses.is_empty() {
+            return Some(self.input_losses.join("; "));
+        }
+        let repeated = self.report.pings_repeated;
+        if repeated > 0 {
+            return Some(format!(
+                "{repeated} of {} pings came twice, as if a log were given twice or held another: they \
+                 were taken once",
+                self.pings_received
             ));
         }
         let missing = self.tape.as_ref().map_or(0, |tape| tape.counters.missing);

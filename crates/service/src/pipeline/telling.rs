@@ -111,6 +111,7 @@ impl Run {
             newest_notice: self.notices.newest_standing().map(str::to_owned),
             input_share: self.drivers.share_read(),
             tape: self.part.tape(),
+            input_losses: self.losses.clone(),
             ..Status::of(report, sonar)
         };
         let counters = [

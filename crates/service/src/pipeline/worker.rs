@@ -169,6 +169,9 @@ impl Worker {
         if self.shedding.leaves_out(sequence, now) {
             return self.state.report.pings_shed += 1;
         }
+        if self.gate.has_seen(&ping) {
+            return self.state.report.pings_repeated += 1;
+        }
         self.state.listening.take(&ping);
         match self.gate.pass(time) {
             Passage::Open => {}

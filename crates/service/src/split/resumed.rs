@@ -17,8 +17,7 @@ pub(crate) struct Resumed {
     decided: Decided,
     /// The driver, and the number of the record that comes next.
     position: Option<(u64, u64)>,
-    /// Records that a recording lacks.
-    lacking: u64,
+    losses: Vec<String>,
 }
 
 impl Resumed {
@@ -41,6 +40,8 @@ impl Resumed {
                 decided.take(event);
             }
         }
+        // The driver goes on where the last one ends.
+        let losses = looking.losses(true);
         let reader = RecordingReader::open(paths).map_err(|error| refused(&error))?;
         match begin.filter(|_| is_of_tape) {
             Some(begin) => Ok(Some(Self {
@@ -48,7 +49,7 @@ impl Resumed {
                 begin,
                 decided,
                 position: None,
-                lacking: 0,
+                losses,
             })),
             None => Err(refused(&format!(
                 "{} is no recording made with --role driver or --role mapper; `echosplat replay` \
@@ -60,6 +61,11 @@ impl Resumed {
 
     pub(crate) fn begin(&self) -> &Begin {
         &self.begin
+    }
+
+    /// What the recordings lack or hold that is not of the dive, a sentence each.
+    pub(crate) fn losses(&self) -> Vec<String> {
+        self.losses.clone()
     }
 
     /// To be obeyed again while its pings come.
@@ -80,12 +86,6 @@ impl Resumed {
         loop {
             let next = self.reader.next_message();
             let Some(recorded) = next.map_err(|error| error.to_string())? else {
-                if self.lacking > 0 {
-                    tracing::warn!(
-                        "the recording lacks {} records of the dive: they are missing in the map",
-                        self.lacking
-                    );
-                }
                 return Ok(None);
             };
             let entry = match recorded.record {
@@ -95,7 +95,7 @@ impl Resumed {
                 Record::Raw(bytes) => TapeEntry::Bytes(bytes),
                 Record::Pose(pose) => TapeEntry::Pose(pose),
                 Record::Event(event) => {
-                    self.note_position(position_of(&event));
+                    self.position = position_of(&event).or(self.position);
                     continue;
                 }
                 _ => continue,
@@ -108,16 +108,5 @@ impl Resumed {
                 entry,
             }));
         }
-    }
-
-    /// What is told goes before what was counted: a disk that was full leaves a gap.
-    fn note_position(&mut self, told: Option<(u64, u64)>) {
-        let Some((driver, next)) = told else { return };
-        if let Some((before, counted)) = self.position
-            && before == driver
-        {
-            self.lacking += next.saturating_sub(counted);
-        }
-        self.position = Some((driver, next));
     }
 }

@@ -25,6 +25,7 @@ use crate::arguments::{CalibrateArguments, Parameter};
 use crate::config::Config;
 use crate::exit::Finish;
 use crate::logging;
+use crate::logs;
 use crate::pipeline::calibration::Settings;
 use search::{Found, Verdict};
 use trials::{Dive, Trial};
@@ -39,6 +40,7 @@ pub(super) fn run(arguments: &CalibrateArguments) -> anyhow::Result<Finish> {
         Some(file) => Config::load(file)?,
         None => Config::default(),
     };
+    let is_lossy = logs::tell_losses(&arguments.log, arguments.poses.as_deref())?;
     let dive = Dive::read(&arguments.log, arguments.poses.as_deref(), &configured)?;
     let all = Parameter::value_variants().iter().copied();
     let is_chosen = |p: &Parameter| arguments.only.is_empty() || arguments.only.contains(p);
@@ -151,6 +153,10 @@ fn remaining(left: usize, each: Duration) -> String {
             format!("; {left} left to look at, about {left_s} s unless one is off")
         }
     }
+    Ok(match is_lossy {
+        true => Finish::Lossy,
+        false => Finish::Done,
+    })
 }
 
 #[derive(Debug, Serialize)]

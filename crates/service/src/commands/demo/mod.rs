@@ -131,6 +131,7 @@ fn set_up(
         bus: Some(Arc::clone(&buses.service)),
         recorder,
         shedding: Shedding::none(),
+        losses: Vec::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {
             observer: Some(judge.observer()),

@@ -1,6 +1,5 @@
 //! `echosplat info FILE…`: what a log, a recording, a trajectory or a map holds, without mapping.
 
-mod kind;
 mod pings;
 mod read;
 
@@ -10,8 +9,8 @@ use serde_json::{Map, Value};
 
 use crate::arguments::InfoArguments;
 use crate::exit::{Finish, Usage};
+use crate::kind::Kind;
 use crate::logging;
-pub(super) use kind::Kind;
 
 /// Of a map: what in it is no Gaussian.
 const LEFT_OUT: &str = "left_out";

@@ -18,6 +18,7 @@ use super::pings::{PingTally, span_fact, span_of};
 use super::{LEFT_OUT, refused};
 use crate::clock;
 use crate::config::Config;
+use crate::replayed::Begun;
 
 type Facts = Map<String, Value>;
 
@@ -29,7 +30,9 @@ pub(super) fn recording(files: &[PathBuf]) -> anyhow::Result<Facts> {
     let scan = Recording::scan(files).map_err(|error| wrong(&error))?;
     let settings = scan.settings.as_deref().unwrap_or_default();
     let config: Config = toml::from_str(settings).unwrap_or_default();
-    let (pings, units, counters) = recorded_pings(files, &config).map_err(|error| wrong(&error))?;
+    let begun = Begun::of(&scan);
+    let found = recorded_pings(files, &begun, &config).map_err(|error| wrong(&error))?;
+    let (pings, counters) = found;
     let poses = span_of(scan.poses.iter().map(|(pose, _)| pose.time));
     let with_poses = pings.count_within(poses);
     let mut facts = Facts::new();
@@ -47,18 +50,21 @@ pub(super) fn recording(files: &[PathBuf]) -> anyhow::Result<Facts> {
         "damage".to_owned(),
         json!({
             "is_cut": scan.is_cut,
+            "is_checksum_wrong": scan.parts.iter().any(|part| part.condition.is_checksum_wrong),
             "damaged_bytes": scan.damaged_byte_count,
             "undecodable_records": scan.undecodable_count,
             "frames_bad": counters.frames_bad,
             "bytes_skipped": counters.bytes_skipped,
         }),
     );
+    facts.insert("losses".to_owned(), scan.losses(false).into());
     Ok(facts)
 }
 
 /// The pings that the bytes hold, with the clock they were mapped by.
 fn recorded_pings(
     files: &[PathBuf],
+    begun: &Begun,
     config: &Config,
 ) -> Result<(PingTally, Vec<UnitHeard>, SessionCounters), echosplat_recording::mcap::RecordingError>
 {
@@ -72,7 +78,7 @@ fn recorded_pings(
         if session.is_none() && !matches!(recorded.record, Record::Raw(_)) {
             continue;
         }
-        let session = session.get_or_insert_with(|| session_for(&recorded.record, config, now));
+        let session = session.get_or_insert_with(|| session_for(begun, config, now));
         match recorded.record {
             Record::Raw(bytes) => session.receive(&bytes, now),
             Record::LinkUp => session.link_restored(now),
@@ -102,16 +108,12 @@ fn units_fact(units: &[UnitHeard]) -> Value {
     units.iter().map(words).collect::<Vec<_>>().into()
 }
 
-/// A replay that was recorded holds the bytes of a log, which begin with its session packet and
-/// bring their own clock.
-fn session_for(first: &Record, config: &Config, now: Timestamp) -> Session {
-    let is_log = match first {
-        Record::Raw(bytes) => bytes.get(4..6) == Some(&id::JSON.to_le_bytes()[..]),
-        _ => false,
-    };
-    match is_log {
-        true => Session::listening(config.session.clone(), now),
-        false => Session::replaying(config.session.clone(), now),
+/// As a replay has it.
+fn session_for(begun: &Begun, config: &Config, now: Timestamp) -> Session {
+    let session = begun.session.as_ref().unwrap_or(&config.session).clone();
+    match begun.is_log {
+        true => Session::listening(session, now),
+        false => Session::replaying(session, now),
     }
 }
 

@@ -1,10 +1,13 @@
-//! What a file is, by its first bytes.
+//! What a file is, by its first bytes, and where those are damaged by what follows.
 
 use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
-use super::refused;
+use echosplat_recording::foreign;
+use echosplat_recording::mcap::Messages;
+
+use crate::exit::Usage;
 
 /// Enough to tell.
 const LOOKED_AT_BYTES: u64 = 512;
@@ -22,15 +25,35 @@ impl Kind {
     /// # Errors
     /// If it cannot be read, is empty, or is no regular file: a fifo would be waited for for ever.
     pub(crate) fn of(file: &Path) -> anyhow::Result<Self> {
-        let found = std::fs::metadata(file).map_err(|error| refused(file, &error))?;
+        let refused =
+            |why: &dyn std::fmt::Display| Usage::error(format!("{}: {why}", file.display()));
+        let found = std::fs::metadata(file).map_err(|error| refused(&error))?;
         if !found.is_file() {
-            return Err(refused(file, &"not a regular file"));
+            return Err(refused(&"not a regular file"));
         }
-        let opened = File::open(file).map_err(|error| refused(file, &error))?;
+        let opened = File::open(file).map_err(|error| refused(&error))?;
         let mut start = Vec::new();
         let read = opened.take(LOOKED_AT_BYTES).read_to_end(&mut start);
-        read.map_err(|error| refused(file, &error))?;
-        Self::of_bytes(&start).ok_or_else(|| refused(file, &"the file is empty"))
+        read.map_err(|error| refused(&error))?;
+        if let Some(what) = foreign::named(&start, file) {
+            return Err(refused(&what));
+        }
+        match Self::of_bytes(&start) {
+            // The first bytes of a recording may be damaged, or all that stood at its head.
+            Some(Self::Log) if Messages::open(file).is_ok() => Ok(Self::Recording),
+            Some(kind) => Ok(kind),
+            None => Err(refused(&"the file is empty")),
+        }
+    }
+
+    /// The ending that such a file has.
+    pub(crate) fn ending(self) -> &'static str {
+        match self {
+            Self::Recording => "mcap",
+            Self::Log => "svlog",
+            Self::Trajectory => "tum",
+            Self::Map => "ply",
+        }
     }
 
     fn of_bytes(start: &[u8]) -> Option<Self> {
@@ -45,7 +68,7 @@ impl Kind {
         }
     }
 
-    pub(super) fn name(self) -> &'static str {
+    pub(crate) fn name(self) -> &'static str {
         match self {
             Self::Recording => "recording (mcap)",
             Self::Log => "log (svlog)",
