@@ -58,7 +58,7 @@ impl Replayed {
 }
 
 fn replayed(logs: &[&str], more: &[&str]) -> Replayed {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = tempfile::tempdir().expect("there is room for a folder");
     let map = folder.path().join("map.ply").display().to_string();
     let own = ["--json", "--no-publish", "--map", &map];
     let mut program = Program::echosplat(&[&["replay"], logs, &own, more].concat());
@@ -85,7 +85,7 @@ fn whole() -> &'static Replayed {
 }
 
 fn bytes() -> Vec<u8> {
-    fs::read(recordings()[0]).unwrap()
+    fs::read(recordings()[0]).expect("it was written before")
 }
 
 #[test]
@@ -125,7 +125,8 @@ fn what_a_recording_lacks_is_said_and_the_rest_is_mapped() {
         assert!(found.said.contains(words), "{files:?}: {}", found.said);
         let lossy = found.summary["lossy"].as_str().unwrap_or_default();
         assert!(lossy.contains(words), "{files:?}: {lossy}");
-        assert_eq!(found.map == whole().map, is_whole, "{files:?}");
+        // A cut or a hole may cost nothing but what was told of the dive.
+        assert!(!is_whole || found.map == whole().map, "{files:?}");
         assert!(found.mapped() > 90, "{files:?}: {}", found.mapped());
     }
 }

@@ -409,6 +409,7 @@ def as_json(options, poses, clock):
 
 
 KINDS = {"mavlink-udp": over_link, "mavlink-tcp": over_link, "mavlink-json": over_json,
+         "mavlink-raw": over_raw,
          "dvl": as_dvl, "odometry": as_odometry, "odometry-mcap": as_odometry, "tf-mcap": as_odometry,
          "json": as_json}
 

@@ -56,6 +56,7 @@ pub mod point_cloud;
 pub mod pose_message;
 mod publisher;
 mod publishers;
+mod reach;
 mod ros;
 mod ros2;
 mod streams;
@@ -76,6 +77,7 @@ pub use listening::free_port;
 pub use map_frame::MapFrame;
 pub use publisher::{FlushReport, MapPublisher, MapPublisherCounters, Sent};
 pub use publishers::{PublishedTopic, Publisher};
+pub use reach::Unreached;
 pub use ros2::{RosCounters, RosPublisher};
 pub use streams::{
     MessageSubscription, PingCounters, PingSubscription, PoseCounters, PoseSubscription,

@@ -9,7 +9,6 @@ use std::sync::{Arc, Mutex, PoisonError};
 
 use echosplat_ros::rmw_zenoh::{Attachment, Endpoint, EndpointKind, Gid};
 use zenoh::Wait;
-use zenoh::liveliness::LivelinessToken;
 use zenoh::pubsub::Subscriber;
 use zenoh::sample::{Sample, SampleKind};
 
@@ -45,12 +44,12 @@ impl Publisher {
     }
 
     /// Words for it, by what is known of the nodes of ROS; `None` if it does not say who it is.
-    pub(crate) fn name(self, ros: Option<&OfRos>) -> Option<String> {
+    pub(crate) fn name(self, ros: Option<&RosPublishers>) -> Option<String> {
         match self {
             Self::Unknown => None,
             Self::Session(id) => Some(format!("zenoh session {id:x}")),
             Self::Ros(gid) => {
-                let node = ros.and_then(|ros| ros.publishers.node_of(gid));
+                let node = ros.and_then(|ros| ros.node_of(gid));
                 let number = u128::from_le_bytes(gid.0);
                 let unnamed = || format!("ROS publisher {number:x}");
                 Some(node.map_or_else(unnamed, |node| format!("node {node}")))
@@ -71,28 +70,6 @@ pub struct PublishedTopic {
     pub topic: String,
     /// The whole name of the node.
     pub node: String,
-}
-
-/// What a subscription to a topic of ROS has besides.
-#[derive(Debug)]
-pub(crate) struct OfRos {
-    /// Says to others that it is there, while it is.
-    pub(crate) _token: LivelinessToken,
-    pub(crate) publishers: RosPublishers,
-    /// Of the messages taken.
-    pub(crate) type_name: &'static str,
-    /// Topics of this node itself, and the one taken.
-    pub(crate) topic: String,
-    pub(crate) own: String,
-}
-
-impl OfRos {
-    /// Others with messages of the same type.
-    pub(crate) fn other_topics(&self) -> Vec<PublishedTopic> {
-        let mut topics = self.publishers.of_type(self.type_name);
-        topics.retain(|found| found.topic != self.topic && found.topic != self.own);
-        topics
-    }
 }
 
 /// Publishers of a domain of ROS, by their tokens.
@@ -124,13 +101,13 @@ impl RosPublishers {
         known.get(&gid.0).map(|endpoint| endpoint.node.clone())
     }
 
-    /// Topics with messages of this type, in order.
-    pub(crate) fn of_type(&self, type_name: &str) -> Vec<PublishedTopic> {
+    /// Topics with messages of one of these types, in order.
+    pub(crate) fn of_types(&self, type_names: &[&str]) -> Vec<PublishedTopic> {
         let known = self.known.lock().unwrap_or_else(PoisonError::into_inner);
-        let of_type = known
+        let of_types = known
             .values()
-            .filter(|endpoint| endpoint.type_name == type_name);
-        let mut topics: Vec<PublishedTopic> = of_type
+            .filter(|endpoint| type_names.contains(&endpoint.type_name.as_str()));
+        let mut topics: Vec<PublishedTopic> = of_types
             .map(|endpoint| PublishedTopic {
                 topic: endpoint.topic.clone(),
                 node: endpoint.node.clone(),

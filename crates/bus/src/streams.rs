@@ -15,7 +15,8 @@ use zenoh::sample::Sample;
 use crate::BusError;
 use crate::bus::Link;
 use crate::pose_message::{self, MAX_POSE_BYTES, PoseMessage, PoseMessageError};
-use crate::publishers::{self, OfRos, PublishedTopic, Publisher};
+use crate::publishers::{self, PublishedTopic, Publisher};
+use crate::ros2::PoseTopic;
 
 /// Largest frame that the Ping protocol's lengths allow, header and checksum included.
 const MAX_FRAME_BYTES: usize = 65_535 + 10;
@@ -79,18 +80,37 @@ pub struct PoseSubscription {
     poses: Receiver<ReceivedPose>,
     tally: Arc<PoseTally>,
     heartbeat: Heartbeat,
-    _subscriber: Subscriber<()>,
-    ros: Option<OfRos>,
+    topic: Option<PoseTopic>,
+    _subscribers: Vec<Subscriber<()>>,
 }
 
 impl PoseSubscription {
-    pub(crate) fn start(link: &Arc<Link>, key: &str, ros: Option<OfRos>) -> Result<Self, BusError> {
+    /// On a key whose messages say themselves what they are.
+    pub(crate) fn start(link: &Arc<Link>, key: &str) -> Result<Self, BusError> {
+        Self::on_keys(link, &[(key.to_owned(), None)])
+    }
+
+    /// On the keys of a topic of ROS, each with its message.
+    pub(crate) fn on_topic(link: &Arc<Link>, topic: PoseTopic) -> Result<Self, BusError> {
+        let keys = topic.keys.iter();
+        let keys = keys.map(|(key, encoding)| (key.clone(), Some(*encoding)));
+        let keys: Vec<_> = keys.collect();
+        let poses = Self::on_keys(link, &keys)?;
+        Ok(Self {
+            topic: Some(topic),
+            ..poses
+        })
+    }
+
+    fn on_keys(
+        link: &Arc<Link>,
+        keys: &[(String, Option<&'static str>)],
+    ) -> Result<Self, BusError> {
         let (sender, poses) = bounded(link.config.pose_queue_len);
         let tally = Arc::new(PoseTally {
             own_id: publishers::own_id(link),
             ..PoseTally::default()
         });
-        let in_callback = Arc::clone(&tally);
         let heartbeat = Heartbeat::new("poses");
         let subscribe = |(key, encoding): &(String, Option<&'static str>)| {
             let (in_callback, beats) = (Arc::clone(&tally), heartbeat.clone());
@@ -113,21 +133,27 @@ impl PoseSubscription {
             poses,
             tally,
             heartbeat,
-            _subscriber: subscriber,
-            ros,
+            topic: None,
+            _subscribers: subscribers,
         })
+    }
+
+    /// Of a topic of ROS: that what is published there holds no poses, in words.
+    #[must_use]
+    pub fn unfit(&self) -> Option<String> {
+        self.topic.as_ref().and_then(PoseTopic::unfit)
     }
 
     /// Words for a publisher; `None` for those that cannot be told apart.
     #[must_use]
     pub fn name_of(&self, publisher: Publisher) -> Option<String> {
-        publisher.name(self.ros.as_ref())
+        publisher.name(self.topic.as_ref().map(PoseTopic::publishers))
     }
 
-    /// Of a topic of ROS: others with messages of the same type.
+    /// Of a topic of ROS: others with messages that poses can be taken from.
     #[must_use]
     pub fn other_topics(&self) -> Vec<PublishedTopic> {
-        let topics = self.ros.as_ref().map(OfRos::other_topics);
+        let topics = self.topic.as_ref().map(PoseTopic::others);
         topics.unwrap_or_default()
     }
 
@@ -181,7 +207,7 @@ impl PoseTally {
     fn take(&self, sample: &Sample, encoding: Option<&'static str>, poses: &Sender<ReceivedPose>) {
         let arrived = now();
         count(&self.received);
-        match decode_pose(sample) {
+        match decode_pose(sample, encoding) {
             Ok(message) => {
                 let publisher = Publisher::of(sample, self.own_id);
                 self.hand_on(message, arrived, publisher, poses);
@@ -201,9 +227,6 @@ impl PoseTally {
         publisher: Publisher,
         poses: &Sender<ReceivedPose>,
     ) {
-        if message.covariance_ignored {
-            count(&self.covariance_ignored);
-        }
         let pose = message.pose;
         let received = ReceivedPose {
             pose,

@@ -91,12 +91,14 @@ impl BusFeed {
             not_finite: counters.not_finite,
             bad_quaternion: counters.bad_quaternion,
             malformed: counters.malformed,
-            covariance_ignored: counters.covariance_ignored,
             dropped_full: counters.dropped_full,
             first_fault: self.poses.first_fault(),
             senders: self.told(now),
             several: self.several(now),
-            missing: self.elsewhere(counters.received),
+            missing: self
+                .poses
+                .unfit()
+                .or_else(|| self.elsewhere(counters.received)),
             ..PoseSourceStatus::default()
         }
     }

@@ -29,6 +29,8 @@ mod tum_file;
 mod url;
 
 pub use log::{LogPoses, LogPosesError, poses_of_mcap, poses_of_svlog};
+pub use only::Only;
 pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
 pub use status::{PoseSender, PoseSourceStatus, Several};
+pub use tum_file::FilePoses;
 pub use url::{POSE_URL_FORMS, PoseUrl, PoseUrlError};

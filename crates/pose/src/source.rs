@@ -9,8 +9,7 @@ use crossbeam_channel::Receiver;
 use echosplat_bus::{Bus, BusError, PoseSubscription};
 use echosplat_liveness::Heartbeat;
 use echosplat_model::StampedPose;
-use echosplat_recording::foreign;
-use echosplat_recording::tum::{self, TumError};
+use echosplat_recording::tum::TumError;
 use tokio::runtime::Handle;
 
 use crate::bus_feed::{BusFeed, receive};
@@ -198,7 +197,7 @@ impl PoseSource {
                 Feed::of_bus(need_bus()?.subscribe_poses_on(key)?),
             )),
             PoseUrl::Ros2(topic) => {
-                let poses = need_bus()?.subscribe_odometry_of_ros(topic)?;
+                let poses = need_bus()?.subscribe_poses_of_ros(topic)?;
                 Ok(live(url, Feed::of_bus(poses)))
             }
             PoseUrl::MavlinkZenoh { prefix, only } => {
@@ -416,37 +415,6 @@ fn live(url: &PoseUrl, feed: Feed) -> PoseSource {
 
 fn task(runtime: &Handle, url: &PoseUrl, work: Work) -> PoseSource {
     live(url, Feed::Task(SourceTask::start(runtime, work)))
-}
-
-fn file(path: &Path) -> Result<PoseSource, PoseSourceError> {
-    let path = path.to_owned();
-    let file = match File::open(&path) {
-        Ok(file) => file,
-        Err(reason) => return Err(PoseSourceError::Open { path, reason }),
-    };
-    if let Some(reason) = foreign::of_file(&file, &path) {
-        return Err(PoseSourceError::Foreign { path, reason });
-    }
-    let read = match tum::read(BufReader::new(file)) {
-        Ok(read) => read,
-        Err(reason) => return Err(PoseSourceError::Read { path, reason }),
-    };
-    if read.poses.is_empty() {
-        return Err(PoseSourceError::Empty(path));
-    }
-    let path = path.display();
-    if read.out_of_order_count > 0 {
-        let count = read.out_of_order_count;
-        tracing::info!("{path}: {count} poses stood after later ones; all are sorted by time");
-    }
-    let (duplicates, contradicting) = (read.duplicate_count, read.contradicting_count);
-    if duplicates + contradicting > 0 {
-        tracing::warn!(
-            "{path}: {duplicates} poses left out that stand there twice, {contradicting} that \
-             contradict an earlier line of the same time"
-        );
-    }
-    Ok(PoseSource::File(read.poses.into_iter()))
 }
 
 #[cfg(test)]

@@ -83,7 +83,6 @@ impl PoseSourceStatus {
             (&mut self.not_finite, other.not_finite),
             (&mut self.bad_quaternion, other.bad_quaternion),
             (&mut self.malformed, other.malformed),
-            (&mut self.covariance_ignored, other.covariance_ignored),
             (&mut self.late, other.late),
         ] {
             *sum += of_other;

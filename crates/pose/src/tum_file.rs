@@ -3,7 +3,9 @@
 use std::io::BufReader;
 use std::path::Path;
 
+use echosplat_input::Input;
 use echosplat_model::StampedPose;
+use echosplat_recording::foreign;
 use echosplat_recording::tum::{self, TumFile};
 
 use crate::source::PoseSourceError;
@@ -13,6 +15,8 @@ use crate::status::PoseSourceStatus;
 #[derive(Debug, Default)]
 pub struct FilePoses {
     poses: std::vec::IntoIter<StampedPose>,
+    /// All that there were.
+    count: u64,
     not_finite: u64,
     first_fault: Option<String>,
 }
@@ -21,6 +25,7 @@ impl From<Vec<StampedPose>> for FilePoses {
     /// In order of time.
     fn from(poses: Vec<StampedPose>) -> Self {
         Self {
+            count: poses.len() as u64,
             poses: poses.into_iter(),
             ..Self::default()
         }
@@ -49,6 +54,11 @@ impl FilePoses {
             Ok(file) => file,
             Err(reason) => return Err(PoseSourceError::Open { path, reason }),
         };
+        if let Input::File(file) = &file
+            && let Some(reason) = foreign::of_file(file, &path)
+        {
+            return Err(PoseSourceError::Foreign { path, reason });
+        }
         let read = match tum::read(BufReader::new(file)) {
             Ok(read) => read,
             Err(reason) => return Err(PoseSourceError::Read { path, reason }),
@@ -93,6 +103,7 @@ impl FilePoses {
             tracing::warn!("{path}: {count} rows left out that hold NaN or infinity; {first}");
         }
         Self {
+            count: read.poses.len() as u64,
             poses: read.poses.into_iter(),
             not_finite: read.not_finite_count as u64,
             first_fault,
@@ -102,6 +113,8 @@ impl FilePoses {
     pub(crate) fn status(&self) -> PoseSourceStatus {
         PoseSourceStatus {
             source: "tum://".to_owned(),
+            received: self.count + self.not_finite,
+            accepted: self.count,
             not_finite: self.not_finite,
             first_fault: self.first_fault.clone(),
             ..PoseSourceStatus::default()
@@ -126,6 +139,7 @@ mod tests {
         let poses = poses.unwrap();
         let status = poses.status();
         assert_eq!((poses.len(), status.not_finite), (2, 2));
+        assert_eq!((status.received, status.accepted), (4, 2));
         assert!(status.first_fault.unwrap().contains("line 2"));
     }
 

@@ -22,7 +22,11 @@ pub fn named(start: &[u8], path: &Path) -> Option<String> {
     let out = path.with_extension("");
     // `a.mcap.zstd` is an `a.mcap`.
     let unpacked = out.display();
-    let converted = path.with_extension("mcap");
+    let converted = match path.with_extension("mcap") {
+        // It would be written over while it is read.
+        same if same == path => path.with_extension("converted.mcap"),
+        converted => converted,
+    };
     let converted = converted.display();
     Some(match start {
         [b'S', b'Q', b'L', b'i', b't', b'e', b' ', ..] => format!(
@@ -54,6 +58,11 @@ mod tests {
         let said = |start: &[u8], path: &str| named(start, Path::new(path)).unwrap_or_default();
         let bag = said(b"SQLite format 3\0", "a/b.db3");
         assert!(bag.contains("`mcap convert a/b.db3 a/b.mcap`"), "{bag}");
+        let misnamed = said(b"SQLite format 3\0", "b.mcap");
+        assert!(
+            misnamed.contains("`mcap convert b.mcap b.converted.mcap`"),
+            "{misnamed}"
+        );
         let bag = said(b"#ROSBAG V2.0\n", "b.bag");
         assert!(bag.contains("`mcap convert b.bag b.mcap`"), "{bag}");
         let packed = said(b"\x28\xb5\x2f\xfd....", "c.mcap.zstd");

@@ -199,7 +199,7 @@ mod tests {
     #[test]
     fn a_big_map_is_thinned_and_says_so() {
         let many: Vec<Gaussian> = (0..150_001)
-            .map(|i| gaussian(Vec3::splat(i as f32)))
+            .map(|i| gaussian(Vec3::splat(0.5 * i as f32)))
             .collect();
         let view = MapView::new(&many, None, &[]);
         let html = view.to_html();

@@ -67,10 +67,7 @@ pub(crate) fn check_log(path: &Path) -> anyhow::Result<()> {
 /// # Errors
 /// If it is one.
 pub(crate) fn refuse_foreign(path: &Path) -> anyhow::Result<()> {
-    if files::readable(path).is_err() {
-        return Ok(());
-    }
-    let opened = File::open(path).ok();
+    let opened = echosplat_input::open_file(path).ok();
     match opened.and_then(|file| foreign::of_file(&file, path)) {
         Some(what) => Err(Usage::error(format!("{}: {what}", path.display()))),
         None => Ok(()),

@@ -1,6 +1,5 @@
 //! What a file is, by its first bytes, and where those are damaged by what follows.
 
-use std::fs::File;
 use std::io::Read;
 use std::path::Path;
 
@@ -27,11 +26,7 @@ impl Kind {
     pub(crate) fn of(file: &Path) -> anyhow::Result<Self> {
         let refused =
             |why: &dyn std::fmt::Display| Usage::error(format!("{}: {why}", file.display()));
-        let found = std::fs::metadata(file).map_err(|error| refused(&error))?;
-        if !found.is_file() {
-            return Err(refused(&"not a regular file"));
-        }
-        let opened = File::open(file).map_err(|error| refused(&error))?;
+        let opened = echosplat_input::open_file(file).map_err(|error| refused(&error))?;
         let mut start = Vec::new();
         let read = opened.take(LOOKED_AT_BYTES).read_to_end(&mut start);
         read.map_err(|error| refused(&error))?;

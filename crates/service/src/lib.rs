@@ -4,6 +4,8 @@
 //! file format of its own, and no bench: the program adds those. What is public here is what the
 //! program and the benches use.
 
+#[cfg(test)]
+mod advised;
 mod alignment;
 pub mod arguments;
 pub mod clock;
@@ -15,6 +17,7 @@ pub mod exit;
 mod files;
 mod inputs;
 mod kind;
+mod log_clock;
 pub mod logging;
 mod logs;
 pub mod maps;

@@ -59,9 +59,11 @@ pub(crate) fn adjust(
         code: CODE.into(),
         sentence: format!(
             "{} counts time from when it was opened, as the vendor's Python client writes it; by what its pings \
-             hear they came {offset_s:.3} ± {:.3} s later and are mapped so, as with --time-offset-s {offset_s:.3}",
+             hear they came {:.3} ± {:.3} s {} and are mapped so, as with --time-offset-s {offset_s:.3}",
             log.display(),
+            offset_s.abs(),
             first.sigma,
+            if offset_s > 0.0 { "later" } else { "earlier" },
         ),
         is_loss: false,
     }))

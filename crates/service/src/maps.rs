@@ -132,6 +132,9 @@ pub fn read(map: &Path) -> anyhow::Result<MapFile> {
     if file.refused.count > 0 {
         tracing::warn!("map {}: {}", map.display(), file.refused);
     }
+    if !file.lacks.is_empty() {
+        tracing::warn!("map {} has no {}", map.display(), file.lacks.join("; no "));
+    }
     Ok(file)
 }
 

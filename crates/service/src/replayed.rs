@@ -153,7 +153,7 @@ impl Replayed {
         recorder: Option<Recorder>,
     ) -> anyhow::Result<(Poses, Vec<String>)> {
         let (source, losses) = self.pose_source(asked, bus)?;
-        let poses = Poses::new(&config.pose, source, Patience::HoldBack, recorder)?;
+        let poses = Poses::new(config, source, Patience::HoldBack, recorder)?;
         let takes_its_own = asked.is_none() || matches!(asked, Some(PoseUrl::Log(None)));
         let dive = self
             .dive

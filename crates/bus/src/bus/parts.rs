@@ -76,9 +76,8 @@ impl Bus {
     ///
     /// # Errors
     /// If no domain of ROS is configured, it is no topic that poses can come from, or zenoh refuses.
-    pub fn subscribe_odometry_of_ros(&self, topic: &str) -> Result<PoseSubscription, BusError> {
-        let (key, ros) = ros2::odometry_of(&self.link, topic)?;
-        PoseSubscription::start(&self.link, &key, Some(ros))
+    pub fn subscribe_poses_of_ros(&self, topic: &str) -> Result<PoseSubscription, BusError> {
+        PoseSubscription::on_topic(&self.link, PoseTopic::open(&self.link, topic)?)
     }
 
     /// Starts to take the messages of other programs on `keys`, which may be patterns.

@@ -22,11 +22,9 @@ use std::time::{Duration, Instant};
 
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{Pose, PoseCovariance, PosedPing, Snapshot, StampedPose};
-use echosplat_ros::rmw_zenoh::topic_name;
 use serde::Serialize;
 
 use crate::bus::{Link, spawn};
-use crate::publishers::{OfRos, RosPublishers};
 use crate::{BusConfig, BusError};
 pub(crate) use node::NodeSlot;
 use node::Topics;
@@ -168,27 +166,6 @@ impl Drop for RosPublisher {
             let _ = thread.join();
         }
     }
-}
-
-/// Where a topic's odometry is to be taken from, and what belongs to that.
-pub(crate) fn odometry_of(link: &Link, topic: &str) -> Result<(String, OfRos), BusError> {
-    let name = topic_name(topic).map_err(|error| BusError::RosTopic(error.to_string()))?;
-    let node = link.ros.node(link)?;
-    if name == node.topics().odometry().name {
-        return Err(BusError::RosTopic(format!(
-            "{name} is what this program publishes itself; name the topic of the vehicle's odometry"
-        )));
-    }
-    let own = node.topics().odometry().name;
-    let topic = node::odometry_of_others(name);
-    let ros = OfRos {
-        _token: node.subscribes(&topic)?,
-        publishers: RosPublishers::watch(link, node.domain_id())?,
-        type_name: topic.message.name,
-        topic: topic.name.clone(),
-        own,
-    };
-    Ok((topic.key_of_any_hash(node.domain_id()), ros))
 }
 
 /// # Errors

@@ -17,6 +17,7 @@ use super::node::{RosNode, topic_of_others};
 use crate::BusError;
 use crate::bus::Link;
 use crate::pose_message;
+use crate::publishers::{PublishedTopic, RosPublishers};
 
 /// Messages that poses are taken from, each with the encoding that says so.
 const TAKEN: [(MessageType, &str); 3] = [
@@ -37,6 +38,10 @@ pub(crate) struct PoseTopic {
     /// Keys of its messages, whatever hash their sender has of their type, and their encodings.
     pub(crate) keys: Vec<(String, &'static str)>,
     graph: Arc<Mutex<Graph>>,
+    /// Of the whole domain.
+    publishers: RosPublishers,
+    /// What this program publishes itself.
+    own: String,
     _publishers: Subscriber<()>,
 }
 
@@ -54,7 +59,8 @@ impl PoseTopic {
     pub(crate) fn open(link: &Link, topic: &str) -> Result<Self, BusError> {
         let name = topic_name(topic).map_err(|error| BusError::RosTopic(error.to_string()))?;
         let node = link.ros.node(link)?;
-        if name == node.topics().odometry().name {
+        let own = node.topics().odometry().name;
+        if name == own {
             return Err(BusError::RosTopic(format!(
                 "{name} is what this program publishes itself; name the topic of the vehicle's odometry"
             )));
@@ -66,6 +72,7 @@ impl PoseTopic {
             (key, encoding)
         });
         let tokens = topic(ODOMETRY).tokens_of_publishers(domain_id);
+        let of_domain = RosPublishers::watch(link, domain_id)?;
         let graph = Arc::new(Mutex::new(Graph {
             said: ODOMETRY,
             _token: node.subscribes(&topic(ODOMETRY))?,
@@ -82,8 +89,25 @@ impl PoseTopic {
         Ok(Self {
             keys: keys.into(),
             graph,
+            publishers: of_domain,
+            own,
             _publishers: publishers,
         })
+    }
+
+    /// Who publishes what in the domain.
+    pub(crate) fn publishers(&self) -> &RosPublishers {
+        &self.publishers
+    }
+
+    /// Other topics with messages that poses are taken from.
+    pub(crate) fn others(&self) -> Vec<PublishedTopic> {
+        let mut topics = self
+            .publishers
+            .of_types(&TAKEN.map(|(message, _)| message.name));
+        let name = lock(&self.graph).name.clone();
+        topics.retain(|found| found.topic != name && found.topic != self.own);
+        topics
     }
 
     /// That the topic carries something else, if it does.

@@ -16,7 +16,7 @@ use serde::Serialize;
 
 use crate::{ArrivedPose, StampClock};
 use odds::{Odds, Preference};
-use track::{Break, Rival, Track, between, lead_s};
+use track::{Break, GoesOn, Rival, Track, between, lead_s};
 
 /// So many refusals of one kind within a dive are another publisher and not outliers.
 const SECOND_SOURCE_POSES: u64 = 5;
@@ -260,11 +260,7 @@ impl PoseGuard {
     }
 
     fn doubt(&mut self, arrived: ArrivedPose, found: Break, take: &mut dyn FnMut(Guarded)) {
-        let goes_on = self
-            .rival
-            .as_mut()
-            .is_some_and(|rival| rival.go_on(&arrived, self.clock));
-        if !goes_on {
+        if !self.rival_goes_on(&arrived) {
             if let Some(before) = self.rival.replace(Rival::new(arrived, found)) {
                 self.refuse(&before);
             }
@@ -279,13 +275,19 @@ impl PoseGuard {
         }
     }
 
+    /// Whether the pose is of the run that is held; one stamped no later than what came before is refused and counted.
+    fn rival_goes_on(&mut self, arrived: &ArrivedPose) -> bool {
+        let Some(rival) = &mut self.rival else {
+            return false;
+        };
+        let goes_on = rival.go_on(arrived, self.clock);
+        self.report.out_of_order += u64::from(goes_on == GoesOn::AsBefore);
+        goes_on != GoesOn::No
+    }
+
     /// Gathers poses until it is clear which clock they are on now.
     fn after_step(&mut self, arrived: ArrivedPose, take: &mut dyn FnMut(Guarded)) {
-        let goes_on = self
-            .rival
-            .as_mut()
-            .is_some_and(|rival| rival.go_on(&arrived, self.clock));
-        if !goes_on {
+        if !self.rival_goes_on(&arrived) {
             self.rival = Some(Rival::new(arrived, Break::Behind));
         }
         let held = |rival: &mut Rival| rival.len() >= odds::LEAST_RUN;

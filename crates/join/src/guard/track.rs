@@ -204,6 +204,15 @@ impl Track {
     }
 }
 
+/// Whether a pose continues a run.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum GoesOn {
+    Yes,
+    /// It is of the run, and stamped no later than what came before.
+    AsBefore,
+    No,
+}
+
 /// A run that does not continue the track; the track itself, if it stays silent.
 #[derive(Debug)]
 pub(super) struct Rival {
@@ -222,8 +231,8 @@ impl Rival {
         }
     }
 
-    /// Takes the pose if it goes on from the newest held; whether it does, or is an older copy of it.
-    pub(super) fn go_on(&mut self, next: &ArrivedPose, clock: StampClock) -> bool {
+    /// Takes the pose if it goes on from the newest held.
+    pub(super) fn go_on(&mut self, next: &ArrivedPose, clock: StampClock) -> GoesOn {
         match self.track.break_of(next, clock) {
             None => {
                 self.track.extend(next);
@@ -231,9 +240,10 @@ impl Rival {
                     self.poses.pop_front();
                 }
                 self.poses.push_back(*next);
-                true
+                GoesOn::Yes
             }
-            Some(found) => found == Break::Order,
+            Some(Break::Order) => GoesOn::AsBefore,
+            Some(_) => GoesOn::No,
         }
     }
 

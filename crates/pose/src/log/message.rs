@@ -332,7 +332,10 @@ mod tests {
         assert_eq!(of_protobuf, of_json);
         assert_eq!(of_json.pose.time, Timestamp::from_nanos(5_000_000_007));
         let place = of_json.pose.world_from_vehicle.translation_m;
-        assert_eq!(place.to_array(), [1.5, 0.0, -2.0]);
+        assert_eq!(
+            place.to_array().map(f64::to_bits),
+            [1.5, 0.0, -2.0].map(f64::to_bits)
+        );
         for end in 0..protobuf.len() {
             let _ = Kind::PoseInFrame(Encoding::Protobuf).pose(&protobuf[..end]);
         }

@@ -36,10 +36,9 @@ impl OverLink {
         let mut back_off = BackOff::default();
         let name = self.address.name();
         loop {
-            outlet.heartbeat.rest();
             let Err(error) = self.feed(&mut fleet, &mut back_off, outlet).await;
             outlet.link(format!("lost: {name}: {error}; trying again"));
-            let waiting = outlet.meanwhile(|| vehicle.status(now()), back_off.wait());
+            let waiting = outlet.meanwhile(|| fleet.status(now()), back_off.wait());
             waiting.await;
         }
     }
@@ -51,7 +50,7 @@ impl OverLink {
         back_off: &mut BackOff,
         outlet: &mut Outlet,
     ) -> io::Result<Infallible> {
-        let opening = outlet.meanwhile(|| vehicle.status(now()), self.address.open());
+        let opening = outlet.meanwhile(|| fleet.status(now()), self.address.open());
         let mut link = opening.await?;
         let mut talk = Talk::new(self.address.name());
         let mut buffer = vec![0; PIECE_BYTES];

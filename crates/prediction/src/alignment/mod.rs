@@ -96,12 +96,12 @@ impl Alignment {
         let tried = (-count..=count).into_par_iter();
         let tried: Vec<Tried> = tried.map(|i| at(0, step * f64::from(i))).collect();
         let mut tops = peak::maxima(tried, MAXIMA[0]);
-        for level in 1..LEVELS.len() {
+        for (level, most) in MAXIMA.iter().enumerate().skip(1) {
             step *= 0.5;
             let climbed = tops
                 .par_iter()
                 .map(|top| climb(top.shift, step, |x| at(level, x)));
-            tops = peak::distinct(climbed.collect(), step, MAXIMA[level]);
+            tops = peak::distinct(climbed.collect(), step, *most);
         }
         let last = LEVELS.len() - 1;
         let best = tops.first()?;

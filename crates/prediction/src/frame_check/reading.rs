@@ -117,14 +117,14 @@ impl FrameReading {
     }
 
     /// How the sonar is turned on the vehicle if this is what is wrong with the mount as configured; `None` if it is the
-    /// poses.
+    /// poses, or by how much has to be found yet.
     #[must_use]
     pub fn mount_instead(&self, vehicle_from_sensor: &Pose) -> Option<DQuat> {
         let is_mount = matches!(
             self,
             Self::MountYaw(_) | Self::MountPitch(_) | Self::MountRoll(_)
         );
-        is_mount.then(|| self.mount(vehicle_from_sensor).rotation)
+        (is_mount && !self.is_tilt()).then(|| self.mount(vehicle_from_sensor).rotation)
     }
 
     /// What poses look like and what to send instead, or how the sonar looks ([`Self::mount_instead`] says what to set).

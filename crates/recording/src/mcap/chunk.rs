@@ -199,7 +199,7 @@ mod tests {
     fn no_more_comes_out_than_the_head_says() {
         let frame = zstd_frame_of(b"", 0, 100_000);
         let content = head("zstd", &[0; 10]).content(&frame);
-        assert_eq!((content.bytes.len() <= 10, content.is_sound), (true, false));
+        assert_eq!(content.bytes, [0; 10]);
         let stored = head("", b"abc").content(b"abcdef");
         assert!(stored.is_sound && stored.bytes == b"abc");
     }

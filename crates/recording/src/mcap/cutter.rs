@@ -169,7 +169,7 @@ impl<R: Read> Cutter<R> {
         }
         let is_followed = is_whole && self.is_followed(end);
         let says_it_twice = head.is_chunk || is_whole && self.is_whole_raw(head.length);
-        if says_it_twice && is_followed {
+        if says_it_twice && is_followed && !self.is_cut_before(end)? {
             return Ok(Some(end));
         }
         if says_it_twice {
@@ -202,6 +202,32 @@ impl<R: Read> Cutter<R> {
         }
         self.skip_damage(HEAD_BYTES)?;
         Ok(None)
+    }
+
+    /// Whether the record here was cut and another recording stands behind it, so that what follows this end is of that
+    /// one: what a recording begins with, or no records at all. Bytes of a sonar that look like a recording are followed by
+    /// messages.
+    fn is_cut_before(&mut self, end: usize) -> io::Result<bool> {
+        if self.find_begin(HEAD_BYTES..end).is_none() {
+            return Ok(false);
+        }
+        self.fill(end + SEARCH_BYTES)?;
+        let mut next = end;
+        for _ in 0..CHAIN {
+            if self.at + next == self.buffer.len() || self.begins_at(next) {
+                return Ok(false);
+            }
+            match self.head(next) {
+                None => return Ok(true),
+                Some(head) => match head.kind {
+                    op::HEADER | op::SCHEMA | op::CHANNEL => return Ok(true),
+                    // What a recording begins with may stand behind it too.
+                    op::DATA_END => return Ok(false),
+                    _ => next += HEAD_BYTES + head.length,
+                },
+            }
+        }
+        Ok(false)
     }
 
     /// Whether the record here, with a body of this length, holds raw bytes and says twice how
@@ -334,7 +360,8 @@ impl<R: Read> Cutter<R> {
 
     fn knows_channel_of(&self, message: &[u8]) -> bool {
         let id = message.get(HEAD_BYTES..).and_then(<[u8]>::first_chunk);
-        let is_known = id.is_some_and(|id| self.channels.contains_key(&u16::from_le_bytes(*id)));
+        // One that is cut before it says it may be of any.
+        let is_known = id.is_none_or(|id| self.channels.contains_key(&u16::from_le_bytes(*id)));
         is_known || self.of == (Of::Chunk { is_sound: true })
     }
 

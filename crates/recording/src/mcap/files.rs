@@ -47,10 +47,12 @@ impl<'a> FileMessages<'a> {
     /// Of the file at `path`, in an order that a dive can have had.
     ///
     /// # Errors
-    /// If it is no regular file, no MCAP, or cannot be read.
+    /// If it is no regular file, no MCAP, cannot be read, or its messages are in no such order.
     pub(super) fn open(path: &Path) -> Result<Self, RecordingError> {
-        if !stands_topic_by_topic(path)? {
-            return Self::new(opened(path)?);
+        match order_of(path)? {
+            Order::AsRecorded => return Self::new(opened(path)?),
+            Order::None => return Err(RecordingError::OutOfOrder),
+            Order::TopicByTopic => {}
         }
         let lane = |topic| {
             let messages = Messages::new(opened(path)?)?;
@@ -145,34 +147,52 @@ impl Lane<'_> {
     }
 }
 
-/// Whether another program has put the messages together by their topics: times go back from one
-/// topic to another and never within one.
-fn stands_topic_by_topic(path: &Path) -> Result<bool, RecordingError> {
+/// In which order the messages of a file stand.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Order {
+    /// As they were recorded; times may go back where a clock was set.
+    AsRecorded,
+    /// Another program has put them together by their topics: times go back from one topic to another.
+    TopicByTopic,
+    /// Times and sequences of one topic go back.
+    None,
+}
+
+fn order_of(path: &Path) -> Result<Order, RecordingError> {
     let mut messages = Messages::open(path)?;
     let mut newest: Option<Timestamp> = None;
-    let mut of_topics: HashMap<u16, Timestamp> = HashMap::new();
-    let mut goes_back = false;
+    let mut of_topics: HashMap<u16, (Timestamp, u32)> = HashMap::new();
+    let (mut goes_back, mut clock_was_set) = (false, false);
     while let Some(message) = messages.next_message()? {
         if messages.is_own() {
-            return Ok(false);
+            return Ok(Order::AsRecorded);
         }
-        let id = message.header.channel_id;
-        if messages
-            .channel(id)
-            .and_then(|channel| channel.own)
-            .is_none()
-        {
+        let header = &message.header;
+        let channel = messages.channel(header.channel_id);
+        let Some(topic) = channel.and_then(|channel| channel.own) else {
             continue;
-        }
-        let time = time_of(message.header.log_time);
+        };
+        let time = time_of(header.log_time);
         let is_before = |other: Timestamp| other.seconds_since(time) > DISORDER_S;
-        if of_topics.insert(id, time).is_some_and(is_before) {
-            return Ok(false);
+        let here = (time, header.sequence);
+        let ahead = of_topics.entry(header.channel_id).or_insert(here);
+        if is_before(ahead.0) {
+            // That of a pose is its epoch.
+            if topic != Topic::Pose && header.sequence < ahead.1 {
+                return Ok(Order::None);
+            }
+            clock_was_set = true;
+            *ahead = here;
+        } else if time > ahead.0 {
+            *ahead = here;
         }
         goes_back |= newest.is_some_and(is_before);
         newest = newest.max(Some(time));
     }
-    Ok(goes_back)
+    Ok(match goes_back && !clock_was_set {
+        true => Order::TopicByTopic,
+        false => Order::AsRecorded,
+    })
 }
 
 /// The files in the order of a dive: as they were given, unless one begins before the one ahead of it

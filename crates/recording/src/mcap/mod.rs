@@ -123,6 +123,11 @@ pub enum RecordingError {
         /// Its length.
         found: usize,
     },
+    /// Another program has put its messages in an order that no dive had, and not by their topics.
+    #[error(
+        "its messages do not stand in the order of their times; `mcap sort IN.mcap -o OUT.mcap` puts them so"
+    )]
+    OutOfOrder,
     /// A folder, a fifo or a device.
     #[error("not a regular file")]
     NotAFile,

@@ -81,6 +81,12 @@ fn read_all(bytes: &[u8]) -> (Vec<Recorded>, RecordingReader<'_>) {
     (all, reader)
 }
 
+/// Where the end of the data is told: what stands behind it is a summary that nobody needs.
+fn data_end(bytes: &[u8]) -> usize {
+    let record = [mcap::records::op::DATA_END, 4, 0, 0, 0, 0, 0, 0, 0];
+    bytes.windows(9).rposition(|w| w == record).unwrap()
+}
+
 fn is_raw(message: &Recorded, index: usize) -> bool {
     message.host_time == time(index) && message.record == raw(index)
 }

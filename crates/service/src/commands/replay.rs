@@ -13,7 +13,8 @@ use crate::commands::show_figures;
 use crate::config::{Config, MOST_OFFSET_S, Overrides};
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Finding, Gate, Hooks, Outcome, Pace, Part, Setup, Shedding, Span,
+    self, Album, Expectations, Finding, Gate, Hooks, Outcome, Pace, Part, PoseReport, Setup,
+    Shedding, Span,
 };
 use crate::replayed::Replayed;
 use crate::signals::Stop;
@@ -28,13 +29,14 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
     for loss in replayed.losses() {
         tracing::warn!("{loss}");
     }
-    let config = configuration(arguments, &replayed)?;
+    let mut config = configuration(arguments, &replayed)?;
+    let known = log_clock_of(arguments, &mut config)?;
     if let Some(map) = &config.output.map {
         maps::prepare(map)?;
     }
     let report = report_path(arguments, &config);
     if let Some(report) = &report {
-        maps::prepare(report)?;
+        files::prepare("--report", report)?;
     }
     let stop = Stop::on_signals()?;
     let page = Page::start(&config)?;
@@ -253,10 +255,16 @@ fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome, config: &Co
     let given = asked_poses(arguments).map_or("the log".to_owned(), |url| url.to_string());
     let stamps = pipeline::no_time(poses)
         .or_else(|| of_one_time(poses))
-        .or_else(|| too_far_apart(poses, config.pose.max_pose_gap_s));
-    if let Some(why) = stamps {
-        return format!("the poses of {given}: {why}");
-    }
+        .map(|why| (why, true))
+        .or_else(|| {
+            let why = too_far_apart(poses, config.pose.max_pose_gap_s)?;
+            Some((why, have_time_in_common(poses)))
+        });
+    let besides = match stamps {
+        Some((why, true)) => return format!("the poses of {given}: {why}"),
+        Some((why, false)) => format!("; {why}"),
+        None => String::new(),
+    };
     let span = |span: Option<Span>| {
         span.map_or("none".to_owned(), |span| {
             let [first_s, last_s] = [span.first_ns, span.last_ns].map(|ns| ns as f64 * 1e-9);
@@ -276,12 +284,19 @@ fn no_time_in_common(arguments: &ReplayArguments, outcome: &Outcome, config: &Co
             }
         });
     format!(
-        "the poses of {given} ({}) and the pings of {} ({}) have no time in common{}",
+        "the poses of {given} ({}) and the pings of {} ({}) have no time in common{}{besides}",
         span(poses.pose_times),
         arguments.logs[0].display(),
         span(poses.ping_times),
         offset.unwrap_or_default()
     )
+}
+
+fn have_time_in_common(poses: &PoseReport) -> bool {
+    let times = poses.pose_times.zip(poses.ping_times);
+    times.is_some_and(|(poses, pings)| {
+        poses.first_ns <= pings.last_ns && pings.first_ns <= poses.last_ns
+    })
 }
 
 /// Poses that all bear one stamp, of which but the first is taken.
@@ -300,7 +315,7 @@ fn of_one_time(poses: &PoseReport) -> Option<String> {
 
 /// Poses among the pings, none of which lie near enough together; mostly their stamps are in another unit.
 fn too_far_apart(poses: &PoseReport, max_gap_s: f64) -> Option<String> {
-    let span = poses.pose_times?;
+    let span = poses.pose_times.filter(|_| poses.join.pings_in_gap > 0)?;
     let steps = poses
         .join
         .poses_taken

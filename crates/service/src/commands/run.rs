@@ -284,7 +284,7 @@ fn serve(
         inputs: vec![Input::link(driver)],
         shedding: shedding(config, patience, recorder.clone(), None),
         losses: Vec::new(),
-        poses: Poses::new(&config.pose, source, patience, recorder.clone())?,
+        poses: Poses::new(config, source, patience, recorder.clone())?,
         gate: Gate::new(None, None, config.output.duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,

@@ -54,6 +54,8 @@ pub(crate) struct Diagnosis {
     begin: Instant,
     /// When a driver elsewhere was last found to be silent.
     without_driver: Option<Instant>,
+    /// When poses were last found to be missing altogether.
+    without_poses: Option<Instant>,
     overload: Overload,
     grown: HashMap<&'static str, (u64, Option<Instant>)>,
 }
@@ -65,6 +67,7 @@ impl Diagnosis {
             pose: pose.clone(),
             begin,
             without_driver: None,
+            without_poses: None,
             overload: Overload::default(),
             grown: HashMap::new(),
         }

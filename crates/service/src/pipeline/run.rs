@@ -121,7 +121,7 @@ impl Run {
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
             saving,
             album,
-            diagnosis: Diagnosis::new(setup.expectations, begin),
+            diagnosis: Diagnosis::new(setup.expectations, &config.pose, begin),
             known: std::mem::take(&mut setup.hooks.known),
             notices: Notices::new(begin),
             supervisor,

@@ -285,6 +285,10 @@ impl Status {
 
     /// Why the run counts as lossy, if it does: damage, truncation, or more than 1 % left out.
     pub(crate) fn loss(&self) -> Option<String> {
+        // Which file, and what of it: damaged frames follow from that.
+        if !self.input_losses.is_empty() {
+            return Some(self.input_losses.join("; "));
+        }
         let session = &self.sonar.session;
         let damaged = damaged_profiles(&self.sonar);
         if session.bytes_skipped > 0 || session.frames_bad > 0 || damaged > 0 {
@@ -292,9 +296,6 @@ impl Status {
                 "{} damaged frames, {damaged} damaged profiles, {} bytes skipped",
                 session.frames_bad, session.bytes_skipped
             ));
-        }
-        if !self.input_losses.is_empty() {
-            return Some(self.input_losses.join("; "));
         }
         let repeated = self.report.pings_repeated;
         if repeated > 0 {

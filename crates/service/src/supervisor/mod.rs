@@ -15,7 +15,7 @@ use crate::pipeline::Finding;
 pub(crate) use systemd::Systemd;
 
 /// The parts that there are, of all commands together.
-const PARTS: [&str; 17] = [
+const PARTS: [&str; 18] = [
     "sonar",
     "poses",
     "mapper",
@@ -29,6 +29,7 @@ const PARTS: [&str; 17] = [
     "bus-map",
     "bus-answers",
     "bus-pings",
+    "bus-reach",
     "bus-ros",
     "bus-tape",
     "web-map",

@@ -56,7 +56,7 @@ fn pairs(
     pings: impl Iterator<Item = Arc<Ping>>,
 ) -> anyhow::Result<Vec<Pair>> {
     let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
-    let source = PoseSource::File(sonar.dive().reported_poses().to_vec().into_iter());
+    let source = PoseSource::File(sonar.dive().reported_poses().to_vec().into());
     let mut poses = Poses::waited_for(config, source)?;
     let mut pairs = Vec::new();
     for ping in pings {

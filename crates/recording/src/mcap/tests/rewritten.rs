@@ -164,6 +164,19 @@ fn a_cut_chunk_gives_what_stood_before_the_cut() {
     }
 }
 
+/// Where the first chunk ends: one byte of kind and eight of length before each body.
+fn end_of_first_chunk(bytes: &[u8]) -> usize {
+    let mut at = mcap::MAGIC.len();
+    loop {
+        let length = u64::from_le_bytes(bytes[at + 1..at + 9].try_into().unwrap());
+        let end = at + 9 + usize::try_from(length).unwrap();
+        if bytes[at] == op::CHUNK {
+            return end;
+        }
+        at = end;
+    }
+}
+
 #[test]
 fn a_flipped_byte_in_a_chunk_is_told_and_costs_no_other_chunk() {
     let (original, _) = recording(40);
@@ -171,13 +184,14 @@ fn a_flipped_byte_in_a_chunk_is_told_and_costs_no_other_chunk() {
     for compression in ["", "zstd", "lz4"] {
         let bytes = rewritten(&messages, compression, 10);
         let (begin, end) = (70, bytes.len() - 60);
+        let first_end = end_of_first_chunk(&bytes);
         for at in (begin..end).step_by(11) {
             let mut damaged = bytes.clone();
             damaged[at] ^= 0x41;
             let (all, reader) = read_all(&damaged);
             let sound = (0..40).filter(|&i| all.iter().any(|found| is_raw(found, i)));
             // In the first chunk stands what its channel is.
-            let least = if at < bytes.len() / 4 { 0 } else { 30 };
+            let least = if at < first_end { 0 } else { 30 };
             let (sound, losses) = (sound.count(), reader.losses(false));
             assert!(sound >= least, "{compression} {at}: {sound}");
             assert!(
@@ -251,4 +265,35 @@ fn a_file_is_told_by_its_records_where_its_head_is_gone() {
     assert!(reader.losses(false)[0].contains("damaged"));
     assert!(RecordingReader::new(&[0; 5000][..]).is_err());
     assert!(Messages::open(Path::new("/")).is_err());
+}
+
+#[test]
+fn an_order_that_no_dive_had_is_refused_with_what_helps() {
+    let (original, _) = recording(200);
+    let messages = messages_of(&original);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.mcap");
+    let opened = |messages: &[(String, Message)]| {
+        std::fs::write(&path, rewritten(messages, "zstd", 10)).unwrap();
+        RecordingReader::open(&[&path]).map(drop)
+    };
+    let mut reversed = messages.clone();
+    reversed.reverse();
+    let swapped = [&messages[100..], &messages[..100]].concat();
+    for order in [&reversed, &swapped] {
+        let error = opened(order).unwrap_err().to_string();
+        assert!(
+            error.contains("a.mcap: its messages do not stand"),
+            "{error}"
+        );
+    }
+    opened(&messages).unwrap();
+    // A clock that was set back, and a writer that numbers nothing.
+    let mut set_back = messages;
+    for (index, (_, message)) in set_back.iter_mut().enumerate() {
+        if index > 100 {
+            message.header.log_time -= 3_000_000_000;
+        }
+    }
+    opened(&set_back).unwrap();
 }

@@ -2,6 +2,8 @@
 
 use super::search::{TELLING_ERRORS, gain};
 use super::trials::{Dive, Trial};
+use echosplat_prediction::alignment::Peak;
+
 use crate::alignment::setting;
 use crate::arguments::Parameter;
 use crate::config::Config;
@@ -34,7 +36,8 @@ pub(super) fn begin(
     if far != *configured {
         let there = dive.trial(&far)?;
         return Ok(match given {
-            Ok(given) if !is_likelier(&there, &given) => given,
+            // That pings and poses agree there is beyond doubt, unless maps say the contrary.
+            Ok(given) if is_likelier(&given, &there) => given,
             _ => there,
         });
     }
@@ -55,7 +58,7 @@ pub(super) fn begin(
 fn moved(dive: &Dive, config: Config, parameter: Parameter) -> Config {
     let found = dive.alignment();
     let found = found.and_then(|a| a.search(parameter.quantity(), &setting(&config)));
-    match found.filter(|peak| peak.is_off()) {
+    match found.filter(Peak::is_off) {
         Some(peak) => {
             let moved = parameter.shifted(&config, peak.shift);
             let shown = parameter.show_with(parameter.of(&moved), Some(peak.sigma));

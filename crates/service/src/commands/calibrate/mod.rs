@@ -73,8 +73,7 @@ pub(super) fn run(arguments: &CalibrateArguments) -> anyhow::Result<Finish> {
             logging::print(&(account(&answers, best) + &told));
         }
     }
-    let is_sure = |answer: &Answer| answer.has_settled && answer.verdict != Verdict::Unverified;
-    Ok(match answers.iter().all(is_sure) {
+    Ok(match !is_lossy && answers.iter().all(Answer::is_sure) {
         true => Finish::Done,
         false => Finish::Lossy,
     })
@@ -153,10 +152,6 @@ fn remaining(left: usize, each: Duration) -> String {
             format!("; {left} left to look at, about {left_s} s unless one is off")
         }
     }
-    Ok(match is_lossy {
-        true => Finish::Lossy,
-        false => Finish::Done,
-    })
 }
 
 #[derive(Debug, Serialize)]
@@ -169,6 +164,14 @@ struct Answer {
     has_settled: bool,
 }
 
+impl Answer {
+    /// Whether it can be relied on. A best value that is no top, since it is the last that was tried, is none that fits.
+    fn is_sure(&self) -> bool {
+        let is_found = self.verdict != Verdict::Off || self.sigma.is_some();
+        self.has_settled && self.verdict != Verdict::Unverified && is_found
+    }
+}
+
 fn account(answers: &[Answer], best: &Config) -> String {
     let line = |answer: &Answer| {
         let Answer {
@@ -178,7 +181,12 @@ fn account(answers: &[Answer], best: &Config) -> String {
         let fits = parameter.show_with(answer.fits, answer.sigma);
         let told = match verdict {
             Verdict::Fits => format!("{name}: {fits} fits"),
-            Verdict::Off => format!("{name}: {configured} is off, {fits} fits"),
+            Verdict::Off if answer.sigma.is_some() => {
+                format!("{name}: {configured} is off, {fits} fits")
+            }
+            Verdict::Off => format!(
+                "{name}: {configured} is off; what fits is not found, {fits} is the last that was tried and better"
+            ),
             Verdict::Open => format!("{name}: {configured}; this dive does not tell"),
             Verdict::Unverified => format!(
                 "{name}: {configured} seems off and {fits} to fit, but pings that were kept from the search do not \
@@ -191,7 +199,8 @@ fn account(answers: &[Answer], best: &Config) -> String {
         }
     };
     let mut text: String = answers.iter().map(line).collect();
-    if answers.iter().any(|answer| answer.verdict == Verdict::Off) {
+    let is_off = |answer: &Answer| answer.verdict == Verdict::Off;
+    if answers.iter().any(is_off) && answers.iter().filter(|a| is_off(a)).all(Answer::is_sure) {
         let [yaw, pitch, roll] = best.pose.vehicle_from_sensor.yaw_pitch_roll_deg;
         text += &format!(
             "In the configuration:\n\

@@ -191,7 +191,13 @@ mod tests {
     fn pings_that_disagree_on_the_top_make_it_unsure() {
         let from = trial(&(0..120).map(|i| (i, 0.0)).collect::<Vec<_>>());
         let at = |shift: f64, apart: f64| {
-            let own = |i: u64| if (i / 10) % 2 == 0 { apart } else { -apart };
+            let own = |i: u64| {
+                if (i / 10).is_multiple_of(2) {
+                    apart
+                } else {
+                    -apart
+                }
+            };
             let likelihood = |i: u64| (i, -(shift - own(i)).powi(2));
             (shift, trial(&(0..120).map(likelihood).collect::<Vec<_>>()))
         };

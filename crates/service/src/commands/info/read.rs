@@ -32,7 +32,7 @@ pub(super) fn recording(files: &[PathBuf]) -> anyhow::Result<Facts> {
     let config: Config = toml::from_str(settings).unwrap_or_default();
     let begun = Begun::of(&scan);
     let found = recorded_pings(files, &begun, &config).map_err(|error| wrong(&error))?;
-    let (pings, counters) = found;
+    let (pings, units, counters) = found;
     let poses = span_of(scan.poses.iter().map(|(pose, _)| pose.time));
     let with_poses = pings.count_within(poses);
     let mut facts = Facts::new();

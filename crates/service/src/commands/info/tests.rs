@@ -7,8 +7,8 @@ fn error_of(file: &Path) -> String {
 #[test]
 fn what_cannot_be_read_is_refused_at_once() {
     let folder = tempfile::tempdir().unwrap();
-    assert!(error_of(folder.path()).contains("not a regular file"));
-    assert!(error_of(Path::new("/dev/zero")).contains("not a regular file"));
+    assert!(error_of(folder.path()).contains("give a regular file"));
+    assert!(error_of(Path::new("/dev/zero")).contains("give a regular file"));
     let empty = folder.path().join("a.mcap");
     std::fs::write(&empty, b"").unwrap();
     assert!(error_of(&empty).contains("empty"));

@@ -77,7 +77,7 @@ impl World {
         let all = self.poses();
         let (sent, begin) = (all.clone(), Instant::now());
         let source = PoseSource::recorded(all);
-        let poses = Poses::new(&config.pose, source, Patience::LetGo, None).unwrap();
+        let poses = Poses::new(config, source, Patience::LetGo, None).unwrap();
         let mut poses = poses.of_recording(StampClock::Host, Default::default());
         let mut diagnosis = Diagnosis::new(live(), &config.pose, begin);
         let mut told = BTreeMap::new();

@@ -1,8 +1,8 @@
 //! What is wrong with the poses.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
-use super::{Diagnosis, PATIENCE, loss, warning};
+use super::{Diagnosis, NEWS, PATIENCE, loss, warning};
 use crate::pipeline::Pace;
 use crate::pipeline::calibration::set_mount;
 use crate::pipeline::notices::Finding;
@@ -13,24 +13,11 @@ use crate::pipeline::status::Status;
 const STOPPED_S: f64 = 1.5;
 /// Poses that stay the same to the last bit for so long, while the view changes, are frozen, seconds.
 const FROZEN_S: f64 = 1.0;
-/// No link delays poses by more and is any use, seconds.
-const ODD_LEAD_S: f64 = 0.5;
-/// A few poses in another order are the network's; so many more are news.
-const STAMPS_REPEATED: u64 = 10;
-const NANOS_PER_SECOND: f64 = 1e9;
+/// The longest that pings can be told to wait, seconds, and the most that can wait.
+const MOST_WAIT_S: f64 = 3599.0;
+const MOST_WAITING: f64 = 65_536.0;
 /// More than one sends poses that may be meant.
 const SECOND_SOURCE: &str = "second-pose-source";
-
-/// Poses that cannot be what they are read as.
-pub(crate) fn frames(status: &Status) -> Option<Finding> {
-    let verdict = status.report.frames.as_ref();
-    let verdict = verdict.filter(|verdict| verdict.is_telling)?;
-    let code = match verdict.best.is_tilt() {
-        true => "pose-mount",
-        false => "pose-frame",
-    };
-    Some(loss(code, verdict.best.sentence().to_owned()))
-}
 
 /// Clock, mount or speed of sound, where the dive shows that they are not as configured.
 pub(crate) fn calibration(status: &Status) -> Vec<Finding> {
@@ -54,14 +41,20 @@ impl Diagnosis {
             || what.to_owned(),
             |mount| format!("{what}: {}", set_mount(mount)),
         );
-        Some(loss("pose-frame", sentence))
+        let code = match verdict.best.is_tilt() {
+            true => "pose-mount",
+            false => "pose-frame",
+        };
+        Some(loss(code, sentence))
     }
 
     pub(super) fn poses(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         let poses = &status.report.poses;
         findings.extend(self.malformed(poses, now));
         if self.expectations.pace == Pace::Live && self.has_run_for(PATIENCE, now) {
-            findings.extend(missing(poses, status.pings_received));
+            let missing = missing(poses, status.pings_received);
+            self.without_poses = missing.as_ref().map(|_| now).or(self.without_poses);
+            findings.extend(missing);
         }
         let unit = self.unit(poses);
         if unit.is_some() {
@@ -121,7 +114,7 @@ impl Diagnosis {
         let mut findings = Vec::new();
         let in_gaps = self.grows("pings in gaps", join.pings_in_gap, now);
         let late = self.grows("poses too late", join.pings_pose_never_came, now);
-        if is_explained {
+        if is_explained || self.had_no_poses(now) {
             return findings;
         }
         if in_gaps {
@@ -131,6 +124,75 @@ impl Diagnosis {
             findings.push(self.late(status));
         }
         findings
+    }
+
+    /// Whether there were none at all just now, which is told by itself: pings of that time are given up until the longest
+    /// wait is over, and not since poses come rarely or late.
+    fn had_no_poses(&self, now: Instant) -> bool {
+        let lasts = Duration::from_secs_f64(self.pose.max_wait_s) + PATIENCE + NEWS;
+        let since = |at: Instant| now.saturating_duration_since(at);
+        self.without_poses.is_some_and(|at| since(at) < lasts)
+    }
+
+    /// Whether poses come often enough and are refused, which is told by itself: pings without a pose are no
+    /// wonder then.
+    fn is_refusing(&mut self, poses: &PoseReport, now: Instant) -> bool {
+        let (source, guard) = (&poses.source, &poses.guard);
+        let unusable = source.malformed + source.not_finite + source.bad_quaternion;
+        let refused = guard.stamps_zero + guard.stamps_far + guard.off_track + guard.out_of_order;
+        let is_unusable = self.grows("poses unusable", unusable, now);
+        let is_refused = self.grows("poses refused", refused, now);
+        let come_often = source.rate_hz * self.pose.max_pose_gap_s > 1.0;
+        is_unusable || is_refused && come_often
+    }
+
+    fn rare(&self, poses: &PoseReport) -> Finding {
+        let (gap_s, rate_hz) = (self.pose.max_pose_gap_s, poses.source.rate_hz);
+        let advice = match rate_hz * gap_s > 1.0 {
+            true => "as they come in bursts; have them sent evenly".to_owned(),
+            false => format!(
+                "have them sent at least {:.0} times a second",
+                (2.0 / gap_s).ceil()
+            ),
+        };
+        loss(
+            "poses-rare",
+            format!(
+                "{} pings so far lie between poses more than {gap_s} s apart (pose.max_pose_gap_s); poses come \
+                 {rate_hz:.1} times a second: {advice}",
+                poses.join.pings_in_gap
+            ),
+        )
+    }
+
+    fn late(&self, status: &Status) -> Finding {
+        let poses = &status.report.poses;
+        let count = poses.join.pings_pose_never_came;
+        let late_s = self.pose.time_offset_s - poses.guard.lead_s;
+        let wait_s = (late_s + 1.0).ceil();
+        let is_slow = (0.0..self.pose.max_wait_s).contains(&late_s);
+        let sentence = match !is_slow && (0.0..MOST_WAIT_S).contains(&late_s) {
+            true => format!(
+                "{count} pings so far were given up before their poses came, which takes {late_s:.1} s: if the link \
+                 is that slow, set pose.max_wait_s = {wait_s:.0}{}",
+                self.room_for(wait_s * status.rates.pings_per_s)
+            ),
+            false => format!(
+                "{count} pings so far were given up before their poses came (pose.max_wait_s is {} s); poses are \
+                 late, or stamped by another clock",
+                self.pose.max_wait_s
+            ),
+        };
+        loss("poses-late", sentence)
+    }
+
+    /// What else is to be set where so many pings wait.
+    fn room_for(&self, pings: f64) -> String {
+        let wanted = (1.5 * pings).ceil().clamp(1.0, MOST_WAITING);
+        match wanted > self.pose.waiting_pings as f64 {
+            true => format!(" and pose.waiting_pings = {wanted:.0}"),
+            false => String::new(),
+        }
     }
 
     /// Poses of two tracks, of senders that nothing else tells apart.
@@ -152,6 +214,19 @@ impl Diagnosis {
     fn guarded(&mut self, poses: &PoseReport, now: Instant) -> Vec<Finding> {
         let guard = &poses.guard;
         let mut findings = Vec::new();
+        if guard.has_other_epochs() && self.grows("other epochs", guard.other_epochs, now) {
+            findings.push(loss(
+                SECOND_SOURCE,
+                format!(
+                    "poses of another epoch ({}) come between those that are followed, {:.1} m from them; {} \
+                     were refused: a second sender, or one that counts resets that there were not; end one of \
+                     the two, or give each vehicle a --node of its own",
+                    guard.other_epoch.unwrap_or_default(),
+                    guard.other_epoch_m,
+                    guard.other_epochs
+                ),
+            ));
+        }
         if self.grows("far stamps", guard.stamps_far, now) {
             findings.push(warning(
                 "pose-stamps-far",

@@ -176,3 +176,27 @@ fn a_driver_that_answers_again_has_time_to_tell_what_it_kept() {
     assert_eq!(codes_after(11, 0.1), [""; 0]);
     assert_eq!(codes_after(13, 0.1), ["no-new-pings"]);
 }
+
+#[test]
+fn a_pause_of_poses_is_told_as_that_and_not_as_poses_that_come_rarely_or_late() {
+    let begin = Instant::now();
+    let mut diagnosis = diagnosis(begin);
+    let mut told = |age_s: f64, lost: u64, after_s: f64| {
+        let (mut report, sonar) = healthy();
+        report.poses.source.age_s = Some(age_s);
+        report.poses.source.rate_hz = 20.0;
+        report.poses.join.pings_in_gap = lost;
+        report.poses.join.pings_pose_never_came = lost;
+        let status = Status::of(report, sonar);
+        let found = diagnosis.findings(&status, begin + Duration::from_secs_f64(after_s));
+        let codes = found.into_iter().map(|finding| finding.code.into_owned());
+        codes.collect::<Vec<_>>()
+    };
+    assert_eq!(told(0.02, 0, 2.0), [""; 0]);
+    assert_eq!(told(4.0, 60, 6.0), ["poses-stopped"]);
+    // They are back, and the pings of the pause are given up.
+    assert_eq!(told(0.02, 160, 7.0), [""; 0]);
+    assert_eq!(told(0.02, 240, 8.0), [""; 0]);
+    // Long after it poses are missing again and again.
+    assert_eq!(told(0.02, 260, 20.0), ["poses-rare", "poses-late"]);
+}
