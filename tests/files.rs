@@ -118,7 +118,14 @@ fn exports_are_in_the_worlds_coordinates_where_their_precision_allows() {
     assert_eq!(fs::metadata(path("map.splat")).unwrap().len(), 90 * 32);
     export(&[&path("map.ply"), &path("map.pcd")]);
     let cloud = fs::read(path("map.pcd")).unwrap();
-    assert!(String::from_utf8_lossy(&cloud).contains("POINTS 90\n"));
+    let head = String::from_utf8_lossy(&cloud);
+    assert!(head.contains("# origin_m 0.0 0.0 0.0\n"), "{head}");
+    assert!(head.contains("SIZE 4 4 4 4 4 4\n") && head.contains("POINTS 90\n"));
+    export(&[&path("map.ply"), &path("up.ply"), "--all", "--up", "-y"]);
+    let head = fs::read(path("up.ply")).unwrap();
+    assert!(String::from_utf8_lossy(&head[..400]).contains("comment up_axis -y\n"));
+    let upright = read_map(&folder.path().join("up.ply")).unwrap();
+    assert_eq!(upright.gaussians[1].mean_m, world.gaussians[1].mean_m);
 
     write_some_map(&folder.path().join("map.ply"), DVec3::new(2e4, 0.0, 0.0));
     let told = export(&[&path("map.ply"), &path("far.ply")]);
@@ -219,9 +226,17 @@ fn a_map_whose_place_has_become_a_directory_is_an_error() {
     let path = |name: &str| folder.path().join(name).display().to_string();
     let (map, log) = (path("map.ply"), path("log"));
     let files = ["--map", &map, "--record", &log];
-    let slowly = ["--no-publish", "--rate", "1", "--duration", "3"];
+    let slowly = [
+        "--no-publish",
+        "--rate",
+        "1",
+        "--duration",
+        "3",
+        "--verbose",
+    ];
     let mut program = Program::echosplat(&replay(&[&files[..], &slowly].concat()));
-    program.wait_for_text("recording file=", LONG);
+    // It was looked at the place for the last time before this.
+    program.wait_for_text("pings_mapped=", LONG);
     fs::create_dir(&map).unwrap();
     program.wait_exit_code(1, LONG);
     let told = program.stderr();

@@ -1,21 +1,24 @@
 //! The map in formats of other programs: `.splat` for web viewers, PCD for point cloud tools, npz for
 //! numpy, and PLY in one file; a surface made of it as PLY or OBJ.
 //!
-//! All in world coordinates. `.splat` and PLY have single precision, which keeps a millimetre up to
+//! All in world coordinates. All but npz and OBJ have single precision, which keeps a millimetre up to
 //! 10 km from the world's origin; [`in_world`] leaves a map beyond that relative to its own origin.
+//! Readers of point clouds take no double: PCL reads such coordinates and then has no point.
 
 mod mesh;
 mod npz;
+mod up;
 
 use std::io::{self, Write};
 
 use echosplat_model::Gaussian;
 use echosplat_model::glam::{DVec3, Vec3};
 
-use crate::ply::MapFile;
+use crate::ply::{MapFile, notes};
 use crate::ramp::color_of_reflectivity;
-pub use mesh::{write_mesh_obj, write_mesh_ply};
+pub use mesh::{WrittenMesh, write_mesh_obj, write_mesh_ply};
 pub use npz::write_npz;
+pub use up::Up;
 
 /// Furthest that single precision keeps a millimetre.
 pub const SINGLE_PRECISION_M: f64 = 10_000.0;
@@ -71,8 +74,9 @@ pub fn write_splat(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
     writer.flush()
 }
 
-/// Writes PCD 0.7, binary: `x y z` in world coordinates (f64, so that the origin is kept), and
-/// `intensity` (reflectivity, dB), `opacity`, `sigma` (metres) as f32.
+/// Writes PCD 0.7, binary, all f32: `x y z` (metres), `intensity` (reflectivity, dB), `opacity` and
+/// `sigma` (metres, may be infinite). Relative to the map's origin, which the header's comment
+/// `# origin_m X Y Z` says: give it a map that is [`in_world`].
 ///
 /// # Errors
 /// Of the writer.
@@ -80,20 +84,16 @@ pub fn write_pcd(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
     let count = sound(map).count();
     writeln!(
         writer,
-        "# .PCD v0.7 - Point Cloud Data file format\nVERSION 0.7\n\
-         FIELDS x y z intensity opacity sigma\nSIZE 8 8 8 4 4 4\nTYPE F F F F F F\n\
+        "# .PCD v0.7 - Point Cloud Data file format\n# {}\nVERSION 0.7\n\
+         FIELDS x y z intensity opacity sigma\nSIZE 4 4 4 4 4 4\nTYPE F F F F F F\n\
          COUNT 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n\
-         POINTS {count}\nDATA binary"
+         POINTS {count}\nDATA binary",
+        notes::origin(map.origin_m)
     )?;
     for gaussian in sound(map) {
-        for value in world_m(map.origin_m, gaussian).to_array() {
-            writer.write_all(&value.to_le_bytes())?;
-        }
-        for value in [
-            reflectivity_db(gaussian),
-            gaussian.opacity,
-            gaussian.sigma_m,
-        ] {
+        let [x, y, z] = gaussian.mean_m.to_array();
+        let intensity_db = reflectivity_db(gaussian);
+        for value in [x, y, z, intensity_db, gaussian.opacity, gaussian.sigma_m] {
             writer.write_all(&value.to_le_bytes())?;
         }
     }
@@ -141,14 +141,20 @@ mod tests {
     }
 
     #[test]
-    fn a_point_cloud_is_in_world_coordinates() {
+    fn a_point_cloud_is_in_single_precision_and_says_where_it_counts_from() {
         let mut bytes = Vec::new();
         write_pcd(&map(), &mut bytes).unwrap();
         let head = b"POINTS 1\nDATA binary\n";
         let at = bytes.windows(head.len()).position(|w| w == head).unwrap() + head.len();
-        assert_eq!(bytes.len() - at, 3 * 8 + 3 * 4);
-        assert_eq!(bytes[at..at + 8], 1_000_001.0_f64.to_le_bytes());
-        assert_eq!(bytes[at + 24..at + 28], (-10.0_f32).to_le_bytes());
+        let text = String::from_utf8_lossy(&bytes[..at]);
+        assert!(text.contains("\n# origin_m 1000000.0 0.0 0.0\n"), "{text}");
+        let values = bytes[at..]
+            .as_chunks()
+            .0
+            .iter()
+            .map(|b| f32::from_le_bytes(*b));
+        let values: Vec<f32> = values.collect();
+        assert_eq!(values, [1.0, 2.0, 3.0, -10.0, 1.0, 0.25]);
     }
 
     #[test]

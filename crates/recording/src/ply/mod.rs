@@ -23,6 +23,7 @@ use echosplat_model::glam::DVec3;
 use echosplat_model::{Gaussian, Standing, Unsound};
 use echosplat_ply::{Header, PlyError};
 
+use crate::export::Up;
 use crate::replace::Replacement;
 pub use read::{MapFileError, read};
 pub use write::write;
@@ -65,6 +66,8 @@ pub const PROPERTIES: [&str; 26] = [
 pub struct MapNotes {
     /// The last of so many pings was kept from the map each time; 0 if none was, or nothing is said.
     pub held_out_every: u64,
+    /// Axis of the file that points up. A map that was read is upright, whatever the file's is.
+    pub up: Up,
     /// Comment lines for people; not read back.
     pub comments: Vec<String>,
 }
@@ -83,6 +86,8 @@ pub struct MapFile {
     pub gaussians: Vec<Gaussian>,
     /// Vertices of a file that was read that are no Gaussians, and so are not among them.
     pub refused: Refused,
+    /// What a file that was read does not say, each with what is taken for granted instead.
+    pub lacks: Vec<&'static str>,
 }
 
 /// Vertices that are no Gaussians.
@@ -125,6 +130,7 @@ impl Default for MapFile {
             notes: MapNotes::default(),
             gaussians: Vec::new(),
             refused: Refused::default(),
+            lacks: Vec::new(),
         }
     }
 }
@@ -167,7 +173,7 @@ pub fn write_map(
         intensity_unit,
         notes: notes.clone(),
         gaussians,
-        refused: Refused::default(),
+        ..MapFile::default()
     };
     let confident = map(of(Standing::Confident));
     let ambiguous = map(of(Standing::Ambiguous));

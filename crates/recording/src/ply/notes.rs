@@ -4,11 +4,13 @@ use echosplat_model::glam::DVec3;
 use echosplat_model::{INTENSITY_UNITS, is_origin};
 
 use super::{MapFile, MapFileError};
+use crate::export::Up;
 
 /// Comments that say something to a reader of maps, and so are no free text.
 const ORIGIN: &str = "origin_m";
 const INTENSITY_UNIT: &str = "intensity_unit";
 const HELD_OUT_EVERY: &str = "held_out_every";
+const UP_AXIS: &str = "up_axis";
 
 /// Most comment lines of a header, and the most characters of one: a reader takes 64 KiB of it.
 const MOST_COMMENTS: usize = 32;
@@ -23,6 +25,7 @@ pub(super) fn comments(map: &MapFile) -> Vec<String> {
     if map.notes.held_out_every > 1 {
         comments.push(format!("{HELD_OUT_EVERY} {}", map.notes.held_out_every));
     }
+    comments.extend(up_axis(map.notes.up));
     let free = map.notes.comments.iter().take(MOST_COMMENTS);
     comments.extend(free.filter_map(|comment| free_comment(comment)));
     comments
@@ -34,10 +37,15 @@ pub(crate) fn origin(origin_m: DVec3) -> String {
     format!("{ORIGIN} {x:?} {y:?} {z:?}")
 }
 
+/// The comment that says which axis points up, where it is not z.
+pub(crate) fn up_axis(up: Up) -> Option<String> {
+    (up != Up::Z).then(|| format!("{UP_AXIS} {}", up.name()))
+}
+
 /// One line without control characters; `None` if it would be read as one of ours.
 fn free_comment(text: &str) -> Option<String> {
     let words: Vec<&str> = text.split_whitespace().collect();
-    let is_own = |word: &&str| [ORIGIN, INTENSITY_UNIT, HELD_OUT_EVERY].contains(word);
+    let is_own = |word: &&str| [ORIGIN, INTENSITY_UNIT, HELD_OUT_EVERY, UP_AXIS].contains(word);
     let is_own = words.first().is_some_and(is_own);
     let line = words.join(" ");
     let shown = line.chars().filter(|c| !c.is_control());
@@ -47,11 +55,17 @@ fn free_comment(text: &str) -> Option<String> {
 /// A map without Gaussians that says what the comments do.
 pub(super) fn read(comments: &[String]) -> Result<MapFile, MapFileError> {
     let mut map = MapFile::default();
+    let says_origin = |comment: &String| comment.split_whitespace().next() == Some(ORIGIN);
+    if !comments.iter().any(says_origin) {
+        map.lacks
+            .push("`comment origin_m`, so that its places are taken for the world's");
+    }
     for comment in comments {
         match comment.split_whitespace().collect::<Vec<_>>()[..] {
             [ORIGIN, x, y, z] => map.origin_m = place(x, y, z)?,
             [INTENSITY_UNIT, unit] => map.intensity_unit = positive(unit)?,
             [HELD_OUT_EVERY, every] => map.notes.held_out_every = every_nth(every)?,
+            [UP_AXIS, up] => map.notes.up = axis(up)?,
             _ => {}
         }
     }
@@ -78,4 +92,9 @@ fn every_nth(every: &str) -> Result<u64, MapFileError> {
     let every = every.parse().ok().filter(|every| *every >= 2);
     let wrong = "`comment held_out_every` needs a whole number of 2 or more";
     every.ok_or(MapFileError::Comment(wrong))
+}
+
+fn axis(name: &str) -> Result<Up, MapFileError> {
+    let wrong = "`comment up_axis` needs z, y or -y";
+    Up::of(name).ok_or(MapFileError::Comment(wrong))
 }

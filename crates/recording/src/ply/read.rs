@@ -4,9 +4,10 @@ use std::io::{BufRead, BufReader, Read};
 
 use echosplat_model::glam::{Quat, Vec3};
 use echosplat_model::{Gaussian, SCALE_LIMITS_M, Standing, Unsound};
-use echosplat_ply::{Element, Format, Kind, PlyError, Reader, Row, Scalar};
+use echosplat_ply::{Element, Kind, PlyError, Reader, Row};
 
 use super::{MapFile, notes};
+use crate::export::Up;
 
 /// The position's covariance, in the order of [`Gaussian::position_covariance_m2`].
 const COVARIANCE: [&str; 6] = ["cov_xx", "cov_xy", "cov_xz", "cov_yy", "cov_yz", "cov_zz"];
@@ -17,9 +18,6 @@ pub enum MapFileError {
     /// No PLY, or one that cannot be read.
     #[error(transparent)]
     Ply(#[from] PlyError),
-    /// PLY, in an encoding maps do not have.
-    #[error("format is {}, expected binary_little_endian", .0.name())]
-    Format(Format),
     /// A comment that maps have says something that cannot be.
     #[error("header: {0}")]
     Comment(&'static str),
@@ -32,9 +30,9 @@ pub enum MapFileError {
         /// Its name.
         name: &'static str,
     },
-    /// A property of another type than maps have.
-    #[error("header: property `{name}` is of type {kind}, expected float")]
-    NoFloat {
+    /// A property that is a list.
+    #[error("header: property `{name}` is of type {kind}, expected a number")]
+    NoNumber {
         /// Its name.
         name: &'static str,
         /// Its type.
@@ -56,8 +54,10 @@ pub enum MapFileError {
     Io(#[from] std::io::Error),
 }
 
-/// Reads one map file. Properties may come in any order and among others; `reflectivity`, `sigma`, `cov_*` and
-/// `probability` may be missing, as in maps of other programs (then 1, infinite, as `sigma` in all directions, and 1).
+/// Reads one map file, as it was written or as an editor saved it again: in any encoding of PLY, with properties in any
+/// order, of any type of number and among others, and with `scalar_` before their names. `reflectivity`, `sigma`, `cov_*`
+/// and `probability` may be missing (then 1, infinite, as `sigma` in all directions, and 1), as may the comments;
+/// [`MapFile::lacks`] says what is.
 /// A vertex that is no Gaussian ([`Gaussian::admitted`]) is left out and counted.
 ///
 /// # Errors
@@ -68,12 +68,10 @@ pub fn read(reader: impl Read) -> Result<MapFile, MapFileError> {
 
 fn read_from(mut reader: Reader<impl BufRead>) -> Result<MapFile, MapFileError> {
     let header = reader.header();
-    if header.format != Format::LittleEndian {
-        return Err(MapFileError::Format(header.format));
-    }
     let mut map = notes::read(&header.comments)?;
     let vertex = header.element("vertex").ok_or(MapFileError::NoVertices)?;
     let columns = Columns::of(vertex)?;
+    map.lacks.extend(columns.lacks());
     // What comes after the vertices is not looked at.
     loop {
         let element = reader.next_element(|element, number, row| {
@@ -94,7 +92,7 @@ fn read_from(mut reader: Reader<impl BufRead>) -> Result<MapFile, MapFileError> 
             let count = map.refused.count;
             Err(MapFileError::NoGaussians { count, why })
         }
-        _ => Ok(map),
+        _ => Ok(Up::upright(map)),
     }
 }
 
@@ -112,10 +110,13 @@ struct Columns {
 
 impl Columns {
     fn of(vertex: &Element) -> Result<Self, MapFileError> {
-        let find = |name| match vertex.find(name) {
-            None => Ok(None),
-            Some((at, Kind::Scalar(Scalar::F32))) => Ok(Some(at)),
-            Some((_, kind)) => Err(MapFileError::NoFloat { name, kind }),
+        let find = |name| {
+            let of_editor = format!("scalar_{name}");
+            match vertex.find(name).or_else(|| vertex.find(&of_editor)) {
+                None => Ok(None),
+                Some((at, Kind::Scalar(_))) => Ok(Some(at)),
+                Some((_, kind)) => Err(MapFileError::NoNumber { name, kind }),
+            }
         };
         let at = |name| find(name)?.ok_or(MapFileError::Missing { name });
         Ok(Self {
@@ -128,6 +129,22 @@ impl Columns {
             covariance: covariance(find)?,
             probability: find("probability")?,
         })
+    }
+
+    /// What is taken for granted instead.
+    fn lacks(&self) -> impl Iterator<Item = &'static str> {
+        let missing = [
+            (
+                self.sigma.is_none(),
+                "sigma, so that no place is known to be sure",
+            ),
+            (self.reflectivity.is_none(), "reflectivity, taken as 1"),
+            (self.probability.is_none(), "probability, taken as 1"),
+        ];
+        missing
+            .into_iter()
+            .filter(|(is_missing, _)| *is_missing)
+            .map(|(_, what)| what)
     }
 
     fn gaussian(&self, vertex: u64, row: &Row) -> Result<Result<Gaussian, Unsound>, MapFileError> {

@@ -174,7 +174,7 @@ fn errors_say_what_was_found_and_what_is_needed() {
     let error = |bytes: &[u8]| read(bytes).unwrap_err().to_string();
     assert_eq!(error(b""), "the file is empty");
     assert!(error(b"BR\x01\x00").contains("not a PLY: starts with `BR`"));
-    assert!(error(b"ply\nformat ascii 1.0\nend_header\n").contains("format is ascii"));
+    assert!(error(b"ply\nformat ascii 1.0\nend_header\n").contains("no `element vertex`"));
     assert!(error(b"ply\nformat").contains("not a PLY") || error(b"ply\n").contains("end_header"));
     let no_opacity = file(
         &[
@@ -273,6 +273,7 @@ fn what_was_kept_from_a_map_is_in_its_header() {
             String::new(),
             "x".repeat(100_000),
         ],
+        ..MapNotes::default()
     };
     let bytes = bytes_of(&with_notes);
     let text = String::from_utf8_lossy(&bytes);
@@ -348,4 +349,42 @@ proptest! {
         let _ = read(&bytes[..]);
         let _ = read(&junk[..]);
     }
+}
+
+/// As editors of point clouds save: their own names, doubles, text, and none of the comments.
+#[test]
+fn a_map_that_an_editor_saved_again_is_read_and_says_what_it_lacks() {
+    let names = [
+        "scalar_opacity",
+        "scalar_scale_0",
+        "scalar_scale_1",
+        "scalar_scale_2",
+        "scalar_rot_0",
+        "scalar_rot_1",
+        "scalar_rot_2",
+        "scalar_rot_3",
+    ];
+    let mut text =
+        "ply\nformat ascii 1.0\ncomment made by an editor\nelement vertex 1\n".to_owned();
+    for name in ["x", "y", "z"] {
+        text += &format!("property double {name}\n");
+    }
+    for name in names {
+        text += &format!("property float {name}\n");
+    }
+    text += "end_header\n1 2 -3 0 -3 -3 -3 1 0 0 0\n";
+    let map = read(text.as_bytes()).unwrap();
+    let one = &map.gaussians[0];
+    assert_eq!(one.mean_m, Vec3::new(1.0, 2.0, -3.0));
+    assert!((one.opacity - 0.5).abs() < 1e-6 && one.sigma_m.is_infinite());
+    assert!((one.scale_m.x - (-3.0_f32).exp()).abs() < 1e-6);
+    let lacks = map.lacks.join("; ");
+    for what in ["origin_m", "sigma", "reflectivity", "probability"] {
+        assert!(lacks.contains(what), "{lacks}");
+    }
+    let own = read(&bytes_of(&self::map(vec![gaussian(0, Vec3::X)]))[..]).unwrap();
+    assert_eq!(own.lacks, [""; 0]);
+    let list = text.replace("float scalar_opacity", "list uchar float scalar_opacity");
+    let error = read(list.as_bytes()).unwrap_err().to_string();
+    assert!(error.contains("expected a number"), "{error}");
 }

@@ -3,9 +3,10 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use echosplat_recording::export::Up;
 use echosplat_surface::CELL_M;
 
-use super::values::{not_negative, positive, sweep};
+use super::values::{not_negative, positive, sweep, up_axis};
 
 #[derive(Debug, Args)]
 pub struct EvaluateArguments {
@@ -150,6 +151,10 @@ pub struct ExportArguments {
     /// Edge of the mesh's cells; larger ones give fewer triangles and lose what is smaller
     #[arg(long, value_name = "METRES", requires = "mesh", default_value_t = CELL_M)]
     pub(crate) cell: f32,
+    /// The axis of the file that points up: z as the map has it, y for programs of computer graphics, -y for
+    /// viewers of Gaussians
+    #[arg(long, value_name = "z|y|-y", default_value = "z", value_parser = up_axis(), allow_hyphen_values = true)]
+    pub(crate) up: Up,
     /// With the ambiguous Gaussians
     #[arg(long)]
     pub(crate) all: bool,

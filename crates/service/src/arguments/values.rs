@@ -1,6 +1,7 @@
 //! What a value on the command line must be.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use echosplat_recording::export::Up;
 use echosplat_simulator::{DiveKind, NoiseLevel};
 
 pub(super) fn dive_kind() -> impl TypedValueParser<Value = DiveKind> {
@@ -11,6 +12,11 @@ pub(super) fn dive_kind() -> impl TypedValueParser<Value = DiveKind> {
 pub(super) fn noise_level() -> impl TypedValueParser<Value = NoiseLevel> {
     PossibleValuesParser::new(NoiseLevel::ALL.map(NoiseLevel::as_str))
         .try_map(|name| name.parse::<NoiseLevel>())
+}
+
+pub(super) fn up_axis() -> impl TypedValueParser<Value = Up> {
+    PossibleValuesParser::new([Up::Z, Up::Y, Up::NegativeY].map(Up::name))
+        .map(|name| Up::of(&name).expect("it is one of them"))
 }
 
 fn number(text: &str) -> Result<f64, String> {

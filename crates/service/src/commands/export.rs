@@ -37,14 +37,20 @@ pub(crate) fn run(arguments: &ExportArguments) -> anyhow::Result<Finish> {
     let finish = maps::finish_of(&map);
     let written = match output {
         Output::Mesh(format) => write_mesh(&map, format, arguments)?,
-        Output::Gaussians(format) => write_gaussians(map, format, &arguments.out)?,
+        Output::Gaussians(format) => write_gaussians(map, format, arguments)?,
     };
     logging::print(&format!("{}: {written}", arguments.out.display()));
     Ok(finish)
 }
 
 /// What was written, in words.
-fn write_gaussians(mut map: MapFile, format: Format, out: &Path) -> anyhow::Result<String> {
+fn write_gaussians(
+    mut map: MapFile,
+    format: Format,
+    arguments: &ExportArguments,
+) -> anyhow::Result<String> {
+    let out = arguments.out.as_path();
+    map = arguments.up.turned(map);
     if format.is_single_precision() {
         map = in_world(map);
         tell_of_origin(map.origin_m, out);
@@ -78,16 +84,18 @@ fn write_mesh(
     if format == MeshFormat::Ply && map.origin_m.length() > SINGLE_PRECISION_M {
         tell_of_origin(map.origin_m, out);
     }
-    replace_file(out, |file| match format {
-        MeshFormat::Ply => write_mesh_ply(&surface, map.origin_m, file),
-        MeshFormat::Obj => write_mesh_obj(&surface, map.origin_m, file),
+    let mut written = String::new();
+    replace_file(out, |file| {
+        let mesh = match format {
+            MeshFormat::Ply => write_mesh_ply(&surface, map.origin_m, arguments.up, file)?,
+            MeshFormat::Obj => write_mesh_obj(&surface, map.origin_m, arguments.up, file)?,
+        };
+        let (triangles, vertices) = (mesh.triangle_count, mesh.vertex_count);
+        written = format!("{triangles} triangles between {vertices} vertices");
+        Ok(())
     })
     .map_err(|error| files::cannot_write(out, &error))?;
-    Ok(format!(
-        "{} triangles between {} vertices",
-        surface.triangles.len(),
-        surface.vertices.len()
-    ))
+    Ok(written)
 }
 
 fn is_same(map: &Path, out: &Path) -> bool {
@@ -101,7 +109,7 @@ fn tell_of_origin(origin_m: DVec3, out: &Path) {
     if origin_m.length() > 0.0 {
         tracing::warn!(
             "{}: its coordinates count from {x:?} {y:?} {z:?} m, since single precision keeps no \
-             millimetre beyond {SINGLE_PRECISION_M:.0} m from the world's origin; .pcd, .npz and .obj do",
+             millimetre beyond {SINGLE_PRECISION_M:.0} m from the world's origin; .npz and, of a mesh, .obj do",
             out.display()
         );
     }
@@ -155,7 +163,7 @@ enum Format {
 
 impl Format {
     fn is_single_precision(self) -> bool {
-        matches!(self, Self::Splat | Self::Ply)
+        matches!(self, Self::Splat | Self::Ply | Self::Pcd)
     }
 
     fn write(self, map: &MapFile, out: &mut BufWriter<&mut File>) -> io::Result<()> {
