@@ -1,6 +1,10 @@
 """Shows the map of a running service in Rerun: python live_rerun.py [--save live.rrd]"""
-import argparse, collections, json, sys, time, numpy as np, rerun as rr, zenoh
+import argparse, collections, json, sys, time, numpy as np, zenoh
 from subscriber import EVERY, POINT, apply, message, snapshot
+try:
+    import rerun as rr
+except ImportError:
+    sys.exit("the map is drawn by Rerun, which is not installed: pip install rerun-sdk")
 
 def show(tile, gaussians, note):
     """Replaces a tile, metres in the poses' frame: ellipsoids of one sigma, green where their place
