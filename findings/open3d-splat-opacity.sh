@@ -12,11 +12,11 @@ python3 -m venv venv
 venv/bin/pip install --quiet open3d==0.20.0
 # What its wheel links to and a machine without a screen may lack, on Debian and Ubuntu.
 if ! venv/bin/python -c "import open3d" >/dev/null 2>&1; then
-    mkdir -p root partial
+    mkdir -p unpacked partial
     apt-get install -qq --download-only --reinstall -y -o Dir::Cache::archives="$folder" \
         libusb-1.0-0 libgl1 libgomp1 libx11-6 >/dev/null
-    for package in *.deb; do dpkg -x "$package" root; done
-    LD_LIBRARY_PATH=$(find "$folder/root" -name '*.so*' -printf '%h\n' | sort -u | paste -sd:)
+    for package in *.deb; do dpkg -x "$package" unpacked; done
+    LD_LIBRARY_PATH=$(find "$folder/unpacked" -name '*.so*' -printf '%h\n' | sort -u | paste -sd:)
     export LD_LIBRARY_PATH
 fi
 venv/bin/python - <<'PY'

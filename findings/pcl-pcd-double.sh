@@ -6,11 +6,11 @@ set -euo pipefail
 folder=$(mktemp -d)
 trap 'rm -rf "$folder"' EXIT
 cd "$folder"
-mkdir -p root partial
+mkdir -p unpacked partial
 apt-get install -qq --download-only --reinstall -y -o Dir::Cache::archives="$folder" pcl-tools=1.13.0+dfsg-3 >/dev/null
-for package in *.deb; do dpkg -x "$package" root; done
-LD_LIBRARY_PATH=$(find "$folder/root" -name '*.so*' -printf '%h\n' | sort -u | paste -sd:)
-export LD_LIBRARY_PATH PATH="$folder/root/usr/bin:$PATH"
+for package in *.deb; do dpkg -x "$package" unpacked; done
+LD_LIBRARY_PATH=$(find "$folder/unpacked" -name '*.so*' -printf '%h\n' | sort -u | paste -sd:)
+export LD_LIBRARY_PATH PATH="$folder/unpacked/usr/bin:$PATH"
 python3 - <<'PY'
 import re, struct, subprocess
 
