@@ -1,0 +1,61 @@
+"""What programs decode that are no Python libraries: they write what they read as text, which is read here."""
+import csv, re, tempfile, pathlib
+
+import numpy as np
+
+import files
+from programs import run
+
+
+def splat_transform(programs, file, is_mesh):
+    with tempfile.TemporaryDirectory() as folder:
+        out = pathlib.Path(folder) / "out.csv"
+        program = programs.npm() / "@playcanvas/splat-transform/bin/cli.mjs"
+        run(["node", program, "--quiet", file, "-w", out], env=programs.variables())
+        with open(out) as stream:
+            names, *rows = list(csv.reader(stream))
+    columns = dict(zip(names, np.array(rows, float).reshape(-1, len(names)).T))
+    places = np.stack([columns.pop(axis) for axis in "xyz"], 1)
+    return {"places": places, "columns": columns}
+
+
+def pcl(programs, file, is_mesh):
+    """By its tools for PLY and for PCD; the second decodes the points, the first alone would copy bytes."""
+    variables = programs.with_packages()
+    tool = lambda name, *arguments: run([programs.binary(name), *arguments], env=variables)
+    with tempfile.TemporaryDirectory() as folder:
+        folder = pathlib.Path(folder)
+        if file.suffix == ".ply":
+            tool("pcl_ply2pcd", file, folder / "in.pcd")
+            file = folder / "in.pcd"
+        tool("pcl_passthrough_filter", file, folder / "out.pcd", "-field", "z", "-min", "-1e9", "-max", "1e9")
+        tool("pcl_convert_pcd_ascii_binary", folder / "out.pcd", folder / "ascii.pcd", "0")
+        lines = (folder / "ascii.pcd").read_text().splitlines()
+    at = next(i for i, line in enumerate(lines) if line.startswith("DATA"))
+    head = dict(line.split(" ", 1) for line in lines[:at] if " " in line and line[0] != "#")
+    names, counts = head["FIELDS"].split(), map(int, head["COUNT"].split())
+    names = [name if count == 1 else f"{name}_{i}" for name, count in zip(names, counts) for i in range(count)]
+    columns = dict(zip(names, np.array([line.split() for line in lines[at + 1 :]], float).reshape(-1, len(names)).T))
+    return {"places": np.stack([columns.pop(axis) for axis in "xyz"], 1), "columns": columns}
+
+
+def cloudcompare(programs, file, is_mesh):
+    """Points and their columns as text; of a mesh its vertices, and as OBJ its triangles."""
+    with tempfile.TemporaryDirectory() as folder:
+        text, mesh = pathlib.Path(folder) / "out.asc", pathlib.Path(folder) / "out.obj"
+        formats = ["-C_EXPORT_FMT", "ASC", "-ADD_HEADER", "-M_EXPORT_FMT", "OBJ", "-NO_TIMESTAMP"]
+        first = ["-SAVE_MESHES", "FILE", mesh, "-EXTRACT_VERTICES"] if is_mesh else []
+        command = [programs.binary("CloudCompare"), "-SILENT", *formats, "-O", file, *first, "-SAVE_CLOUDS", "FILE", text]
+        run(command, env=programs.with_packages())
+        head, *lines = text.read_text().splitlines()
+        triangles = files.read_obj(mesh).triangles if is_mesh else None
+    names = head.lstrip("/").split()
+    columns = dict(zip(names, np.array([line.split() for line in lines], float).reshape(-1, len(names)).T))
+    return {"places": np.stack([columns.pop(axis) for axis in "XYZ"], 1), "triangles": triangles, "columns": columns}
+
+
+def evo_traj(programs, file, kind, *topics):
+    """Poses that it tells of the trajectory."""
+    python = programs.python("evo")
+    told = run([python.with_name("evo_traj"), kind, file, *topics, "--full_check"], env=programs.variables())
+    return int(re.search(r"nr\. of poses\s+(\d+)", told)[1])
