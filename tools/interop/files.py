@@ -134,9 +134,9 @@ def read_ply(file):
 def read_pcd(file):
     head, body = file.read_bytes().split(b"DATA binary\n", 1)
     lines = dict(line.split(" ", 1) for line in head.decode().splitlines() if line and line[0] != "#")
-    names = lines["FIELDS"].split()
-    rows = np.frombuffer(body, "<f4").reshape(int(lines["POINTS"]), len(names)).astype(float)
-    columns = dict(zip(names, rows.T))
+    kinds = [kind.lower() + size for kind, size in zip(lines["TYPE"].split(), lines["SIZE"].split())]
+    rows = np.frombuffer(body, list(zip(lines["FIELDS"].split(), kinds)), int(lines["POINTS"]))
+    columns = {name: rows[name].astype(float) for name in rows.dtype.names}
     places = np.stack([columns.pop(axis) for axis in "xyz"], 1)
     return Written(places, columns=columns)
 

@@ -40,12 +40,13 @@ def pcl(programs, file, is_mesh):
 
 
 def cloudcompare(programs, file, is_mesh):
-    """Points and their columns as text; of a mesh its vertices, and as OBJ its triangles."""
+    """Points and their columns as text; of a mesh its vertices, and as OBJ its triangles. With the shift that its window
+    proposes for coordinates far from the origin."""
     with tempfile.TemporaryDirectory() as folder:
         text, mesh = pathlib.Path(folder) / "out.asc", pathlib.Path(folder) / "out.obj"
         formats = ["-C_EXPORT_FMT", "ASC", "-ADD_HEADER", "-M_EXPORT_FMT", "OBJ", "-NO_TIMESTAMP"]
         first = ["-SAVE_MESHES", "FILE", mesh, "-EXTRACT_VERTICES"] if is_mesh else []
-        command = [programs.binary("CloudCompare"), "-SILENT", *formats, "-O", file, *first, "-SAVE_CLOUDS", "FILE", text]
+        command = [programs.binary("CloudCompare"), "-SILENT", *formats, "-O", "-GLOBAL_SHIFT", "AUTO", file, *first, "-SAVE_CLOUDS", "FILE", text]
         run(command, env=programs.with_packages())
         head, *lines = text.read_text().splitlines()
         triangles = files.read_obj(mesh).triangles if is_mesh else None

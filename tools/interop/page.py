@@ -85,6 +85,8 @@ def what(row):
         return "poses" if row.file.endswith(".tum") else "pings"
     lacking = [f"`{topic}`" for topic, n in row.written.items() if row.arrived.get(topic, 0) != n]
     channels = f"{len(row.written) - len(lacking)} of {len(row.written)} channels"
+    as_bytes = sum(topic.endswith(" as bytes") for topic in row.written)
+    channels += f", {as_bytes} of JSON as bytes" if as_bytes else ""
     return channels + (f", not {', '.join(lacking)}" if lacking else "")
 
 

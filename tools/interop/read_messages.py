@@ -44,24 +44,30 @@ def rosbags(file):
 
 
 def rerun(file):
-    """Rows of each entity of what it converts the file to: of every component the most."""
+    """Rows of each entity in what it converts the file to, by a component of the decoded message. Of a channel that it
+    does not decode it keeps the bytes: told as such."""
     from rerun.chunk import RrdReader
 
-    counts = collections.Counter()
+    rows = collections.defaultdict(collections.Counter)
     with tempfile.TemporaryDirectory() as folder:
         out = f"{folder}/out.rrd"
         program = pathlib.Path(sys.executable).with_name("rerun")
         done = subprocess.run([program, "mcap", "convert", file, "-o", out], capture_output=True, text=True)
         assert done.returncode == 0, done.stderr
-        components = collections.Counter()
         for chunk in RrdReader(out).stream().to_chunks():
-            if chunk.is_static:
-                continue
             batch = chunk.to_record_batch()
             for name, column in zip(batch.schema.names, batch.columns):
-                components[chunk.entity_path, name] += len(column) - column.null_count
-    for (entity, _), count in components.items():
-        counts[entity] = max(counts[entity], count)
+                if ":" in name and not chunk.is_static:
+                    rows[chunk.entity_path][name] += len(column) - column.null_count
+    counts = {}
+    for entity, components in rows.items():
+        as_bytes = components.pop("McapMessage:data", 0)
+        if components:
+            # A cloud whose points it cannot read has a message and no points.
+            is_cloud = any(name.startswith("sensor_msgs.msg.PointCloud2") for name in components)
+            counts[entity] = components["Points3D:positions"] if is_cloud else max(components.values())
+        elif as_bytes:
+            counts[f"{entity} as bytes"] = as_bytes
     return counts
 
 

@@ -47,11 +47,12 @@ def read_mcap(path):
 
 
 def read_rerun(path):
-    """Messages of each channel in what Rerun converts the recording to: rows that hold something."""
+    """Messages of each channel in what Rerun converts the recording to: rows of a component of the decoded message. Of
+    JSON it keeps the bytes."""
     from rerun.chunk import RrdReader
 
     rerun = pathlib.Path(sys.executable).with_name("rerun")
-    rows = collections.Counter()
+    rows = collections.defaultdict(collections.Counter)
     with tempfile.TemporaryDirectory() as folder:
         out = f"{folder}/out.rrd"
         done = subprocess.run([rerun, "mcap", "convert", path, "-o", out], capture_output=True, text=True)
@@ -59,8 +60,10 @@ def read_rerun(path):
         for chunk in RrdReader(out).stream().to_chunks():
             batch = chunk.to_record_batch()
             for name, column in zip(batch.schema.names, batch.columns):
-                rows[chunk.entity_path, name] += 0 if chunk.is_static else len(column) - column.null_count
-    return {topic: max(count for (entity, _), count in rows.items() if entity == topic) for topic, _ in rows}
+                is_component = ":" in name and not chunk.is_static
+                if is_component and (name == "McapMessage:data") == (chunk.entity_path in JSON):
+                    rows[chunk.entity_path][name] += len(column) - column.null_count
+    return {topic: max(components.values()) for topic, components in rows.items()}
 
 
 def read_pingverter(path):
