@@ -42,6 +42,16 @@ impl Profile {
         }
     }
 
+    /// Whether such a record is kept, if only half of it.
+    #[must_use]
+    pub fn keeps(self, record: &Record) -> bool {
+        let is_of_ros = matches!(
+            record,
+            Record::Raw(_) | Record::Pose(_) | Record::Delta { .. } | Record::StaticTransform(_)
+        );
+        self == Self::Full || is_of_ros
+    }
+
     fn takes(self, topic: Topic) -> bool {
         self == Self::Full || topic.schema().message_encoding == "cdr"
     }
