@@ -7,8 +7,8 @@ import numpy as np
 # Far from the world's origin, as UTM coordinates are.
 SHIFT_M = (500_000.0, 5_000_000.0, 0.0)
 DIVES = {"fence": "fence", "pier": "pier", "UTM": "fence", "empty": "empty"}
-# The recordings are of this dive.
-RECORDED = "fence"
+# The recordings are of this dive: its map has a frame of its own, which is recorded too.
+RECORDED = "UTM"
 HARMONIC_0 = 0.28209479177387814
 SPLAT = np.dtype([("place", "<f4", 3), ("scale", "<f4", 3), ("colour", "u1", 4), ("rotation", "u1", 4)])
 
@@ -50,10 +50,12 @@ class Product:
         self.run("replay", log, "--poses", poses, "--rate", 0, "--map", out, *more, allowed=(0, 3))
 
     def record(self, log, poses, folder, kind):
-        self.replay(log, poses, folder / "map.ply", "--record", folder, "--record-format", kind)
+        # What is published is recorded: the map's changes and its frame.
+        more = ("--publish", "--record", folder, "--record-format", kind)
+        self.replay(log, poses, folder / "map.ply", *more)
 
     def as_bag(self, recording, out):
-        self.run("recover", "--ros", recording, "-o", out)
+        self.run("recover", "--ros", recording, "--out", out)
 
     def export(self, source, out, *more):
         self.run("export", source, out, *more)
@@ -125,8 +127,8 @@ def read_ply(file):
     columns = {p.name: np.asarray(vertex[p.name], float) for p in vertex.properties}
     places = np.stack([columns.pop(axis) for axis in "xyz"], 1)
     colour = None
-    if "f_dc_0" in columns:
-        colour = 0.5 + HARMONIC_0 * np.stack([columns[f"f_dc_{i}"] for i in range(3)], 1)
+    if "red" in columns:
+        colour = np.stack([columns.pop(name) for name in ("red", "green", "blue")], 1) / 255.0
     triangles = len(found["face"].data) if "face" in found else None
     return Written(places, triangles, colour, columns)
 

@@ -9,6 +9,8 @@ from files import HARMONIC_0
 RELATIVE, ABSOLUTE = 1e-4, 1e-6
 # Of colours in eight bits.
 STEP = 1.01 / 255
+# Of normals, which some keep as the number of one of many directions.
+DIRECTION = 0.01
 GROUPS = {"n": "normal", "normals": "normal", "f_dc": "f_dc", "scale": "scale", "rot": "rotation", "rotation": "rotation", "cov": "covariance", "position_covariance_m2": "covariance"}
 
 
@@ -41,7 +43,7 @@ FORMS = {
 def arrival(name, values, decoded):
     """As what a column arrived, its own name or another, and in which form; `None` if it did not."""
     forms = {"": lambda x: x} | FORMS.get(group(name), {})
-    absolute = STEP if group(name) == "opacity" else ABSOLUTE
+    absolute = {"opacity": STEP, "normal": DIRECTION}.get(group(name), ABSOLUTE)
     for form, of in forms.items():
         with np.errstate(all="ignore"):
             wanted = np.sort(of(values))
@@ -72,11 +74,14 @@ def arrived(written, decoded):
 def colour(written, decoded):
     if written.colour is None:
         return None
-    got, as_what = decoded.get("colour"), "yes"
-    harmonics = [decoded["columns"].get(f"f_dc_{i}") for i in range(3)]
-    if got is None and all(array is not None for array in harmonics):
-        got, as_what = 0.5 + HARMONIC_0 * np.stack(harmonics, 1), "as f_dc"
-    if got is None:
+    columns = decoded["columns"]
+    if "colour" in decoded:
+        got, as_what = decoded["colour"], "yes"
+    elif "red" in columns:
+        got, as_what = np.stack([columns[name] for name in ("red", "green", "blue")], 1) / 255, "yes"
+    elif "f_dc_0" in columns:
+        got, as_what = 0.5 + HARMONIC_0 * np.stack([columns[f"f_dc_{i}"] for i in range(3)], 1), "as f_dc"
+    else:
         return "no"
     got, wanted = (np.sort(np.clip(array, 0, 1), 0) for array in (got, written.colour))
     is_it = got.shape == wanted.shape and np.abs(got - wanted).max() <= STEP

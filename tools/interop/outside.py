@@ -36,7 +36,12 @@ def pcl(programs, file, is_mesh):
     names, counts = head["FIELDS"].split(), map(int, head["COUNT"].split())
     names = [name if count == 1 else f"{name}_{i}" for name, count in zip(names, counts) for i in range(count)]
     columns = dict(zip(names, np.array([line.split() for line in lines[at + 1 :]], float).reshape(-1, len(names)).T))
-    return {"places": np.stack([columns.pop(axis) for axis in "xyz"], 1), "columns": columns}
+    found = {"places": np.stack([columns.pop(axis) for axis in "xyz"], 1), "columns": columns}
+    if "rgb" in columns:
+        # Three bytes in one number.
+        packed = columns.pop("rgb").astype(np.int64)
+        found["colour"] = (packed[:, None] >> np.array([16, 8, 0]) & 255) / 255
+    return found
 
 
 def cloudcompare(programs, file, is_mesh):
@@ -52,7 +57,10 @@ def cloudcompare(programs, file, is_mesh):
         triangles = files.read_obj(mesh).triangles if is_mesh else None
     names = head.lstrip("/").split()
     columns = dict(zip(names, np.array([line.split() for line in lines], float).reshape(-1, len(names)).T))
-    return {"places": np.stack([columns.pop(axis) for axis in "XYZ"], 1), "triangles": triangles, "columns": columns}
+    found = {"places": np.stack([columns.pop(axis) for axis in "XYZ"], 1), "triangles": triangles, "columns": columns}
+    if "R" in columns:
+        found["colour"] = np.stack([columns.pop(name) for name in "RGB"], 1) / 255
+    return found
 
 
 def evo_traj(programs, file, kind, *topics):

@@ -18,7 +18,7 @@ def point_table(rows):
             seen = row.file
             counts = [count(len(w.places), w.triangles) for w in row.written.values()]
             some = next(iter(row.written.values()))
-            lines.append(line(f"**`{row.file}`**", "*written*", *counts, "", "f_dc" if "f_dc_0" in some.columns else "yes" if some.colour is not None else "none", "yes" if sigma_of(some) else "none", ""))
+            lines.append(line(f"**`{row.file}`**", "*written*", *counts, "", "yes" if some.colour is not None else "none", "yes" if sigma_of(some) else "none", ""))
         lines.append(line("", f"{row.program} {version_of(row.program)}", *cells(row)))
     return lines
 
@@ -57,7 +57,7 @@ def lost(best):
     forms = [f"{name} {came[0][1]}" for name, came in of_groups.items() if all(came) and came[0][1]]
     kept = [name for name in of_groups if name not in gone]
     if of_groups and len(kept) <= 1 and len(gone) > 2:
-        gone = ["all but places" + "".join(f", {name}" for name in kept) + (", colour" if best.colour == "yes" else "")]
+        gone = [", ".join(["all but places", *(["colour"] if best.colour == "yes" else []), *kept])]
     return "; ".join(filter(None, [", ".join(gone), ", ".join(forms)]))
 
 
