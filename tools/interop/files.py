@@ -199,7 +199,22 @@ def read_tum(file):
 READERS = {".ply": read_ply, ".pcd": read_pcd, ".npz": read_npz, ".splat": read_splat, ".obj": read_obj, ".mcap": read_mcap, ".tum": read_tum}
 
 
+# What `echosplat info` says of a file, beside the same counted here.
+TOLD = {
+    "map.ply": ("gaussians", lambda found: len(found.places)),
+    "recording.mcap": ("poses", lambda found: found.messages["/pose", "cdr"]),
+    "poses.tum": ("poses", lambda found: found.rows),
+}
+
+
 def written(product, file):
+    """What the file holds, which has to be what EchoSplat says of it."""
     if file.suffix == ".svlog":
         return Written(rows=product.info(file)["pings"])
-    return READERS[file.suffix](file)
+    found = READERS[file.suffix](file)
+    if file.name in TOLD:
+        name, count = TOLD[file.name]
+        told = product.info(file)[name]
+        if told != count(found):
+            raise RuntimeError(f"{file}: {count(found)} {name} are in it, and `echosplat info` says {told}")
+    return found

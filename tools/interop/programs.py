@@ -55,6 +55,7 @@ class Programs:
 
     def __init__(self, folder, is_of_system):
         self.folder, self.is_of_system = folder, is_of_system
+        self.of_screen = {}
         self.home = folder / "home"
         self.home.mkdir(parents=True, exist_ok=True)
 
@@ -98,10 +99,12 @@ class Programs:
 
     def with_screen(self, python, module):
         """Variables by which a library starts on a machine without a screen: what it links to is unpacked where it is missing."""
-        variables = self.variables()
-        if subprocess.run([python, "-c", f"import {module}"], capture_output=True, env=variables).returncode == 0:
-            return variables
-        return variables | libraries(self.unpacked("screen", SCREEN))
+        if module not in self.of_screen:
+            variables = self.variables()
+            tried = subprocess.run([python, "-c", f"import {module}"], capture_output=True, env=variables)
+            more = {} if tried.returncode == 0 else libraries(self.unpacked("screen", SCREEN))
+            self.of_screen[module] = variables | more
+        return self.of_screen[module]
 
     def with_packages(self):
         """Variables for the unpacked programs."""

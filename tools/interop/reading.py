@@ -44,9 +44,13 @@ class Row:
 
 
 def points(programs, product, folders, wanted):
-    rows = []
+    rows, of_maps = [], {}
     for file, claimed in POINTS.items():
         of_dives = {dive: files.written(product, folder / file) for dive, folder in folders.items()}
+        counts = {dive: len(written.places) for dive, written in of_dives.items()}
+        of_maps = of_maps or counts
+        if not file.startswith("mesh") and counts != of_maps:
+            raise RuntimeError(f"{file}: {counts} Gaussians exported of {of_maps}")
         for program in filter(lambda program: wanted(file, program), claimed):
             row = Row(file, program, of_dives)
             for dive, written in of_dives.items():
