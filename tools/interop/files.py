@@ -196,7 +196,15 @@ def read_tum(file):
     return Written(rows=sum(bool(line.strip()) and not line.startswith("#") for line in lines))
 
 
-READERS = {".ply": read_ply, ".pcd": read_pcd, ".npz": read_npz, ".splat": read_splat, ".obj": read_obj, ".mcap": read_mcap, ".tum": read_tum}
+READERS = {
+    ".ply": read_ply,
+    ".pcd": read_pcd,
+    ".npz": read_npz,
+    ".splat": read_splat,
+    ".obj": read_obj,
+    ".mcap": read_mcap,
+    ".tum": read_tum,
+}
 
 
 # What `echosplat info` says of a file, beside the same counted here.

@@ -9,11 +9,14 @@ ROOT = HERE.parents[1]
 
 def arguments():
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folder", nargs="?", type=pathlib.Path, help="where programs and files are kept; a passing one without")
+    kept = "where programs and files are kept; a passing one without"
+    parser.add_argument("folder", nargs="?", type=pathlib.Path, help=kept)
     parser.add_argument("--program", type=pathlib.Path, default=ROOT / "target/release/echosplat")
     parser.add_argument("--page", type=pathlib.Path, default=ROOT / "docs/formats.md")
-    parser.add_argument("--only", action="append", default=[], metavar="WORD", help="programs and files with this in their name; the page stays as it is")
-    parser.add_argument("--system-packages", action="store_true", help="install PCL and CloudCompare rather than unpack them")
+    named = "programs and files with this in their name; the page stays as it is"
+    parser.add_argument("--only", action="append", default=[], metavar="WORD", help=named)
+    installed = "install PCL and CloudCompare rather than unpack them"
+    parser.add_argument("--system-packages", action="store_true", help=installed)
     return parser.parse_args()
 
 

@@ -11,7 +11,8 @@ RELATIVE, ABSOLUTE = 1e-4, 1e-6
 STEP = 1.01 / 255
 # Of normals, which some keep as the number of one of many directions.
 DIRECTION = 0.01
-GROUPS = {"n": "normal", "normals": "normal", "f_dc": "f_dc", "scale": "scale", "rot": "rotation", "rotation": "rotation", "cov": "covariance", "position_covariance_m2": "covariance"}
+# Columns that are told of together, where their names do not say so.
+GROUPS = {"rot": "rotation", "cov": "covariance", "position_covariance_m2": "covariance"}
 
 
 @dataclass

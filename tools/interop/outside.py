@@ -1,5 +1,5 @@
 """What programs decode that are no Python libraries: they write what they read as text, which is read here."""
-import csv, re, tempfile, pathlib
+import csv, pathlib, re, tempfile
 
 import numpy as np
 
@@ -19,10 +19,19 @@ def splat_transform(programs, file, is_mesh):
     return {"places": places, "columns": columns}
 
 
+def table(names, lines):
+    """Columns of rows of text."""
+    rows = np.array([line.split() for line in lines], float)
+    return dict(zip(names, rows.reshape(-1, len(names)).T))
+
+
 def pcl(programs, file, is_mesh):
     """By its tools for PLY and for PCD; the second decodes the points, the first alone would copy bytes."""
     variables = programs.with_packages()
-    tool = lambda name, *arguments: run([programs.binary(name), *arguments], env=variables)
+
+    def tool(name, *arguments):
+        run([programs.binary(name), *arguments], env=variables)
+
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
         if file.suffix == ".ply":
@@ -35,7 +44,7 @@ def pcl(programs, file, is_mesh):
     head = dict(line.split(" ", 1) for line in lines[:at] if " " in line and line[0] != "#")
     names, counts = head["FIELDS"].split(), map(int, head["COUNT"].split())
     names = [name if count == 1 else f"{name}_{i}" for name, count in zip(names, counts) for i in range(count)]
-    columns = dict(zip(names, np.array([line.split() for line in lines[at + 1 :]], float).reshape(-1, len(names)).T))
+    columns = table(names, lines[at + 1 :])
     found = {"places": np.stack([columns.pop(axis) for axis in "xyz"], 1), "columns": columns}
     if "rgb" in columns:
         # Three bytes in one number.
@@ -51,12 +60,13 @@ def cloudcompare(programs, file, is_mesh):
         text, mesh = pathlib.Path(folder) / "out.asc", pathlib.Path(folder) / "out.obj"
         formats = ["-C_EXPORT_FMT", "ASC", "-ADD_HEADER", "-M_EXPORT_FMT", "OBJ", "-NO_TIMESTAMP"]
         first = ["-SAVE_MESHES", "FILE", mesh, "-EXTRACT_VERTICES"] if is_mesh else []
-        command = [programs.binary("CloudCompare"), "-SILENT", *formats, "-O", "-GLOBAL_SHIFT", "AUTO", file, *first, "-SAVE_CLOUDS", "FILE", text]
-        run(command, env=programs.with_packages())
+        opened = ["-SILENT", *formats, "-O", "-GLOBAL_SHIFT", "AUTO", file]
+        saved = [*first, "-SAVE_CLOUDS", "FILE", text]
+        run([programs.binary("CloudCompare"), *opened, *saved], env=programs.with_packages())
         head, *lines = text.read_text().splitlines()
         triangles = files.read_obj(mesh).triangles if is_mesh else None
     names = head.lstrip("/").split()
-    columns = dict(zip(names, np.array([line.split() for line in lines], float).reshape(-1, len(names)).T))
+    columns = table(names, lines)
     found = {"places": np.stack([columns.pop(axis) for axis in "XYZ"], 1), "triangles": triangles, "columns": columns}
     if "R" in columns:
         found["colour"] = np.stack([columns.pop(name) for name in "RGB"], 1) / 255

@@ -11,21 +11,23 @@ def tables(points, messages):
 
 
 def point_table(rows):
-    lines = ["| file | program | " + " | ".join(DIVES) + " | places | colour | sigma | lost |", "|---" * (len(DIVES) + 6) + "|"]
+    head = line("file", "program", *DIVES, "places", "colour", "sigma", "lost")
+    lines = [head, "|---" * (len(DIVES) + 6) + "|"]
     seen = None
     for row in rows:
         if row.file != seen:
             seen = row.file
             counts = [count(len(w.places), w.triangles) for w in row.written.values()]
             some = next(iter(row.written.values()))
-            lines.append(line(f"**`{row.file}`**", "*written*", *counts, "", "yes" if some.colour is not None else "none", "yes" if sigma_of(some) else "none", ""))
+            told = ["none" if some.colour is None else "yes", "yes" if sigma_of(some) else "none"]
+            lines.append(line(f"**`{row.file}`**", "*written*", *counts, "", *told, ""))
         lines.append(line("", f"{row.program} {version_of(row.program)}", *cells(row)))
     return lines
 
 
 def cells(row):
     found = [arrival for arrival in row.arrived.values() if not isinstance(arrival, str)]
-    counts = [f"– ({a})" if isinstance(a, str) else count(a.count, a.triangles if row.written[d].triangles is not None else None) for d, a in row.arrived.items()]
+    counts = [cell(arrival, row.written[dive]) for dive, arrival in row.arrived.items()]
     if len(found) == 0:
         return [*counts, "", "", "", ""]
     # A map without Gaussians tells nothing of columns.
@@ -34,6 +36,13 @@ def cells(row):
     best = told[0] if told else found[0]
     sigma = sigma_of(best)
     return [*counts, places(off_m), best.colour or "", sigma and (best.columns[sigma] or ["no"])[0] or "", lost(best)]
+
+
+def cell(arrival, written):
+    """How many arrived, or the word why none."""
+    if isinstance(arrival, str):
+        return f"– ({arrival})"
+    return count(arrival.count, None if written.triangles is None else arrival.triangles)
 
 
 def places(off_m):

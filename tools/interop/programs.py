@@ -35,7 +35,8 @@ def version_of(program):
 def run(command, **more):
     done = subprocess.run(list(map(str, command)), capture_output=True, text=True, **more)
     if done.returncode != 0:
-        raise RuntimeError(f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout}{done.stderr}"[-4000:])
+        told = f"{' '.join(map(str, command))} ended with {done.returncode}:\n{done.stdout}{done.stderr}"
+        raise RuntimeError(told[-4000:])
     return done.stdout + done.stderr
 
 
@@ -86,7 +87,8 @@ class Programs:
         mark, root = folder / "packages.json", folder / "unpacked"
         if not (mark.exists() and json.loads(mark.read_text()) == packages):
             (folder / "partial").mkdir(parents=True, exist_ok=True)
-            run(["apt-get", "install", "-qq", "--download-only", "--reinstall", "-y", "-o", f"Dir::Cache::archives={folder}", *packages])
+            there = ["-o", f"Dir::Cache::archives={folder}"]
+            run(["apt-get", "install", "-qq", "--download-only", "--reinstall", "-y", *there, *packages])
             for package in sorted(folder.glob("*.deb")):
                 run(["dpkg", "-x", package, root])
             mark.write_text(json.dumps(packages))
@@ -98,7 +100,7 @@ class Programs:
         return kept | {"HOME": str(self.home), "QT_QPA_PLATFORM": "offscreen", "PYTHONDONTWRITEBYTECODE": "1"}
 
     def with_screen(self, python, module):
-        """Variables by which a library starts on a machine without a screen: what it links to is unpacked where it is missing."""
+        """Variables by which a library starts on a machine without a screen: what it links to is unpacked if missing."""
         if module not in self.of_screen:
             variables = self.variables()
             tried = subprocess.run([python, "-c", f"import {module}"], capture_output=True, env=variables)
@@ -112,7 +114,8 @@ class Programs:
         if self.is_of_system:
             return self.variables()
         plugins = {"QT_PLUGIN_PATH": "qt5/plugins", "CC_PLUGIN_PATH": "cloudcompare/plugins"}
-        return self.variables() | libraries(root) | {name: str(next(root.rglob(path))) for name, path in plugins.items()}
+        found = {name: str(next(root.rglob(path))) for name, path in plugins.items()}
+        return self.variables() | libraries(root) | found
 
     def binary(self, name):
         return self.apt() / "usr/bin" / name

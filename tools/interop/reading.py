@@ -9,7 +9,21 @@ from programs import run
 
 HERE = pathlib.Path(__file__).resolve().parent
 OUTSIDE = {"splat-transform": outside.splat_transform, "PCL": outside.pcl, "CloudCompare": outside.cloudcompare}
-LIBRARIES = {"Open3D": "open3d", "MeshLab (pymeshlab)": "pymeshlab", "pypcd4": "pypcd4", "PyVista (VTK)": "pyvista", "trimesh": "trimesh", "Rerun": "rerun", "numpy": "numpy", "mcap (Python)": "mcap", "mcap-ros2-support": "mcap_ros2_support", "rosbags": "rosbags", "PINGVerter": "pingverter", "bluerobotics-ping": "brping"}
+# What imports call them.
+LIBRARIES = {
+    "Open3D": "open3d",
+    "MeshLab (pymeshlab)": "pymeshlab",
+    "pypcd4": "pypcd4",
+    "PyVista (VTK)": "pyvista",
+    "trimesh": "trimesh",
+    "Rerun": "rerun",
+    "numpy": "numpy",
+    "mcap (Python)": "mcap",
+    "mcap-ros2-support": "mcap_ros2_support",
+    "rosbags": "rosbags",
+    "PINGVerter": "pingverter",
+    "bluerobotics-ping": "brping",
+}
 NEED_SCREEN = ["open3d", "pymeshlab", "pyvista"]
 MESHES = ["Open3D", "MeshLab (pymeshlab)", "PyVista (VTK)", "trimesh", "CloudCompare"]
 POINTS = {
@@ -22,7 +36,13 @@ POINTS = {
     "mesh.obj": MESHES,
 }
 BAG = ["mcap (Python)", "mcap-ros2-support", "Rerun", "@mcap/core", "rosbags", "evo"]
-MESSAGES = {"recording.mcap": BAG, "bag.mcap": BAG, "recovered.mcap": BAG, "log.svlog": ["PINGVerter", "bluerobotics-ping"], "poses.tum": ["evo"]}
+MESSAGES = {
+    "recording.mcap": BAG,
+    "bag.mcap": BAG,
+    "recovered.mcap": BAG,
+    "log.svlog": ["PINGVerter", "bluerobotics-ping"],
+    "poses.tum": ["evo"],
+}
 # Files that are not meant for a program, or one dive's of them, and the one word why.
 NOT_MEANT = {
     ("map.pcd", "CloudCompare"): "plugin",
@@ -146,5 +166,6 @@ def counted(programs, program, path):
         if path.suffix == ".tum":
             return {"rows": outside.evo_traj(programs, path, "tum")}
         return {"/pose": outside.evo_traj(programs, path, "mcap", "/pose")}
-    told = run([programs.python(program), HERE / "read_messages.py", LIBRARIES[program], path], env=programs.variables())
+    command = [programs.python(program), HERE / "read_messages.py", LIBRARIES[program], path]
+    told = run(command, env=programs.variables())
     return json.loads(told.strip().splitlines()[-1])
