@@ -25,7 +25,7 @@ def open3d(file, is_mesh):
     if is_mesh:
         mesh = open3d.t.io.read_triangle_mesh(file)
         found = {name: mesh.vertex[name].numpy() for name in mesh.vertex}
-        more = {"triangles": len(mesh.triangle.indices)}
+        more = {"triangles": len(mesh.triangle.indices) if "indices" in mesh.triangle else 0}
     else:
         cloud = open3d.t.io.read_point_cloud(file)
         found = {name: cloud.point[name].numpy() for name in cloud.point}
@@ -95,7 +95,7 @@ def trimesh(file, is_mesh):
     if is_mesh:
         return {"places": found.vertices, "triangles": len(found.faces), **columns_of(columns)}
     more = {}
-    if found.colors is not None and len(found.colors):
+    if getattr(found, "colors", None) is not None and len(found.colors):
         more["colour"] = np.asarray(found.colors)[:, :3] / 255.0
     return {"places": found.vertices, **more, **columns_of(columns)}
 
