@@ -1,7 +1,7 @@
 //! Checks that the workspace holds to its architecture: `cargo xtask check`.
 //!
-//! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`]
-//! and [`sources`]. It deliberately builds nothing, changes nothing and needs no network: what the
+//! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`],
+//! [`results`] and [`sources`]. It deliberately builds nothing, changes nothing and needs no network: what the
 //! compiler and clippy can say is theirs to say.
 
 #![allow(
@@ -15,6 +15,7 @@ mod constants;
 mod crates;
 mod dependencies;
 mod graph;
+mod results;
 mod sources;
 mod workspace;
 
@@ -51,6 +52,7 @@ fn check() -> anyhow::Result<Vec<String>> {
     ));
     broken.extend(sources::violations(&files));
     broken.extend(constants::violations(&files));
+    broken.extend(results::violations(&files));
     Ok(broken)
 }
 
