@@ -212,21 +212,27 @@ fn the_report_goes_on_where_it_was_and_gives_its_page() {
     };
     let first = report(&["--only", "length"]);
     assert!(first.contains("runs left, about"), "{first}");
-    let read = || -> serde_json::Value {
-        serde_json::from_slice(&std::fs::read(&out).unwrap()).unwrap()
-    };
+    let read =
+        || -> serde_json::Value { serde_json::from_slice(&std::fs::read(&out).unwrap()).unwrap() };
     let part = read();
     assert_eq!(part["length"][0]["runs"].as_array().unwrap().len(), 2);
     assert!(!part["left_out"].as_array().unwrap().is_empty());
     // What is done of another part stays.
     let all = report(&[]);
-    assert!(all.contains("2 of ") && all.contains("runs are done already"), "{all}");
+    assert!(
+        all.contains("2 of ") && all.contains("runs are done already"),
+        "{all}"
+    );
     let whole = read();
     assert_eq!(whole["length"], part["length"]);
     assert_eq!(whole["left_out"].as_array().unwrap().len(), 0);
     assert_eq!(whole["live"].as_array().unwrap().len(), 10);
     let methods = whole["error_time"][0]["curves"].as_array().unwrap();
-    assert!(methods.iter().any(|curve| curve["method"] == "online finished"));
+    assert!(
+        methods
+            .iter()
+            .any(|curve| curve["method"] == "online finished")
+    );
     let page = path("docs/results.md");
     let arguments = ["bench", "report", "--write-page", &page, "--from", &out];
     Program::echosplat(&arguments).wait_exit_code(0, LONG);
@@ -250,8 +256,18 @@ fn the_kept_page_is_that_of_the_kept_results() {
     let folder = tempfile::tempdir().expect("a folder can be made");
     let page = folder.path().join("results.md");
     let (page_text, kept_text) = (page.display().to_string(), kept.display().to_string());
-    let arguments = ["bench", "report", "--write-page", &page_text, "--from", &kept_text];
+    let arguments = [
+        "bench",
+        "report",
+        "--write-page",
+        &page_text,
+        "--from",
+        &kept_text,
+    ];
     Program::echosplat(&arguments).wait_exit_code(0, LONG);
     let made = std::fs::read_to_string(&page).unwrap();
-    assert_eq!(made, std::fs::read_to_string(docs.join("results.md")).unwrap());
+    assert_eq!(
+        made,
+        std::fs::read_to_string(docs.join("results.md")).unwrap()
+    );
 }

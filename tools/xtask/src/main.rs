@@ -1,7 +1,8 @@
-//! Checks that the workspace holds to its architecture: `cargo xtask check`.
+//! Checks that the workspace holds to its architecture: `cargo xtask check`; and packs what a package needs:
+//! `cargo xtask dist` ([`dist`]).
 //!
 //! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`],
-//! [`results`] and [`sources`]. It deliberately builds nothing, changes nothing and needs no network: what the
+//! [`results`] and [`sources`]. The check deliberately builds nothing, changes nothing and needs no network: what the
 //! compiler and clippy can say is theirs to say.
 
 #![allow(
@@ -14,6 +15,7 @@ mod code;
 mod constants;
 mod crates;
 mod dependencies;
+mod dist;
 mod graph;
 mod results;
 mod sources;
@@ -23,12 +25,13 @@ use std::process::ExitCode;
 
 use workspace::Workspace;
 
-const USAGE: &str = "usage: cargo xtask check";
+const USAGE: &str = "usage: cargo xtask check | dist";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["check"] => report(check()),
+        ["dist"] => dist::made(),
         _ => {
             eprintln!("{USAGE}");
             ExitCode::from(2)

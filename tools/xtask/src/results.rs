@@ -34,7 +34,9 @@ pub(crate) fn violations(files: &[SourceFile]) -> Vec<String> {
     let table = |text: &str| Some(text.split(ACCURACY_MARK).nth(1)?.trim().to_owned());
     let readme = text(README).and_then(table);
     if readme.is_some_and(|readme| Some(readme) != table(page)) {
-        broken.push(format!("{README}: the table of accuracy is not that of {PAGE}: {AGAIN}"));
+        broken.push(format!(
+            "{README}: the table of accuracy is not that of {PAGE}: {AGAIN}"
+        ));
     }
     broken
 }
@@ -48,7 +50,10 @@ fn differences(json: &str, body: &str, mark: &str, files: &[SourceFile]) -> Vec<
         }
     }
     charts.sort_unstable();
-    let drawn: Vec<&str> = charts.iter().flat_map(|(name, svg)| [*name, *svg]).collect();
+    let drawn: Vec<&str> = charts
+        .iter()
+        .flat_map(|(name, svg)| [*name, *svg])
+        .collect();
     let parts = [(FILE, vec![json]), (PAGE, vec![body]), (CHARTS, drawn)];
     let named = mark.trim_end().trim_end_matches(" -->").split(", ");
     let named = named.map(|part| part.rsplit(' ').next().unwrap_or_default());
@@ -106,7 +111,11 @@ mod tests {
 
     #[test]
     fn what_was_made_together_agrees() {
-        assert!(violations(&sound()).is_empty(), "{:?}", violations(&sound()));
+        assert!(
+            violations(&sound()).is_empty(),
+            "{:?}",
+            violations(&sound())
+        );
         assert!(violations(&[file(PAGE, "# by hand\n")]).is_empty());
     }
 

@@ -66,7 +66,7 @@ pub(super) fn accuracy(results: &Results) -> String {
     let run = results.accuracy.iter().filter(|case| !case.runs.is_empty());
     let rows: Vec<Vec<String>> = run.map(row).collect();
     let words = format!(
-        "Surveys of four scenes, medians over the seeds:\n\n{ACCURACY_MARK}\n{table}{ACCURACY_MARK}\n\n\
+        "Surveys of four scenes, medians over the seeds:\n\n{ACCURACY_MARK}\n\n{table}\n{ACCURACY_MARK}\n\n\
          All dives. HD hangs on a single Gaussian and moves by a factor of three when sums are rounded otherwise; \
          the 99th percentile does not."
     );
@@ -187,7 +187,7 @@ pub(super) fn error_time(results: &Results) -> String {
     });
     let rows: Vec<Vec<String>> = rows.collect();
     let words = "The paper's method takes images, so it runs where a dive has them; it is \
-                 [named with its authors](algorithm.md#sources). Methods that take all pings at once are run anew for \
+                 [named with its authors](develop/method.md#sources). Methods that take all pings at once are run anew for \
                  each point.";
     let header = ["dive", "method", "best CD", "after", "last CD", "false"];
     section("Error against time", words, &header, &rows)

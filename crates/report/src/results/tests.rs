@@ -194,7 +194,7 @@ fn the_readme_has_the_pages_table_between_its_marks() {
     assert!(text.starts_with("# A\n") && text.ends_with("\n\nmore\n") && !text.contains("old"));
     let between = |text: &str| text.split(ACCURACY_MARK).nth(1).unwrap().to_owned();
     assert_eq!(between(&text), between(&page(&sample()).unwrap().text));
-    assert!(between(&text).contains("| CD, noise `nominal` | 0.022 m | – | – | – |"));
+    assert!(between(&text).contains("(`harsh`) | 0.050 m | – | – | – |"));
     assert_eq!(with_accuracy(&text, &sample()).unwrap(), text);
     assert!(with_accuracy("# without\n", &sample()).is_none());
     assert!(with_accuracy(ACCURACY_MARK, &sample()).is_none());
