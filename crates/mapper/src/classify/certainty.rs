@@ -32,7 +32,7 @@ pub(crate) const NEAR_M: f32 = 0.10;
 /// that its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by so many times its log odds
 /// against the other places, from its explained-energy ratio (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many
 /// times the logarithms of that sigma, of what its poses share, and of how many half thicknesses it lies from the body's middle.
-/// Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
+/// Found by logistic regression; `docs/decisions/2026-11-28-what-is-asserted.md` has the dives and what they leave over.
 const EVEN_ODDS: f32 = 0.2;
 const PER_EXPLAINED_RATIO: f32 = 1.2;
 const LEAST_TOLD: f32 = -3.0;
