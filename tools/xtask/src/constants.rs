@@ -19,8 +19,9 @@ const FOLDERS: [(&str, &str); 4] = [
     ("Prediction", "crates/prediction/src/"),
 ];
 /// One of these words in its first sentence says where a constant is from.
-const SOURCES: [&str; 11] = [
+const SOURCES: [&str; 12] = [
     "assumed",
+    "bound",
     "bounds",
     "definition",
     "derived",
@@ -45,7 +46,7 @@ line says unit and source:
 * **physics**, **derived**, **literature**, **theory**: as said, or as the [method](method.md) has it;
 * **measured**: on real units, or on the dives that the comment or a [decision](../decisions/README.md) names;
 * **found**: chosen by trial on dives, nothing else is known of it; **assumed**: not even that;
-* **bounds** work, memory or latency; **grid** of a search; **layout** of memory and threads.
+* **bound** on a value, **bounds** work, memory or latency; **grid** of a search; **layout** of memory and threads.
 
 [What 30 % less and more of each does](../decisions/2026-11-24-what-constants-do.md).
 ";

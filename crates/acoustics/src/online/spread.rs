@@ -9,7 +9,8 @@ use super::rows::{OnlineRow, RowGradient};
 use crate::lanes::{self, LANES};
 use crate::{PingGeometry, Splat};
 
-/// Numbers beyond the last bin that eight at a time may touch; layout.
+/// Numbers beyond the last bin; layout.
+/// Eight at a time may touch them.
 /// Numbers beyond the last bin that eight at a time may touch.
 pub(super) const PADDING: usize = LANES + 1;
 

@@ -15,7 +15,7 @@ use crate::accumulate::history::{History, Keyframe};
 use crate::detect::bin_state::BinState;
 use crate::features::Extent;
 
-/// Azimuth sectors of a block: of 45°, from above and from below; layout.
+/// Azimuth sectors of a block; layout.
 /// Azimuth sectors of a block that observations come from: of 45° each, from above and from below.
 const SECTORS: usize = 16;
 
