@@ -11,7 +11,6 @@ use crate::{PingGeometry, Splat};
 
 /// Numbers beyond the last bin; layout.
 /// Eight at a time may touch them.
-/// Numbers beyond the last bin that eight at a time may touch.
 pub(super) const PADDING: usize = LANES + 1;
 
 /// Sigmas, derived from f32's digits.
