@@ -90,7 +90,11 @@ fn the_four_commands_of_the_readme_map_a_dive_without_a_sonar() {
             program.account()
         );
     }
-    assert!(folder.join("out/map.ply").is_file(), "{}", service.account());
+    assert!(
+        folder.join("out/map.ply").is_file(),
+        "{}",
+        service.account()
+    );
     assert!(
         service.stdout().contains(" mapped, "),
         "{}",

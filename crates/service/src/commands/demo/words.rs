@@ -8,7 +8,8 @@ use echosplat_simulator::Dive;
 pub(super) const WATCHED_RATE: f64 = 4.0;
 
 /// What the whole dive at the fence was seen to take on two cores of a server.
-const SEEN: &str = "The whole dive of 240 s at the fence takes about 45 s on two cores of a server.";
+const SEEN: &str =
+    "The whole dive of 240 s at the fence takes about 70 s on two busy cores of a server.";
 
 /// What will happen, and how long it may take.
 pub(super) fn plan(dive: &Dive, scene: &str, is_watched: bool, out: &Path) -> String {
