@@ -28,7 +28,7 @@ e2e NAME:
 fast CRATE *ARGS:
     cargo test --release -p echosplat-{{CRATE}} {{ARGS}}
 
-# Format and the linter, of what is changed only.
+# Format, and the linters.
 lint:
     cargo fmt --all
     cargo clippy --release --workspace --all-targets -- -D warnings
