@@ -143,8 +143,10 @@ fn anchor(heading: &str) -> String {
 
 /// What is wrong with a command line, if it is one of ours.
 fn fault(line: &str, may_lack: bool) -> Option<String> {
-    let (line, rest) = line.split_once('…').unwrap_or((line, ""));
-    let may_lack = may_lack || !rest.is_empty() || line.ends_with(' ');
+    let (line, may_lack) = match line.split_once('…') {
+        Some((before, _)) => (before, true),
+        None => (line, may_lack),
+    };
     let Some(words) = shlex::split(line) else {
         return line
             .contains("echosplat ")
@@ -194,12 +196,9 @@ fn refusal(arguments: &[String], may_lack: bool) -> Option<String> {
     };
     let with_numbers: Vec<String> = arguments
         .iter()
-        .map(|word| {
-            if is_placeholder(word) {
-                "1".to_owned()
-            } else {
-                word.clone()
-            }
+        .map(|word| match is_placeholder(word) {
+            true => "1".to_owned(),
+            false => word.clone(),
         })
         .collect();
     let error = parsed(arguments)?;
