@@ -45,6 +45,9 @@ enum Command {
     },
 }
 
+#[cfg(test)]
+mod documents;
+
 fn main() -> ExitCode {
     let _log = logging::FlushedAtEnd;
     let arguments = match Arguments::try_parse() {
