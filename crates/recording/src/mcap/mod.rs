@@ -44,7 +44,7 @@ use bytes::Bytes;
 use echosplat_model::{StampedPose, Timestamp};
 
 pub use channel::Channel;
-pub use messages::{Condition, Message, Messages};
+pub use messages::{Condition, Message, Messages, WrittenBy};
 pub use part::Part;
 pub use reader::{Ending, RecordingReader};
 pub use scan::{Counts, Recording, Scan};
@@ -128,6 +128,9 @@ pub enum RecordingError {
         "its messages do not stand in the order of their times; `mcap sort IN.mcap -o OUT.mcap` puts them so"
     )]
     OutOfOrder,
+    /// Of a version that is not known here.
+    #[error(transparent)]
+    Newer(echosplat_ply::Newer),
     /// A folder, a fifo or a device.
     #[error("not a regular file")]
     NotAFile,

@@ -1,5 +1,6 @@
 //! Wavefront OBJ: vertices and faces; all else is passed over.
 
+use echosplat_ply::refuse_newer;
 use glam::DVec3;
 
 use super::{Triangle, push_polygon};
@@ -23,6 +24,9 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Vec<Triangle>, String> {
                 }
                 push_polygon(&corners, &polygon, &mut triangles)
                     .map_err(|message| format!("line {}: {message}", index + 1))?;
+            }
+            Some("#") => {
+                refuse_newer([&line.trim_start()[1..]]).map_err(|error| error.to_string())?
             }
             _ => {}
         }
