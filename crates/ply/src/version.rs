@@ -76,15 +76,14 @@ pub fn refuse_newer<'a>(comments: impl IntoIterator<Item = &'a str>) -> Result<(
             continue;
         };
         let word = comment.split_whitespace().nth(1).unwrap_or_default();
-        match version_of(word) {
-            Some(found) if found > newest => {
-                return Err(Newer {
-                    what,
-                    found,
-                    newest,
-                });
-            }
-            _ => {}
+        if let Some(found) = version_of(word)
+            && found > newest
+        {
+            return Err(Newer {
+                what,
+                found,
+                newest,
+            });
         }
     }
     Ok(())
