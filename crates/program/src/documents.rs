@@ -173,7 +173,10 @@ fn arguments(words: &[String]) -> Option<Vec<String>> {
         ["echosplat" | "target/release/echosplat", ..] => Some(words[1..].to_vec()),
         ["cargo", "run", ..] => {
             let at = text.iter().position(|word| *word == "--")?;
-            Some(words[at + 1..].to_vec())
+            let is_ours = text[..at]
+                .iter()
+                .all(|word| !["--example", "--package"].contains(word));
+            is_ours.then(|| words[at + 1..].to_vec())
         }
         _ => None,
     }
