@@ -221,7 +221,7 @@ fn every_command_that_reads_a_map_leaves_out_the_same_and_says_so() {
     };
     let mut bytes = Vec::new();
     ply::write(&none, &mut bytes).unwrap();
-    let row = bytes.len() - 4 * ply::PROPERTIES.len();
+    let row = bytes.len() - ply::ROW_BYTES;
     bytes[row..row + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     fs::write(&map, bytes).unwrap();
     let mut refused = Program::echosplat(&["export", &map, &path("b.splat")]);

@@ -23,11 +23,12 @@ import numpy as np
 PROPERTIES = ("x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 "
               "rot_0 rot_1 rot_2 rot_3 reflectivity sigma cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz "
               "probability").split()
+COLORS = "red green blue".split()
 
 def rows(path):
     header, _, body = open(path, "rb").read().partition(b"end_header\n")
     origin = next(line for line in header.split(b"\n") if line.startswith(b"comment origin_m"))
-    found = np.frombuffer(body, np.dtype([(name, "<f4") for name in PROPERTIES]))
+    found = np.frombuffer(body, np.dtype([(name, "<f4") for name in PROPERTIES] + [(name, "u1") for name in COLORS]))
     return np.array([float(word) for word in origin.split()[2:]]), found
 
 folder = sys.argv[1]
@@ -50,6 +51,8 @@ for file, table in (("confident", confident), ("all", together)):
         np.testing.assert_allclose(found["opacity"], 1 / (1 + np.exp(-table["opacity"])), 1e-5)
         np.testing.assert_allclose(found["scale"], np.exp(columns(table, "scale_0 scale_1 scale_2")), 1e-5)
         np.testing.assert_allclose(found["rotation"], columns(table, "rot_0 rot_1 rot_2 rot_3"), 1e-5)
+        color = np.clip(0.5 + 0.2820948 * columns(table, "f_dc_0 f_dc_1 f_dc_2"), 0, 1)
+        np.testing.assert_allclose(columns(table, "red green blue"), 255 * color, atol=0.51)
         assert found["confident"].dtype == bool
         np.testing.assert_array_equal(found["confident"], np.arange(len(table)) < len(confident))
         np.testing.assert_array_equal(found["id"], np.arange(len(table)))

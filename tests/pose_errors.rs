@@ -5,7 +5,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use echosplat_model::{PoseCovariance, StampedPose, Timestamp};
-use echosplat_recording::mcap::{Record, RecordingFile};
+use echosplat_recording::mcap::{Profile, Record, RecordingFile};
 use echosplat_recording::tum;
 use serde_json::Value;
 
@@ -35,7 +35,7 @@ fn mapped(
     let path = folder.join("poses.mcap");
     // Of the call before.
     let _ = std::fs::remove_file(&path);
-    let mut recording = RecordingFile::create(&path, "map").expect("a new file");
+    let mut recording = RecordingFile::create(&path, "map", Profile::Full).expect("a new file");
     for pose in &poses {
         let seconds = pose.time.seconds_since(poses[0].time);
         let uncertainty = told(seconds);

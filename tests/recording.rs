@@ -8,7 +8,9 @@ use std::time::Duration;
 use echosplat_bus::point_cloud;
 use echosplat_model::glam::{Quat, Vec3};
 use echosplat_model::{Gaussian, Pose, StampedPose, Standing, Timestamp};
-use echosplat_recording::mcap::{Ending, Record, Recording, RecordingFile, RecordingReader};
+use echosplat_recording::mcap::{
+    Ending, Profile, Record, Recording, RecordingFile, RecordingReader,
+};
 use echosplat_recording::svlog::SvlogReader;
 use echosplat_ros::{CdrWriter, Header};
 use serde_json::json;
@@ -60,6 +62,42 @@ fn a_recording_holds_the_bytes_the_poses_and_the_configuration() {
     assert_eq!(info["damage"]["is_cut"], false);
     assert!(info["pings"].as_u64().unwrap() > 0, "{info}");
     assert_eq!(info["replays_without_poses"], true, "{info}");
+}
+
+/// The poses of a file begin at 0 s; the bytes of its log were read today.
+#[test]
+fn a_replay_is_recorded_on_one_clock() {
+    let folder = tempfile::tempdir().unwrap();
+    let files = recorded(folder.path(), &[]);
+    let scan = Recording::scan(&files).unwrap();
+    let (first, last) = scan.span.expect("there are records");
+    let taken_s = last.seconds_since(first);
+    assert!((0.0..LONG.as_secs_f64()).contains(&taken_s), "{taken_s} s");
+    assert_eq!(scan.poses.len(), pose_count());
+}
+
+#[test]
+fn what_is_recorded_for_ros_is_what_a_whole_recording_holds_of_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let [whole, ros] = ["whole", "ros"].map(|name| folder.path().join(name));
+    let [whole] = &recorded(&whole, &[])[..] else {
+        panic!("one file")
+    };
+    let [ros] = &recorded(&ros, &["--record-format", "ros"])[..] else {
+        panic!("one file")
+    };
+    let made = whole.with_extension("ros.mcap");
+    Program::echosplat(&["recover", "--ros", path(whole)]).wait_exit_code(0, LONG);
+    let counts = Recording::scan(&[whole]).unwrap().counts;
+    for file in [ros, &made] {
+        let start = fs::read(file).unwrap();
+        assert_eq!(start[21..25], *b"ros2", "profile of {}", file.display());
+        let found = Recording::scan(&[file]).unwrap();
+        assert_eq!(found.counts.raw_bytes, counts.raw_bytes);
+        assert_eq!(found.counts.poses, counts.poses);
+        assert_eq!(found.counts.statuses + found.counts.events, 0);
+        assert_eq!((found.undecodable_count, found.is_cut), (0, false));
+    }
 }
 
 #[test]
@@ -140,7 +178,7 @@ fn one_of_each() -> Vec<Record> {
 fn other_programs_read_one_of_each() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("each.mcap");
-    let mut recording = RecordingFile::create(&file, "map").unwrap();
+    let mut recording = RecordingFile::create(&file, "map", Profile::Full).unwrap();
     for record in one_of_each() {
         recording
             .writer()

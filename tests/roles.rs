@@ -10,7 +10,7 @@ use std::sync::{Arc, OnceLock};
 use std::time::Duration;
 
 use echosplat_model::Timestamp;
-use echosplat_recording::mcap::{Record, Recording, RecordingFile, RecordingReader};
+use echosplat_recording::mcap::{Profile, Record, Recording, RecordingFile, RecordingReader};
 use serde_json::{Value, json};
 
 use crate::harness::{Program, free_port, wait_until_listening};
@@ -185,7 +185,7 @@ fn a_mapper_that_starts_late_goes_on_from_the_drivers_recording() {
 /// Copies a recording, with these events at its end.
 fn copy_with(recording: &Path, copy: &Path, events: &[Value]) {
     let mut reader = RecordingReader::open(&[recording]).expect("a recording");
-    let mut file = RecordingFile::create(copy, "map").expect("there is room");
+    let mut file = RecordingFile::create(copy, "map", Profile::Full).expect("there is room");
     let mut write = |time, record: &Record| {
         let written = file.writer().write(time, record);
         written.expect("there is room");

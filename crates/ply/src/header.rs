@@ -152,6 +152,17 @@ impl Element {
         }
     }
 
+    /// The same with a `uchar` of each name behind them.
+    #[must_use]
+    pub fn with_bytes(mut self, properties: &[&str]) -> Self {
+        self.properties
+            .extend(properties.iter().map(|name| Property {
+                name: (*name).to_owned(),
+                kind: Kind::Scalar(Scalar::U8),
+            }));
+        self
+    }
+
     /// With one list of `int` of at most 255 items.
     #[must_use]
     pub fn of_lists(name: &str, count: usize, property: &str) -> Self {

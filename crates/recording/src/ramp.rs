@@ -28,6 +28,11 @@ pub(crate) fn color_of_reflectivity(reflectivity: f32) -> [f32; 3] {
     })
 }
 
+/// The same, 0 to 255.
+pub(crate) fn bytes_of_color(color: [f32; 3]) -> [u8; 3] {
+    color.map(|channel| (255.0 * channel).round() as u8)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

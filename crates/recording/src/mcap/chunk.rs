@@ -14,7 +14,7 @@ pub(super) const MAX_CHUNK_BYTES: usize = 128 << 20;
 /// Head of a chunk's body with the longest name of a compression.
 pub(super) const CHUNK_HEAD_BYTES: usize = FIXED_BYTES + MAX_NAME_BYTES;
 /// Two times, length and checksum of the records, length of the name, length of the content.
-const FIXED_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
+pub(super) const FIXED_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
 const MAX_NAME_BYTES: usize = 16;
 const ZSTD_MAGIC: [u8; 4] = [0x28, 0xb5, 0x2f, 0xfd];
 const LZ4_MAGIC: [u8; 4] = [0x04, 0x22, 0x4d, 0x18];
@@ -62,12 +62,32 @@ impl ChunkHead {
         })
     }
 
+    /// Whether a record with this beginning is the head of a chunk that has not ended: it says no
+    /// length, and its records follow one by one.
+    pub(super) fn is_open(record: &[u8]) -> bool {
+        let all_set = |at: usize| record.get(at..at + 8) == Some(&[0xff; 8]);
+        let no_name = record.get(37..41) == Some(&[0; 4]);
+        // Length of the record, of the records in it and of the content.
+        all_set(1) && all_set(25) && no_name && all_set(41)
+    }
+
+    /// Whether its records stand there as they were written.
+    pub(super) fn is_plain(&self) -> bool {
+        self.compression.is_empty()
+    }
+
     /// How long a body with this beginning says that it is.
     pub(super) fn length_said(start: &[u8]) -> Option<u64> {
         let name_bytes = u32::from_le_bytes(*start.get(28..)?.first_chunk()?) as usize;
         let content_at = FIXED_BYTES + name_bytes.min(MAX_NAME_BYTES);
         let said = start.get(content_at - 8..)?.first_chunk()?;
         u64::from_le_bytes(*said).checked_add(content_at as u64)
+    }
+
+    /// Whether a body begins with a head and goes on with what that says.
+    pub(super) fn is_of(body: &[u8]) -> bool {
+        let head = Self::read(body, body.len() as u64);
+        head.is_some_and(|head| head.content(body).is_sound)
     }
 
     /// The records in this body, which may be cut or damaged: then those before that. No more is
@@ -77,7 +97,8 @@ impl ChunkHead {
         let said = usize::try_from(self.record_byte_count).unwrap_or(usize::MAX);
         let most = said.min(MAX_CHUNK_BYTES);
         let bytes = match self.compression.as_str() {
-            "" => stored[..stored.len().min(most)].to_vec(),
+            // What stands there counts, also where its length in the head is damaged.
+            "" => stored[..stored.len().min(MAX_CHUNK_BYTES)].to_vec(),
             // What a damaged name says, the content says too.
             "zstd" => zstd(stored, most),
             "lz4" => lz4(stored, most),
@@ -201,7 +222,7 @@ mod tests {
         let content = head("zstd", &[0; 10]).content(&frame);
         assert_eq!(content.bytes, [0; 10]);
         let stored = head("", b"abc").content(b"abcdef");
-        assert!(stored.is_sound && stored.bytes == b"abc");
+        assert!(!stored.is_sound && stored.bytes == b"abcdef");
     }
 
     #[test]

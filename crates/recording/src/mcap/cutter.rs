@@ -12,7 +12,7 @@ use mcap::records::op;
 
 use super::RecordingError;
 use super::channel::Channel;
-use super::chunk::{CHUNK_HEAD_BYTES, ChunkHead, MAX_CHUNK_BYTES};
+use super::chunk::{CHUNK_HEAD_BYTES, ChunkHead, FIXED_BYTES, MAX_CHUNK_BYTES};
 use super::message::{RAW_HEAD_BYTES, is_raw_of};
 use super::topic::Topic;
 
@@ -87,6 +87,8 @@ struct Head {
     /// Of its body.
     length: usize,
     is_chunk: bool,
+    /// A chunk that is not compressed.
+    is_plain_chunk: bool,
 }
 
 impl<R: Read> Cutter<R> {
@@ -141,7 +143,9 @@ impl<R: Read> Cutter<R> {
                 self.begin();
                 return Ok(Piece::Begin);
             }
-            if available < HEAD_BYTES {
+            let is_chunk = self.of == Of::File && self.buffer.get(self.at) == Some(&op::CHUNK);
+            let least = HEAD_BYTES + if is_chunk { FIXED_BYTES } else { 0 };
+            if available < least {
                 self.cut_byte_count += available as u64;
                 self.consume(available);
                 return Ok(Piece::End);
@@ -169,6 +173,15 @@ impl<R: Read> Cutter<R> {
         }
         let is_followed = is_whole && self.is_followed(end);
         let says_it_twice = head.is_chunk || is_whole && self.is_whole_raw(head.length);
+        if head.is_plain_chunk {
+            // Of one that is cut the head alone: its records are read one by one.
+            let is_sound = is_followed && !self.is_chunk_cut_before(end);
+            return Ok(Some(if is_sound {
+                end
+            } else {
+                HEAD_BYTES + FIXED_BYTES
+            }));
+        }
         if says_it_twice && is_followed && !self.is_cut_before(end)? {
             return Ok(Some(end));
         }
@@ -220,7 +233,7 @@ impl<R: Read> Cutter<R> {
             match self.head(next) {
                 None => return Ok(true),
                 Some(head) => match head.kind {
-                    op::HEADER | op::SCHEMA | op::CHANNEL => return Ok(true),
+                    op::HEADER | op::SCHEMA | op::CHANNEL | op::CHUNK => return Ok(true),
                     // What a recording begins with may stand behind it too.
                     op::DATA_END => return Ok(false),
                     _ => next += HEAD_BYTES + head.length,
@@ -228,6 +241,13 @@ impl<R: Read> Cutter<R> {
             }
         }
         Ok(false)
+    }
+
+    /// The same of a chunk, which has a checksum.
+    fn is_chunk_cut_before(&self, end: usize) -> bool {
+        let body = &self.buffer[self.at + HEAD_BYTES..self.at + end];
+        let holds_begin = self.find_begin(HEAD_BYTES..end).is_some();
+        holds_begin && !ChunkHead::is_of(body)
     }
 
     /// Whether the record here, with a body of this length, holds raw bytes and says twice how
@@ -339,22 +359,37 @@ impl<R: Read> Cutter<R> {
         let said = length_of(bytes)?;
         let length = usize::try_from(said).ok()?;
         let of_file = self.of == Of::File;
+        if of_file && kind == op::CHUNK {
+            return Self::chunk_head(bytes, said);
+        }
         let possible = match kind {
             op::MESSAGE => length >= MESSAGE_HEAD_BYTES && self.knows_channel_of(bytes),
-            op::CHUNK => of_file && ChunkHead::read(&bytes[HEAD_BYTES..], said).is_some(),
             op::DATA_END => of_file && length == 4,
             op::FOOTER => of_file && length == 20,
             _ => SMALL_RECORDS.contains(&kind),
         };
-        let is_chunk = kind == op::CHUNK;
-        let most = match is_chunk {
-            true => MAX_CHUNK_BYTES,
-            false => self.most_body_bytes,
-        };
-        (possible && length <= most).then_some(Head {
+        (possible && length <= self.most_body_bytes).then_some(Head {
             kind,
             length,
-            is_chunk,
+            is_chunk: false,
+            is_plain_chunk: false,
+        })
+    }
+
+    /// Of one that has not ended no more than its head: its records follow.
+    fn chunk_head(bytes: &[u8], said: u64) -> Option<Head> {
+        let is_open = ChunkHead::is_open(bytes);
+        let found = ChunkHead::read(&bytes[HEAD_BYTES..], said);
+        let length = match is_open {
+            true => FIXED_BYTES,
+            false => usize::try_from(said).ok()?,
+        };
+        let is_possible = is_open || found.is_some() && length <= MAX_CHUNK_BYTES;
+        is_possible.then_some(Head {
+            kind: op::CHUNK,
+            length,
+            is_chunk: !is_open,
+            is_plain_chunk: found.is_some_and(|found| found.is_plain()),
         })
     }
 

@@ -79,7 +79,10 @@ impl<'a> FileMessages<'a> {
                     Item::End => return Ok(Next::End(messages.condition())),
                     Item::Message(message) => {
                         let channel = messages.channel(message.header.channel_id);
-                        if let Some(topic) = channel.and_then(|channel| channel.own) {
+                        let topic = channel.and_then(|channel| channel.own);
+                        // What makes a delta whole is not said in ROS.
+                        let is_half = |topic| topic == Topic::Delta && messages.is_for_ros();
+                        if let Some(topic) = topic.filter(|topic| !is_half(*topic)) {
                             return Ok(Next::Message(topic, message));
                         }
                     }

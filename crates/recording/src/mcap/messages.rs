@@ -10,9 +10,9 @@ use bytes::Bytes;
 use mcap::records::{MessageHeader, Record, op};
 
 use super::channel::{Channel, own_channels};
-use super::chunk::{ChunkHead, MAX_CHUNK_BYTES};
+use super::chunk::{ChunkHead, FIXED_BYTES, MAX_CHUNK_BYTES};
 use super::cutter::{Cutter, Piece};
-use super::{LIBRARY, RecordingError};
+use super::{LIBRARY, LIBRARY_BEFORE, ROS2, RecordingError};
 
 /// A message as it stands in a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -54,7 +54,7 @@ pub(super) enum Item {
 
 /// What a record says.
 enum Said {
-    Library(String),
+    Writer { library: String, profile: String },
     Schema(u16, String),
     Channel(u16, u16, [String; 2]),
     Message(Message),
@@ -72,6 +72,8 @@ pub struct Messages<R> {
     is_own: Option<bool>,
     /// Messages have the sequences that this program gave them.
     keeps_sequences: bool,
+    /// Its profile says so.
+    is_for_ros: bool,
     condition: Condition,
     is_ended: bool,
 }
@@ -98,6 +100,7 @@ impl<R: Read> Messages<R> {
             schemas: HashMap::new(),
             is_own: None,
             keeps_sequences: true,
+            is_for_ros: false,
             condition: Condition::default(),
             is_ended: false,
         })
@@ -156,11 +159,13 @@ impl<R: Read> Messages<R> {
 
     fn note(&mut self, said: Said) {
         match said {
-            Said::Library(library) => {
-                let is_own = library == LIBRARY;
+            Said::Writer { library, profile } => {
+                let own = [LIBRARY, LIBRARY_BEFORE];
+                let is_own = own.contains(&&library[..]);
                 self.is_own = Some(is_own);
+                self.is_for_ros = profile == ROS2;
                 // Tools that rewrite a file put their own name before.
-                self.keeps_sequences = library.contains(LIBRARY);
+                self.keeps_sequences = own.iter().any(|own| library.contains(own));
                 if !is_own {
                     self.file.most_body_bytes = MAX_CHUNK_BYTES;
                     self.file.channels.clear();
@@ -187,6 +192,10 @@ impl<R: Read> Messages<R> {
 
     fn enter_chunk(&mut self) {
         let body = self.file.body();
+        if body.len() == FIXED_BYTES {
+            // The head alone: what it holds follows.
+            return;
+        }
         // The length is not asked again: what is cut is less.
         let length = ChunkHead::length_said(body);
         let Some(head) = length.and_then(|length| ChunkHead::read(body, length)) else {
@@ -242,6 +251,7 @@ impl<R: Read> Messages<R> {
         self.file.channels = own_channels();
         self.is_own = None;
         self.keeps_sequences = true;
+        self.is_for_ros = false;
         Item::Begin(before)
     }
 
@@ -269,6 +279,11 @@ impl<R: Read> Messages<R> {
         self.keeps_sequences
     }
 
+    /// Whether it holds messages of ROS and nothing else.
+    pub(super) fn is_for_ros(&self) -> bool {
+        self.is_for_ros
+    }
+
     /// How the recording was, once its end was reached; of the last one in the file.
     #[must_use]
     pub fn condition(&self) -> Condition {
@@ -289,7 +304,10 @@ fn said(kind: u8, body: &[u8]) -> Said {
         return Said::Nothing;
     }
     match mcap::parse_record(kind, body) {
-        Ok(Record::Header(header)) => Said::Library(header.library),
+        Ok(Record::Header(header)) => Said::Writer {
+            library: header.library,
+            profile: header.profile,
+        },
         Ok(Record::Schema { header, .. }) => Said::Schema(header.id, header.name),
         Ok(Record::Channel(channel)) => {
             let words = [channel.topic, channel.message_encoding];

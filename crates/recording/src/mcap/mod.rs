@@ -12,22 +12,26 @@
 //! | `/map/delta_info` | JSON | of the delta before |
 //! | `/tf_static` | CDR `tf2_msgs/msg/TFMessage` | |
 //!
-//! Each has a schema, so that other programs read it. Unchunked, and every message handed to the
-//! operating system whole before the call returns, so that a killed process loses nothing. The
-//! caller's timer says when to sync to disk. A cut or damaged file is read up to the cut and
-//! around the damage.
+//! Each has a schema, so that other programs read it. Every message is handed to the operating system
+//! whole before the call returns, so that a killed process loses nothing. The caller's timer says
+//! when to sync to disk. A cut or damaged file is read up to the cut and around the damage.
+//!
+//! Messages stand in chunks with indexes, which other programs need to find them. Chunks are not
+//! compressed. The last one of a file that was cut does not say how long it is: `recover` makes a
+//! file that does.
 //!
 //! A finished one may be compressed, sorted or filtered by any MCAP tool: chunks
 //! are read, stored as they are or by zstd or lz4. Of a chunk that is cut or damaged what stands
 //! before that is read.
 //!
-//! Deliberately absent: writing chunks (write-through is the point), threads and clocks.
+//! Deliberately absent: threads and clocks.
 
 mod channel;
 mod chunk;
 mod cutter;
 mod ends;
 mod files;
+mod held;
 mod joining;
 mod message;
 mod messages;
@@ -48,10 +52,14 @@ pub use messages::{Condition, Message, Messages};
 pub use part::Part;
 pub use reader::{Ending, RecordingReader};
 pub use scan::{Counts, Recording, Scan};
-pub use writer::{MAX_MESSAGE_BYTES, RecordingFile, RecordingWriter};
+pub use writer::{MAX_MESSAGE_BYTES, Profile, RecordingFile, RecordingWriter};
 
 /// Written into every recording; by it a reader knows the fixed channel ids.
-const LIBRARY: &str = "echosplat recording 2";
+const LIBRARY: &str = "echosplat recording 3";
+/// The same of recordings without chunks.
+const LIBRARY_BEFORE: &str = "echosplat recording 2";
+/// Name of the profile of recordings for programs of ROS.
+const ROS2: &str = "ros2";
 
 /// Bytes of a file, or from somewhere else.
 type Source<'a> = Box<dyn std::io::Read + Send + 'a>;

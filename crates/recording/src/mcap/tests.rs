@@ -10,12 +10,13 @@ use serde_json::json;
 
 use super::*;
 
+mod chunks;
 mod damage;
 mod joined;
 mod rewritten;
 
 fn time(index: usize) -> Timestamp {
-    Timestamp::from_nanos(1_700_000_000_000_000_000 + index as i64 * 17_000_001)
+    Timestamp::from_nanos(1_700_000_000_000_000_000 + index as i64 * 170_000_001)
 }
 
 fn raw(index: usize) -> Record {
@@ -23,7 +24,7 @@ fn raw(index: usize) -> Record {
 }
 
 fn writer() -> RecordingWriter<Cursor<Vec<u8>>> {
-    RecordingWriter::new(Cursor::new(Vec::new()), "map").unwrap()
+    RecordingWriter::new(Cursor::new(Vec::new()), "map", Profile::Full).unwrap()
 }
 
 /// One of each kind.
@@ -61,13 +62,12 @@ fn pose() -> StampedPose {
 fn recording(count: usize) -> (Vec<u8>, Vec<usize>) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    let mut file = RecordingFile::create(&path, "map").unwrap();
+    let mut file = RecordingFile::create(&path, "map", Profile::Full).unwrap();
     let mut ends = Vec::new();
     for index in 0..count {
         file.writer().write(time(index), &raw(index)).unwrap();
         ends.push(std::fs::metadata(&path).unwrap().len() as usize);
     }
-    file.sync().unwrap();
     file.finish().unwrap();
     (std::fs::read(&path).unwrap(), ends)
 }
@@ -258,7 +258,7 @@ fn files_of_a_dive_read_as_one_and_the_bad_one_is_named() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name);
     for (name, range) in [("1.mcap", 0..2), ("2.mcap", 2..5)] {
-        let mut file = RecordingFile::create(&path(name), "map").unwrap();
+        let mut file = RecordingFile::create(&path(name), "map", Profile::Full).unwrap();
         for index in range {
             file.writer().write(time(index), &raw(index)).unwrap();
         }
@@ -336,7 +336,7 @@ fn a_full_disk_costs_only_what_came_while_it_was_full() {
         bytes: Cursor::new(Vec::new()),
         free: free.clone(),
     };
-    let mut writer = RecordingWriter::new(disk, "map").unwrap();
+    let mut writer = RecordingWriter::new(disk, "map", Profile::Full).unwrap();
     let refused = (0..100).filter(|&i| writer.write(time(i), &raw(i)).is_err());
     let refused = refused.count() as u64;
     assert!(refused > 5);
@@ -375,12 +375,13 @@ fn an_abandoned_recording_takes_nothing_more() {
         bytes: Cursor::new(Vec::new()),
         free: free.clone(),
     };
-    let mut writer = RecordingWriter::new(Counting(disk, taken.clone()), "map").unwrap();
+    let mut writer =
+        RecordingWriter::new(Counting(disk, taken.clone()), "map", Profile::Full).unwrap();
     free.set(0);
     assert!(writer.write(time(0), &raw(0)).is_err());
     let before = taken.get();
     free.set(usize::MAX);
-    writer.abandon();
+    drop(writer);
     assert_eq!(taken.get(), before);
 }
 
@@ -388,11 +389,11 @@ fn an_abandoned_recording_takes_nothing_more() {
 fn a_recording_is_never_written_over() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.mcap");
-    RecordingFile::create(&path, "map")
+    RecordingFile::create(&path, "map", Profile::Full)
         .unwrap()
         .finish()
         .unwrap();
-    assert!(RecordingFile::create(&path, "map").is_err());
+    assert!(RecordingFile::create(&path, "map", Profile::Full).is_err());
 }
 
 proptest! {

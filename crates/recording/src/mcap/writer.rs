@@ -1,41 +1,80 @@
-//! Messages to the operating system, each whole or not at all.
+//! Messages to the operating system, each whole or not at all, in chunks that end as often as the
+//! file is synced.
 
 use std::collections::BTreeMap;
 use std::fs::{File, OpenOptions};
-use std::io::{self, BufWriter, Seek, Write};
+use std::io::{self, Seek, Write};
 use std::path::Path;
 
 use echosplat_model::Timestamp;
 use mcap::records::MessageHeader;
 use mcap::{WriteOptions, Writer};
 
+use super::held::Held;
 use super::message::{Message, epoch_event, messages_of, nanos_of};
 use super::topic::Topic;
-use super::{LIBRARY, Record, RecordingError};
+use super::{LIBRARY, ROS2, Record, RecordingError};
 
 /// Longest message; what is longer is refused.
 pub const MAX_MESSAGE_BYTES: usize = 1 << 20;
 
-/// Room for any one record with its two messages, so that it is never handed over in parts of its
-/// own making.
-const BUFFER_BYTES: usize = 2 * MAX_MESSAGE_BYTES + (16 << 10);
-/// Kind, length and head of a message.
-const MESSAGE_OVERHEAD_BYTES: u64 = 31;
+/// A chunk ends after so long, seconds of host time: as often as the service syncs the file.
+const CHUNK_S: f64 = 0.5;
+/// A chunk ends at this length, so that whoever reads it needs no more memory at once.
+const CHUNK_BYTES: u64 = 1 << 20;
+
+/// For whom a recording is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Profile {
+    /// All there is, to be replayed.
+    #[default]
+    Full,
+    /// Only what is CDR, with the profile `ros2`: programs of ROS refuse a file with anything else.
+    /// Settings, events, link news and what is said of deltas are not in it.
+    Ros2,
+}
+
+impl Profile {
+    fn name(self) -> &'static str {
+        match self {
+            Self::Full => "",
+            Self::Ros2 => ROS2,
+        }
+    }
+
+    /// Whether such a record is kept, if only half of it.
+    #[must_use]
+    pub fn keeps(self, record: &Record) -> bool {
+        let is_of_ros = matches!(
+            record,
+            Record::Raw(_) | Record::Pose(_) | Record::Delta { .. } | Record::StaticTransform(_)
+        );
+        self == Self::Full || is_of_ros
+    }
+
+    fn takes(self, topic: Topic) -> bool {
+        self == Self::Full || topic.schema().message_encoding == "cdr"
+    }
+}
 
 /// Writes a recording. Every record is flushed before its call returns.
 ///
 /// If the operating system refuses (a full disk), the record at hand is kept and completed by a
 /// later call; records that come while it still refuses are counted and lost. So a file never
 /// holds half a record with something after it.
+///
+/// The head of a chunk says how long it is once the chunk has ended; until then, and after a kill,
+/// its records can be read one by one. Dropping the writer writes nothing.
 pub struct RecordingWriter<W: Write + Seek> {
-    writer: Writer<BufWriter<W>>,
+    writer: Writer<Held<W>>,
+    file: Held<W>,
+    profile: Profile,
     frame_id: String,
+    /// When the chunk at hand began, and how long the file was then.
+    chunk_began: Option<(Timestamp, u64)>,
     sequences: [u32; Topic::ALL.len()],
     /// Epoch of the last pose.
     epoch: Option<u32>,
-    /// The buffer holds what the operating system did not take yet.
-    behind: bool,
-    byte_count: u64,
     lost_message_count: u64,
 }
 
@@ -44,28 +83,32 @@ impl<W: Write + Seek> RecordingWriter<W> {
     ///
     /// # Errors
     /// Of the writer.
-    pub fn new(writer: W, frame_id: &str) -> Result<Self, RecordingError> {
-        let buffered = BufWriter::with_capacity(BUFFER_BYTES, writer);
+    pub fn new(writer: W, frame_id: &str, profile: Profile) -> Result<Self, RecordingError> {
+        let file = Held::new(writer);
         let mut writer = WriteOptions::new()
-            .use_chunks(false)
-            .profile("")
+            .use_chunks(true)
+            // Compressed, a record would not be whole before others have come.
+            .compression(None)
+            .chunk_size(None)
+            .profile(profile.name())
             .library(LIBRARY)
-            .create(buffered)?;
-        for topic in Topic::ALL {
+            .create(file.clone())?;
+        for topic in Topic::ALL.into_iter().filter(|topic| profile.takes(*topic)) {
             let (id, schema) = (topic.id(), topic.schema());
             let text = schema.text.as_bytes();
             writer.add_schema_with_id(id, schema.name, schema.encoding, text)?;
             let encoding = schema.message_encoding;
             writer.add_channel_with_id(id, id, topic.name(), encoding, &BTreeMap::new())?;
         }
-        writer.flush()?;
+        file.hand_over()?;
         Ok(Self {
             writer,
+            file,
+            profile,
             frame_id: frame_id.to_owned(),
+            chunk_began: None,
             sequences: [0; Topic::ALL.len()],
             epoch: None,
-            behind: false,
-            byte_count: 0,
             lost_message_count: 0,
         })
     }
@@ -84,6 +127,7 @@ impl<W: Write + Seek> RecordingWriter<W> {
             self.lost_message_count += 1;
             return Err(error);
         }
+        self.end_chunk_if_due(host_time)?;
         if let Record::Pose(pose) = record
             && self.epoch.replace(pose.epoch) != Some(pose.epoch)
         {
@@ -94,16 +138,35 @@ impl<W: Write + Seek> RecordingWriter<W> {
         self.catch_up()
     }
 
-    /// Into the buffer, which has room for them.
+    /// The operating system has all that came before: so no more waits than the chunk's end and one
+    /// record.
+    fn end_chunk_if_due(&mut self, host_time: Timestamp) -> Result<(), RecordingError> {
+        let byte_count = self.file.byte_count();
+        let (began, at) = *self.chunk_began.get_or_insert((host_time, byte_count));
+        let is_due = host_time.seconds_since(began).abs() >= CHUNK_S;
+        if is_due || byte_count - at >= CHUNK_BYTES {
+            self.end_chunk()?;
+            self.chunk_began = Some((host_time, self.file.byte_count()));
+        }
+        Ok(())
+    }
+
+    fn end_chunk(&mut self) -> Result<(), RecordingError> {
+        self.chunk_began = None;
+        Ok(self.writer.flush()?)
+    }
+
+    /// Into memory.
     fn put_all(
         &mut self,
         host_time: Timestamp,
         messages: &[Message<'_>],
     ) -> Result<(), RecordingError> {
-        self.behind = true;
-        messages
+        let profile = self.profile;
+        let mut taken = messages
             .iter()
-            .try_for_each(|message| self.put(host_time, message))
+            .filter(|message| profile.takes(message.topic));
+        taken.try_for_each(|message| self.put(host_time, message))
     }
 
     fn put(&mut self, host_time: Timestamp, message: &Message<'_>) -> Result<(), RecordingError> {
@@ -115,7 +178,6 @@ impl<W: Write + Seek> RecordingWriter<W> {
             publish_time: nanos_of(message.publish_time.unwrap_or(host_time)),
         };
         *count = count.wrapping_add(1);
-        self.byte_count += MESSAGE_OVERHEAD_BYTES + message.bytes.len() as u64;
         Ok(self
             .writer
             .write_to_known_channel(&header, &message.bytes)?)
@@ -126,23 +188,13 @@ impl<W: Write + Seek> RecordingWriter<W> {
     /// # Errors
     /// If it is refused again.
     pub fn catch_up(&mut self) -> Result<(), RecordingError> {
-        if self.behind {
-            self.writer.flush()?;
-            self.behind = false;
-        }
-        Ok(())
+        Ok(self.file.hand_over()?)
     }
 
-    /// Lets go of the writer without another byte: what it refused is in no file.
-    pub fn abandon(self) {
-        // Dropping the buffer would try once more to write.
-        let _ = self.writer.into_inner().into_parts();
-    }
-
-    /// Bytes of messages so far, by which to rotate.
+    /// Bytes of the file so far, by which to rotate.
     #[must_use]
     pub fn byte_count(&self) -> u64 {
-        self.byte_count
+        self.file.byte_count()
     }
 
     /// Messages that are not in the file.
@@ -158,11 +210,10 @@ impl<W: Write + Seek> RecordingWriter<W> {
     pub fn finish(mut self) -> Result<W, RecordingError> {
         self.catch_up()?;
         self.writer.finish()?;
-        let buffered = self.writer.into_inner();
-        let inner = buffered
-            .into_inner()
-            .map_err(io::IntoInnerError::into_error)?;
-        Ok(inner)
+        self.file.hand_over()?;
+        drop(self.writer);
+        let file = self.file.into_inner();
+        file.ok_or_else(|| io::Error::other("the file is held elsewhere").into())
     }
 }
 
@@ -188,10 +239,10 @@ impl RecordingFile {
     ///
     /// # Errors
     /// Of the file system; then nothing is left behind.
-    pub fn create(path: &Path, frame_id: &str) -> Result<Self, RecordingError> {
+    pub fn create(path: &Path, frame_id: &str, profile: Profile) -> Result<Self, RecordingError> {
         let file = OpenOptions::new().write(true).create_new(true).open(path)?;
         let writer = file.try_clone().map_err(RecordingError::from);
-        match writer.and_then(|writer| RecordingWriter::new(writer, frame_id)) {
+        match writer.and_then(|writer| RecordingWriter::new(writer, frame_id, profile)) {
             Ok(writer) => Ok(Self { writer, file }),
             Err(error) => {
                 // A file without its head is of no use to anyone.
@@ -217,23 +268,9 @@ impl RecordingFile {
         self.writer.finish().map(drop)
     }
 
-    /// As [`RecordingWriter::abandon`].
-    pub fn abandon(self) {
-        self.writer.abandon();
-    }
-
     /// Where to write.
     pub fn writer(&mut self) -> &mut RecordingWriter<File> {
         &mut self.writer
-    }
-
-    /// Makes what was written survive a power cut; the caller's timer says when.
-    ///
-    /// # Errors
-    /// Of the file system.
-    pub fn sync(&mut self) -> Result<(), RecordingError> {
-        self.writer.catch_up()?;
-        Ok(self.file.sync_data()?)
     }
 
     /// Writes the file's end and syncs.

@@ -1,8 +1,8 @@
-//! Maps as 3DGS PLY: binary little-endian, every property a float, in the order of
-//! [`PROPERTIES`].
+//! Maps as 3DGS PLY: binary little-endian, floats in the order of [`PROPERTIES`], then [`COLORS`].
 //!
 //! `opacity` is a logit, `scale_*` are natural logarithms of metres, `rot_*` is w x y z, the colour
-//! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels; `nx ny nz` is the shortest axis.
+//! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels (again as bytes `red green blue`, which
+//! point cloud tools show); `nx ny nz` is the shortest axis.
 //! Last come `reflectivity` (linear), `sigma` (one sigma of the position along its least known direction, metres, may be
 //! infinite), the position's covariance `cov_*` (square metres, world axes) and `probability`, that there is surface
 //! within 0.10 m. Added to x y z, the
@@ -31,7 +31,7 @@ pub use write::write;
 /// A header names the properties, and what the numbers mean in a few lines.
 const MOST_HEADER_BYTES: u64 = 4096;
 
-/// The properties of a vertex in the order they are written.
+/// The floats of a vertex in the order they are written.
 pub const PROPERTIES: [&str; 26] = [
     "x",
     "y",
@@ -60,6 +60,12 @@ pub const PROPERTIES: [&str; 26] = [
     "cov_zz",
     "probability",
 ];
+
+/// The bytes of a vertex behind them: its colour, 0 to 255.
+pub const COLORS: [&str; 3] = ["red", "green", "blue"];
+
+/// Bytes of a vertex.
+pub const ROW_BYTES: usize = PROPERTIES.len() * size_of::<f32>() + COLORS.len();
 
 /// What a map's header says besides where its Gaussians are.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -192,8 +198,7 @@ pub fn write_map(
 /// Bytes of the files of a map of so many Gaussians, both parts together, within a block of a disk.
 #[must_use]
 pub fn map_byte_count(gaussian_count: usize) -> u64 {
-    let numbers = gaussian_count * PROPERTIES.len();
-    (numbers * size_of::<f32>()) as u64 + 2 * MOST_HEADER_BYTES
+    (gaussian_count * ROW_BYTES) as u64 + 2 * MOST_HEADER_BYTES
 }
 
 /// Reads a map and, if there is one beside it, its ambiguous part, numbered on. Vertices that are no

@@ -74,9 +74,11 @@ fn the_header_is_the_documented_one() {
          comment intensity_unit 0.0003\nelement vertex 1\nproperty float x\nproperty float y\n"
     ));
     let end = b"property float sigma\nproperty float cov_xx\nproperty float cov_xy\nproperty float cov_xz\n\
-          property float cov_yy\nproperty float cov_yz\nproperty float cov_zz\nproperty float probability\nend_header\n";
+          property float cov_yy\nproperty float cov_yz\nproperty float cov_zz\nproperty float probability\n\
+          property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
-    assert_eq!(bytes.len() - at - end.len(), 26 * 4);
+    assert_eq!(bytes.len() - at - end.len(), 26 * 4 + 3);
+    assert_eq!(ROW_BYTES, 107);
 }
 
 #[test]
@@ -86,7 +88,8 @@ fn a_row_holds_logit_logarithms_and_w_first() {
     one.scale_m = Vec3::new(1.0, 0.5, 2.0);
     one.rotation = Quat::IDENTITY;
     let bytes = bytes_of(&map(vec![one]));
-    let row: Vec<f32> = bytes[bytes.len() - 104..]
+    let (floats, color) = bytes[bytes.len() - ROW_BYTES..].split_at(104);
+    let row: Vec<f32> = floats
         .chunks_exact(4)
         .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
         .collect();
@@ -95,6 +98,14 @@ fn a_row_holds_logit_logarithms_and_w_first() {
     assert_eq!(row[13..17], [1.0, 0.0, 0.0, 0.0]);
     assert_eq!(row[17..19], [0.01, 0.05]);
     assert_eq!(row[19..], [4e-4, 1e-5, -1e-5, 9e-4, 2e-5, 25e-4, 0.75]);
+    let channels = row[6..9].iter().zip(color);
+    for (f_dc, byte) in channels {
+        let expected = 255.0 * (0.5 + 0.282_094_8 * f_dc);
+        assert!(
+            (f32::from(*byte) - expected).abs() < 0.51,
+            "{row:?} {color:?}"
+        );
+    }
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! Gaussians to rows of floats.
+//! Gaussians to rows of floats and the bytes of their colour.
 
 use std::io::{self, Write};
 
@@ -6,8 +6,8 @@ use echosplat_model::Gaussian;
 use echosplat_model::glam::Vec3;
 use echosplat_ply::{Element, Format, Header, write_floats};
 
-use super::{MapFile, PROPERTIES, notes};
-use crate::ramp::color_of_reflectivity;
+use super::{COLORS, MapFile, PROPERTIES, notes};
+use crate::ramp::{bytes_of_color, color_of_reflectivity};
 
 /// Zeroth spherical harmonic, by which 3DGS scales colour.
 const HARMONIC_0: f32 = 0.282_094_8;
@@ -21,22 +21,25 @@ const MAX_LOGIT: f64 = 30.0;
 /// Of the writer.
 pub fn write(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
     let sound = || map.gaussians.iter().filter(|gaussian| gaussian.is_sound());
+    let vertex = Element::of_floats("vertex", sound().count(), &PROPERTIES);
     let header = Header {
         format: Format::LittleEndian,
         comments: notes::comments(map),
-        elements: vec![Element::of_floats("vertex", sound().count(), &PROPERTIES)],
+        elements: vec![vertex.with_bytes(&COLORS)],
     };
     header.write(&mut writer)?;
     for gaussian in sound() {
-        write_floats(&mut writer, &row(gaussian))?;
+        let color = color_of_reflectivity(gaussian.reflectivity);
+        write_floats(&mut writer, &row(gaussian, color))?;
+        writer.write_all(&bytes_of_color(color))?;
     }
     writer.flush()
 }
 
-fn row(gaussian: &Gaussian) -> [f32; PROPERTIES.len()] {
+fn row(gaussian: &Gaussian, color: [f32; 3]) -> [f32; PROPERTIES.len()] {
     let mean = gaussian.mean_m;
     let normal = shortest_axis(gaussian);
-    let f_dc = color_of_reflectivity(gaussian.reflectivity).map(|c| (c - 0.5) / HARMONIC_0);
+    let f_dc = color.map(|c| (c - 0.5) / HARMONIC_0);
     let scale = gaussian.scale_m.to_array().map(f32::ln);
     let q = gaussian.rotation;
     let [xx, xy, xz, yy, yz, zz] = gaussian.position_covariance_m2;

@@ -182,4 +182,7 @@ pub struct RecoverArguments {
     /// Where the clean one goes; beside it without
     #[arg(long, value_name = "OUT")]
     pub(crate) out: Option<PathBuf>,
+    /// For programs of ROS: bytes, poses, map and frame alone, as OUT.ros.mcap
+    #[arg(long)]
+    pub(crate) ros: bool,
 }

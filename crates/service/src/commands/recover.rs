@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use echosplat_firmware_protocol::{Decoder, Event, id};
-use echosplat_recording::mcap::{Ending, Record, RecordingReader, RecordingWriter};
+use echosplat_recording::mcap::{Ending, Profile, Record, RecordingReader, RecordingWriter};
 use echosplat_recording::svlog::SvlogReader;
 
 use crate::arguments::RecoverArguments;
@@ -20,8 +20,17 @@ use crate::logging;
 pub(crate) fn run(arguments: &RecoverArguments) -> anyhow::Result<Finish> {
     let file = &arguments.file;
     let kind = Kind::of(file)?;
-    let salvage = match kind {
-        Kind::Recording => recording,
+    let salvage: Salvager = match kind {
+        Kind::Recording if arguments.ros => |file, out| recording(file, out, Profile::Ros2),
+        Kind::Recording => |file, out| recording(file, out, Profile::Full),
+        Kind::Log if arguments.ros => {
+            return Err(Usage::error(format!(
+                "--ros: {} is a log of the sonar's frames, and ROS knows none of them; `replay {} --poses F.tum \
+                 --record DIR --record-format ros` makes a recording with poses and map",
+                file.display(),
+                file.display()
+            )));
+        }
         Kind::Log => log,
         Kind::Map | Kind::Trajectory => {
             return Err(Usage::error(format!(
@@ -30,7 +39,8 @@ pub(crate) fn run(arguments: &RecoverArguments) -> anyhow::Result<Finish> {
             )));
         }
     };
-    let out = arguments.out.clone().unwrap_or_else(|| beside(file, kind));
+    let out = arguments.out.clone();
+    let out = out.unwrap_or_else(|| beside(file, kind, arguments.ros));
     refuse_other_ending(file, kind, &out)?;
     let created = OpenOptions::new().write(true).create_new(true).open(&out);
     let created = created.map_err(|error| {
@@ -50,9 +60,10 @@ pub(crate) fn run(arguments: &RecoverArguments) -> anyhow::Result<Finish> {
     })
 }
 
-/// `a.recovered.mcap` of a recording `a.mcap`, whatever it is called.
-fn beside(file: &Path, kind: Kind) -> PathBuf {
-    file.with_extension(format!("recovered.{}", kind.ending()))
+/// `a.recovered.mcap` of a recording `a.mcap`, whatever it is called, or `a.ros.mcap`.
+fn beside(file: &Path, kind: Kind, ros: bool) -> PathBuf {
+    let what = if ros { "ros" } else { "recovered" };
+    file.with_extension(format!("{what}.{}", kind.ending()))
 }
 
 /// A log under the name of a recording would be read by nobody.
@@ -71,6 +82,9 @@ fn refuse_other_ending(file: &Path, kind: Kind, out: &Path) -> anyhow::Result<()
         ))),
     }
 }
+
+/// Makes a clean file of another.
+type Salvager = fn(&Path, File) -> anyhow::Result<Salvage>;
 
 /// What was kept and what was lost.
 #[derive(Debug, Default, PartialEq, Eq)]
@@ -102,7 +116,7 @@ impl Salvage {
     }
 }
 
-fn recording(file: &Path, out: File) -> anyhow::Result<Salvage> {
+fn recording(file: &Path, out: File, profile: Profile) -> anyhow::Result<Salvage> {
     let refused = |error: &dyn std::fmt::Display| Usage::error(error);
     let mut reader = RecordingReader::open(&[file]).map_err(|error| refused(&error))?;
     let mut first = reader.next_message().map_err(|error| refused(&error))?;
@@ -111,7 +125,7 @@ fn recording(file: &Path, out: File) -> anyhow::Result<Salvage> {
         _ => None,
     };
     let handle = out.try_clone()?;
-    let mut writer = RecordingWriter::new(out, frame_id.as_deref().unwrap_or("map"))?;
+    let mut writer = RecordingWriter::new(out, frame_id.as_deref().unwrap_or("map"), profile)?;
     let mut found = Salvage::default();
     loop {
         let next = match first.take() {
@@ -119,8 +133,8 @@ fn recording(file: &Path, out: File) -> anyhow::Result<Salvage> {
             None => reader.next_message().map_err(|error| refused(&error))?,
         };
         let Some(recorded) = next else { break };
-        if is_epoch_event(&recorded.record) {
-            // The writer says the epochs itself.
+        // The writer says the epochs itself.
+        if is_epoch_event(&recorded.record) || !profile.keeps(&recorded.record) {
             continue;
         }
         writer.write(recorded.host_time, &recorded.record)?;
@@ -193,7 +207,8 @@ mod tests {
     /// A recording of ten raw records without its end.
     fn cut_recording(folder: &Path) -> PathBuf {
         let file = folder.join("a.mcap");
-        let mut writer = RecordingWriter::new(File::create(&file).unwrap(), "map").unwrap();
+        let mut writer =
+            RecordingWriter::new(File::create(&file).unwrap(), "map", Profile::Full).unwrap();
         for index in 0..10 {
             writer.write(Timestamp::ZERO, &raw(index)).unwrap();
         }
@@ -205,7 +220,11 @@ mod tests {
     fn a_cut_recording_becomes_a_whole_one_and_is_never_written_over() {
         let folder = tempfile::tempdir().unwrap();
         let file = cut_recording(folder.path());
-        let arguments = RecoverArguments { file, out: None };
+        let arguments = RecoverArguments {
+            file,
+            out: None,
+            ros: false,
+        };
         assert_eq!(run(&arguments).unwrap(), Finish::Done);
         let out = folder.path().join("cut.recovered.mcap");
         let mut reader = RecordingReader::open(&[&out]).unwrap();
@@ -219,6 +238,28 @@ mod tests {
     }
 
     #[test]
+    fn for_ros_what_ros_knows_is_kept() {
+        let folder = tempfile::tempdir().unwrap();
+        let arguments = RecoverArguments {
+            file: cut_recording(folder.path()),
+            out: None,
+            ros: true,
+        };
+        assert_eq!(run(&arguments).unwrap(), Finish::Done);
+        let out = std::fs::read(folder.path().join("cut.ros.mcap")).unwrap();
+        // Its profile stands in the first record, behind its length.
+        assert_eq!(out[21..25], *b"ros2");
+        let log = folder.path().join("a.svlog");
+        std::fs::write(&log, b"BR").unwrap();
+        let arguments = RecoverArguments {
+            file: log,
+            ..arguments
+        };
+        let refused = run(&arguments).unwrap_err().to_string();
+        assert!(refused.contains("--record-format ros"), "{refused}");
+    }
+
+    #[test]
     fn damage_is_counted_and_another_kind_refused() {
         let folder = tempfile::tempdir().unwrap();
         let file = cut_recording(folder.path());
@@ -226,13 +267,18 @@ mod tests {
         let at = bytes.len() - 300;
         bytes[at..at + 40].fill(0xAA);
         std::fs::write(&file, bytes).unwrap();
-        let arguments = RecoverArguments { file, out: None };
+        let arguments = RecoverArguments {
+            file,
+            out: None,
+            ros: false,
+        };
         assert_eq!(run(&arguments).unwrap(), Finish::Lossy);
         let text = folder.path().join("a.tum");
         std::fs::write(&text, "1 0 0 0 0 0 0 1").unwrap();
         let arguments = RecoverArguments {
             file: text,
             out: None,
+            ros: false,
         };
         assert!(run(&arguments).unwrap_err().to_string().contains("neither"));
     }

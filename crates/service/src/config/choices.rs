@@ -18,9 +18,11 @@ pub(crate) enum Calibrate {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, ValueEnum)]
 #[serde(rename_all = "snake_case")]
 pub(crate) enum RecordFormat {
-    /// Everything: replays by itself, read by Foxglove, Rerun and ROS
+    /// Everything: replays by itself, read by Foxglove and Rerun
     #[default]
     Mcap,
+    /// What ROS knows, for `rosbags` and `evo`: bytes, poses, map and frame, without settings and events
+    Ros,
     /// The sonar's frames only, read by `SonarView` and `PINGVerter`
     Svlog,
     /// Both, side by side

@@ -357,7 +357,7 @@ impl Poses {
         self.taken += 1;
         let recorder = self.recorder.as_ref().filter(|_| self.records_poses);
         if let Some(recorder) = recorder {
-            recorder.record(arrived.arrived, Record::Pose(arrived.pose));
+            recorder.record_pose(&arrived);
         }
         let Some(mut guard) = self.guard.take() else {
             return self.join_with(arrived.pose);

@@ -20,6 +20,7 @@ use std::time::Duration;
 use anyhow::anyhow;
 use bytes::Bytes;
 use echosplat_driver::{RawTap, Tapped};
+use echosplat_join::ArrivedPose;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Timestamp;
 use echosplat_recording::mcap::Record;
@@ -204,6 +205,16 @@ impl Recorder {
         }
     }
 
+    /// As the pose came; that of a log or a file now, when it is taken: its own time is on another clock
+    /// than the log's bytes, which are recorded as they are read.
+    pub(crate) fn record_pose(&self, arrived: &ArrivedPose) {
+        let host_time = match self.plan.config.log_clock {
+            LogClock::Kept => clock::now(),
+            LogClock::Host | LogClock::Device => arrived.arrived,
+        };
+        self.record(host_time, Record::Pose(arrived.pose));
+    }
+
     /// From now on the recording leaves room for a map of so many bytes at this place, where both are on
     /// one disk.
     pub(crate) fn keep_room(&self, map: &Path, bytes: u64) {
@@ -261,8 +272,16 @@ impl Plan {
         let (directory, config) = (&self.directory, self.config);
         let settings = self.settings.clone();
         let folder = Folder::new(directory, config.format, config.log_clock, &settings);
-        if config.format == RecordFormat::Svlog {
-            tracing::warn!("an .svlog keeps no poses: --record-format both keeps them beside it");
+        match config.format {
+            RecordFormat::Svlog => tracing::warn!(
+                "an .svlog keeps no poses: --record-format both keeps them beside it"
+            ),
+            RecordFormat::Ros => tracing::warn!(
+                "--record-format ros keeps no settings and no events: a replay of it takes those of \
+                 --config, and need not give the same bits; `recover --ros` makes such a file of a \
+                 whole recording later"
+            ),
+            RecordFormat::Mcap | RecordFormat::Both => {}
         }
         let room = Watch::new(self.room.clone(), room::look);
         Running::start(Box::new(folder), config.rotate_bytes, settings, room)

@@ -5,7 +5,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 
 use echosplat_model::Timestamp;
-use echosplat_recording::mcap::{Record, RecordingError, RecordingFile};
+use echosplat_recording::mcap::{Profile, Record, RecordingError, RecordingFile};
 use echosplat_recording::svlog::{LiveSvlog, LogClock};
 
 use crate::clock;
@@ -28,10 +28,8 @@ pub(super) trait Sink: Send {
     fn path(&self) -> &Path;
     /// For syncing; `None` where there is nothing to sync.
     fn handle(&self) -> io::Result<Option<File>>;
-    /// Writes the file's end.
+    /// Writes the file's end; without it the file stays as it is.
     fn close(self: Box<Self>) -> Result<(), RecordingError>;
-    /// Lets go of it as it is.
-    fn abandon(self: Box<Self>);
 }
 
 /// Files in a folder, which is made again if it vanishes.
@@ -74,10 +72,17 @@ impl Folder {
     fn begin_named(&self, stem: &str) -> Result<Vec<Box<dyn Sink>>, RecordingError> {
         let path = |ending: &str| self.directory.join(format!("{stem}.{ending}"));
         let mut sinks: Vec<Box<dyn Sink>> = Vec::new();
-        if self.format != RecordFormat::Svlog {
-            sinks.push(Box::new(McapSink::create(path("mcap"), &self.frame_id)?));
+        let (profile, has_log) = match self.format {
+            RecordFormat::Mcap => (Some(Profile::Full), false),
+            RecordFormat::Ros => (Some(Profile::Ros2), false),
+            RecordFormat::Svlog => (None, true),
+            RecordFormat::Both => (Some(Profile::Full), true),
+        };
+        if let Some(profile) = profile {
+            let sink = McapSink::create(path("mcap"), &self.frame_id, profile)?;
+            sinks.push(Box::new(sink));
         }
-        if self.format != RecordFormat::Mcap {
+        if has_log {
             match SvlogSink::create(path("svlog"), &self.url, self.log_clock) {
                 Ok(sink) => sinks.push(Box::new(sink)),
                 Err(error) => {
@@ -93,7 +98,7 @@ impl Folder {
 /// Of a file that was begun and holds nothing yet.
 fn remove(sink: Box<dyn Sink>) {
     let path = sink.path().to_owned();
-    sink.abandon();
+    drop(sink);
     // It may be gone already, and is of no use to anyone.
     let _ = std::fs::remove_file(path);
 }
@@ -129,8 +134,8 @@ struct McapSink {
 }
 
 impl McapSink {
-    fn create(path: PathBuf, frame_id: &str) -> Result<Self, RecordingError> {
-        let file = RecordingFile::create(&path, frame_id)?;
+    fn create(path: PathBuf, frame_id: &str, profile: Profile) -> Result<Self, RecordingError> {
+        let file = RecordingFile::create(&path, frame_id, profile)?;
         Ok(Self { file, path })
     }
 }
@@ -158,10 +163,6 @@ impl Sink for McapSink {
 
     fn close(self: Box<Self>) -> Result<(), RecordingError> {
         self.file.close()
-    }
-
-    fn abandon(self: Box<Self>) {
-        self.file.abandon();
     }
 }
 
@@ -213,6 +214,4 @@ impl Sink for SvlogSink {
     fn close(mut self: Box<Self>) -> Result<(), RecordingError> {
         Ok(self.log.catch_up()?)
     }
-
-    fn abandon(self: Box<Self>) {}
 }

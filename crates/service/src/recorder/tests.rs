@@ -263,8 +263,6 @@ impl Sink for DiskFile {
     fn close(mut self: Box<Self>) -> Result<(), RecordingError> {
         self.catch_up()
     }
-
-    fn abandon(self: Box<Self>) {}
 }
 
 #[test]

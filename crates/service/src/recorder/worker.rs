@@ -111,8 +111,7 @@ impl Worker {
 
     fn replace_sinks(&mut self, sinks: Vec<Box<dyn Sink>>) {
         self.past_bytes += byte_count(&mut self.sinks);
-        let before = std::mem::replace(&mut self.sinks, sinks);
-        before.into_iter().for_each(Sink::abandon);
+        self.sinks = sinks;
     }
 
     fn take(&mut self, host_time: Timestamp, record: &Record) {

@@ -147,7 +147,11 @@ fn two_sonars_at_the_same_time_are_not_one() {
 #[test]
 fn a_service_that_was_started_again_goes_on_and_it_is_told() {
     let first = run(0.0, "host", 0..20);
-    let (_files, paths) = Files::of(&[&first[..data_end(&first) - 5], &run(9.0, "host", 20..40)]);
+    let Record::Raw(last) = raw(19) else {
+        unreachable!()
+    };
+    let last = first.windows(last.len()).rposition(|w| w == last).unwrap();
+    let (_files, paths) = Files::of(&[&first[..last + 5], &run(9.0, "host", 20..40)]);
     let (found, losses) = pieces(&paths);
     assert_eq!(found.len(), 39, "{found:?}");
     let said = losses.join("; ");

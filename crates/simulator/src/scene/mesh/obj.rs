@@ -2,7 +2,7 @@
 
 use glam::DVec3;
 
-use super::{Triangle, push_polygon};
+use super::{Triangle, push_polygon, refuse_turned};
 
 /// Corners of one face, so that a hostile line costs no more than its bytes.
 const MAX_POLYGON: usize = 4096;
@@ -24,6 +24,7 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Vec<Triangle>, String> {
                 push_polygon(&corners, &polygon, &mut triangles)
                     .map_err(|message| format!("line {}: {message}", index + 1))?;
             }
+            Some("#") => refuse_turned(line.trim_start_matches(['#', ' ']))?,
             _ => {}
         }
     }
