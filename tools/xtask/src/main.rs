@@ -1,7 +1,8 @@
-//! Checks that the workspace holds to its architecture: `cargo xtask check`.
+//! Checks that the workspace holds to its architecture: `cargo xtask check`; and packs what a package needs:
+//! `cargo xtask dist` ([`dist`]).
 //!
-//! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`]
-//! and [`sources`]. It deliberately builds nothing, changes nothing and needs no network: what the
+//! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`],
+//! [`results`] and [`sources`]. The check deliberately builds nothing, changes nothing and needs no network: what the
 //! compiler and clippy can say is theirs to say.
 
 #![allow(
@@ -14,7 +15,9 @@ mod code;
 mod constants;
 mod crates;
 mod dependencies;
+mod dist;
 mod graph;
+mod results;
 mod sources;
 mod workspace;
 
@@ -22,12 +25,13 @@ use std::process::ExitCode;
 
 use workspace::Workspace;
 
-const USAGE: &str = "usage: cargo xtask check";
+const USAGE: &str = "usage: cargo xtask check | dist";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["check"] => report(check()),
+        ["dist"] => dist::made(),
         _ => {
             eprintln!("{USAGE}");
             ExitCode::from(2)
@@ -51,6 +55,7 @@ fn check() -> anyhow::Result<Vec<String>> {
     ));
     broken.extend(sources::violations(&files));
     broken.extend(constants::violations(&files));
+    broken.extend(results::violations(&files));
     Ok(broken)
 }
 
