@@ -41,6 +41,7 @@ mod replay;
 mod roles;
 mod ros2;
 mod routers;
+mod sample_dive;
 mod serial_line;
 mod slow_link;
 mod strangers;
