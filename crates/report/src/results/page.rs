@@ -61,22 +61,22 @@ impl Page {
 
 /// The last line: names for the bits of file, page and charts, which `cargo xtask check` looks at.
 fn made_from(json: &str, text: &str, charts: &[(String, String)]) -> String {
-    let name = |parts: &mut dyn Iterator<Item = &str>| {
-        let mut bits = FnvHasher::default();
-        parts.for_each(|part| bits.write(part.as_bytes()));
-        format!("{:016x}", bits.finish())
-    };
     let mut sorted: Vec<&(String, String)> = charts.iter().collect();
     sorted.sort();
-    let drawn = sorted
+    let drawn: Vec<&str> = sorted
         .iter()
-        .flat_map(|(name, svg)| [name.as_str(), svg.as_str()]);
-    format!(
-        "\n<!-- made from results.json {}, page {}, charts {} -->\n",
-        name(&mut [json].into_iter()),
-        name(&mut [text].into_iter()),
-        name(&mut { drawn })
-    )
+        .flat_map(|(name, svg)| [name.as_str(), svg.as_str()])
+        .collect();
+    let (json, text, drawn) = (bits(&[json]), bits(&[text]), bits(&drawn));
+    format!("\n<!-- made from results.json {json}, page {text}, charts {drawn} -->\n")
+}
+
+fn bits(parts: &[&str]) -> String {
+    let mut bits = FnvHasher::default();
+    for part in parts {
+        bits.write(part.as_bytes());
+    }
+    format!("{:016x}", bits.finish())
 }
 
 fn text(results: &Results, charts: &[Chart], folder: &str) -> String {
