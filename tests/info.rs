@@ -171,7 +171,7 @@ fn several_files_are_told_each_with_its_name_once_and_a_dive_as_one() {
     let without = ["--without", "/sonar/raw", "--without", "/pose"];
     reader(
         "rewrite_mcap.py",
-        &[&[&wall, &json_poses][..], &without].concat(),
+        &[&[wall.as_str(), json_poses.as_str()][..], &without].concat(),
     )
     .wait_exit_code(0, LONG);
 
