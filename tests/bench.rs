@@ -198,3 +198,76 @@ fn features_are_compared_and_those_that_are_not_settings_are_listed() {
     assert!(work(&rows[1]) > work(&rows[0]) && work(&rows[0]) > work(&rows[2]));
     assert_eq!(json["omissions"][0]["what"], "mapper.no_such_part");
 }
+
+#[test]
+fn the_report_goes_on_where_it_was_and_gives_its_page() {
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    let out = path("docs/results.json");
+    let report = |more: &[&str]| {
+        let own = ["bench", "report", "--quick", "--out", &out];
+        let mut program = Program::echosplat(&[&own, more].concat());
+        program.wait_exit_code(0, LONG);
+        program.stderr()
+    };
+    let first = report(&["--only", "length"]);
+    assert!(first.contains("runs left, about"), "{first}");
+    let read =
+        || -> serde_json::Value { serde_json::from_slice(&std::fs::read(&out).unwrap()).unwrap() };
+    let part = read();
+    assert_eq!(part["length"][0]["runs"].as_array().unwrap().len(), 2);
+    assert!(!part["left_out"].as_array().unwrap().is_empty());
+    // What is done of another part stays.
+    let all = report(&[]);
+    assert!(
+        all.contains("2 of ") && all.contains("runs are done already"),
+        "{all}"
+    );
+    let whole = read();
+    assert_eq!(whole["length"], part["length"]);
+    assert_eq!(whole["left_out"].as_array().unwrap().len(), 0);
+    assert_eq!(whole["live"].as_array().unwrap().len(), 10);
+    let methods = whole["error_time"][0]["curves"].as_array().unwrap();
+    assert!(
+        methods
+            .iter()
+            .any(|curve| curve["method"] == "online finished")
+    );
+    let page = path("docs/results.md");
+    let arguments = ["bench", "report", "--write-page", &page, "--from", &out];
+    Program::echosplat(&arguments).wait_exit_code(0, LONG);
+    let text = std::fs::read_to_string(&page).unwrap();
+    assert!(text.contains("| fence, survey, nominal | 1 |"), "{text}");
+    for line in text.lines().filter(|line| line.starts_with("![")) {
+        let (_, chart) = line.split_once("](").expect("a chart has its file");
+        let chart = folder.path().join("docs").join(chart.trim_end_matches(')'));
+        assert!(chart.is_file(), "{}", chart.display());
+    }
+}
+
+/// The page in the repository is what the file in the repository gives.
+#[test]
+fn the_kept_page_is_that_of_the_kept_results() {
+    let docs = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../docs");
+    let kept = docs.join("results.json");
+    if !kept.is_file() {
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder can be made");
+    let page = folder.path().join("results.md");
+    let (page_text, kept_text) = (page.display().to_string(), kept.display().to_string());
+    let arguments = [
+        "bench",
+        "report",
+        "--write-page",
+        &page_text,
+        "--from",
+        &kept_text,
+    ];
+    Program::echosplat(&arguments).wait_exit_code(0, LONG);
+    let made = std::fs::read_to_string(&page).unwrap();
+    assert_eq!(
+        made,
+        std::fs::read_to_string(docs.join("results.md")).unwrap()
+    );
+}

@@ -39,7 +39,9 @@ columns = lambda table, names: np.stack([table[name] for name in names.split()],
 for file, table in (("confident", confident), ("all", together)):
     with np.load(f"{folder}/{file}.npz", allow_pickle=False) as found:
         assert sorted(found) == sorted(
-            "position sigma_m position_covariance_m2 probability confident opacity scale rotation reflectivity id".split())
+            "position sigma_m position_covariance_m2 probability confident opacity scale rotation reflectivity id "
+            "format_version".split())
+        assert found["format_version"] == 1
         assert found["position"].dtype == np.float64
         expected = origin + columns(table, "x y z").astype(float)
         np.testing.assert_array_equal(found["position"], expected)

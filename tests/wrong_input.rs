@@ -296,3 +296,16 @@ fn shells_are_told_our_commands() {
         assert!(!script.contains("hold-back"), "{shell}");
     }
 }
+
+#[test]
+fn every_command_has_a_manual_page() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().display().to_string();
+    Program::echosplat(&["man", "--out", &out]).wait_exit_code(0, SHORT);
+    for name in ["echosplat.1", "echosplat-replay.1"] {
+        let page = fs::read_to_string(folder.path().join(name)).unwrap();
+        assert!(page.contains(".TH echosplat"), "{name}: {page}");
+    }
+    let replay = fs::read_to_string(folder.path().join("echosplat-replay.1")).unwrap();
+    assert!(replay.contains("finished"), "{replay}");
+}

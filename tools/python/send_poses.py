@@ -10,7 +10,7 @@
 | mavlink-raw | the same as mavlink-server puts raw messages on zenoh, since 0.9 | zenoh endpoint |
 | dvl | a Water Linked DVL: position_local at 5 Hz, velocity between | host:port listened on |
 | odometry | nav_msgs/Odometry in CDR on zenoh, as rosbags writes it | zenoh endpoint |
-| json | the pose of docs/mounting.md on zenoh, with zenoh's default encoding | zenoh endpoint |
+| json | the pose of crates/bus/README.md on zenoh, with zenoh's default encoding | zenoh endpoint |
 
 Poses are sent in step with their times (--rate 2: twice as fast; 0: at once). The vehicle's clock
 counts from --boot-s at the first pose, --drift-ppm too fast. With --now, poses with a Unix stamp get

@@ -2,6 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Ratio, by definition: full width at half maximum over one sigma.
 /// Full width at half maximum over one sigma of a Gaussian.
 const FWHM_PER_SIGMA: f32 = 2.354_82;
 

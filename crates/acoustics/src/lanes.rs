@@ -20,13 +20,15 @@ pub fn avx2() -> Option<Level> {
     found
 }
 
+/// Exponent, derived: results stay normal numbers.
 /// Arguments below give e^this, 1.8·10⁻³⁵: results and their products with what is not tiny itself
 /// stay normal numbers, since subnormal ones cost a hundred cycles each.
 pub const EXP_MIN: f32 = -80.0;
+/// Exponent, derived: the result fits an f32.
 /// Arguments above give e^this, 1.7·10³⁸.
 pub const EXP_MAX: f32 = 88.0;
 
-/// Number of lanes.
+/// Lanes; layout of f32 in AVX2.
 pub const LANES: usize = 8;
 
 /// `x · coefficients`, highest power first, by Horner's rule.
@@ -180,7 +182,9 @@ pub fn atan<S: Simd>(x: f32x8<S>) -> f32x8<S> {
 #[inline(always)]
 #[must_use]
 pub fn ratio_atan<S: Simd>(y: f32x8<S>, x: f32x8<S>) -> f32x8<S> {
+    /// tan(π/8), by definition.
     const TAN_EIGHTH: f32 = 0.414_213_57;
+    /// tan(3π/8), by definition.
     const TAN_THREE_EIGHTHS: f32 = 2.414_213_7;
     let simd = x.simd;
     let size = y.abs();

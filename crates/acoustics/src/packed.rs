@@ -19,6 +19,7 @@ use crate::ping_view::PingView;
 use crate::triple::{Triple, cross, dot, gathered};
 use crate::{PingGeometry, Splat};
 
+/// Numbers a Gaussian; layout.
 /// Numbers per Gaussian, world axes: mean (m), covariance (xx, yy, zz, yz, xz, xy, m²), strength
 /// towards +x, +y, +z and towards −x, −y, −z.
 pub const NUMBERS: usize = 15;

@@ -5,19 +5,24 @@ use echosplat_model::glam::{Mat3, Quat, Vec3};
 
 use crate::{Real, SymmetricMat3};
 
+/// Numbers a Gaussian; layout.
 /// Numbers per Gaussian: mean 3, rotation 4 (x y z w), log scale 3, opacity logit, log reflectivity.
 pub const PARAMETER_COUNT: usize = 12;
 
-/// Largest opacity: below it `T/(1 − α)` stays accurate.
+/// Opacity, bound: below it `T/(1 − α)` stays accurate.
 pub const OPACITY_MAX: f32 = 0.999;
+/// Logit, bound: the slope has not vanished.
 /// Logits are kept within plus and minus this, where their slope has not vanished: at 12 it is
 /// 6·10⁻⁶, in f32 it is 0 from 16.6 on.
 pub const OPACITY_LOGIT_LIMIT: f32 = 12.0;
+/// Log metres, bound: 10 µm to 100 m.
 /// Log scales: 10 µm to 100 m. Their fourth powers are normal f32 numbers, and what is as wide as a
 /// sonar hears still has a slope to shrink by; from 1 km on it is lost in rounding.
 pub const LOG_SCALE_LIMITS: [f32; 2] = [-11.512_925, 4.61];
+/// Log ratio, bound: covariance condition 10¹².
 /// Largest difference of log scales in one Gaussian: covariance condition 10¹².
 pub const LOG_SCALE_SPREAD: f32 = 13.815_511;
+/// Log power, bound: either way.
 /// Log reflectivities are kept within plus and minus this.
 pub const REFLECTIVITY_LOG_LIMIT: f32 = 60.0;
 

@@ -96,7 +96,7 @@ pub trait Real:
     }
 }
 
-/// 1/√(2π).
+/// 1/√(2π), by definition.
 const INVERSE_SQRT_TAU: f64 = 0.398_942_280_401_432_7;
 
 macro_rules! real {

@@ -6,7 +6,7 @@ use rand_xoshiro::rand_core::{Rng, SeedableRng};
 
 use crate::{Beam, GaussianArrays, Parameters, PingGeometry, PingPose};
 
-/// Gaussians in view in [`bench_scene`].
+/// Gaussians in view in [`bench_scene`]; layout.
 pub const BENCH_GAUSSIANS: usize = 2_000;
 
 /// A sequence of even numbers: samples need no better generator.

@@ -9,21 +9,27 @@ use echosplat_model::glam::{DVec3, Vec3};
 use crate::online::constants::{BEAM_REACH_SIGMAS, RANGE_REACH_SIGMAS};
 use crate::{GaussianArrays, PingGeometry};
 
-/// Gaussians below a leaf.
+/// Gaussians below a leaf; layout.
 const LEAF_LEN: usize = 8;
+/// Log ratio of sizes, grid: ln 4.
 /// Each class holds sizes up to this many times the one below.
 const CLASS_LOG_STEP: f32 = 1.386_294_4;
+/// Sigmas, derived: what is projected, and rounding.
 /// What `PingGeometry::project` lets through off the beam; a bit more for rounding.
 const ACROSS_SIGMAS: f32 = BEAM_REACH_SIGMAS + 0.01;
+/// Half-widths, derived: the weight is 10⁻³.
 /// The fan's weight falls to 10⁻³ at `9.966^(1/8)` = 1.333 half-widths.
 const FAN_HALF_WIDTHS: f32 = 1.335;
+/// Sigmas, derived: 10⁻⁹ of the energy is left.
 /// How far before its mean a Gaussian is heard: sigmas of its own, and 6.5 by which the beam
 /// may shift r′ before less than 10⁻⁹ of its energy is left.
 const ALONG_SIGMAS: f32 = RANGE_REACH_SIGMAS + 6.5;
+/// Sigmas of pulse and position, derived.
 /// What pulse and position blur, in sigmas.
 const BLUR_SIGMAS: f32 = RANGE_REACH_SIGMAS;
-/// Relative rounding of f32 over some twenty operations.
+/// Fraction, derived: f32 over some twenty operations.
 const ROUNDING: f32 = 1e-5;
+/// Bits of a cell along an axis; layout.
 /// Cells of the Morton curve along an axis, as bits.
 const MORTON_BITS: u32 = 21;
 

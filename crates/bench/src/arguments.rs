@@ -39,6 +39,9 @@ pub(crate) enum Bench {
     Soak(SoakBenchArguments),
     /// Error-time, ablation, stability and targets in turn, each within its share of the time
     All(AllBenchArguments),
+    /// What this version reaches, as one file: accuracy, live maps, certainty, noise, error against time,
+    /// memory and speed; it goes on where it was when it is asked again
+    Report(ReportBenchArguments),
     /// Makes one run and prints its outcome
     #[command(hide = true)]
     Run(RunBenchArguments),
@@ -180,6 +183,55 @@ pub(crate) struct SoakBenchArguments {
     /// Another build of this program, in place of this one
     #[arg(long, hide = true, value_name = "FILE")]
     pub(crate) program: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct ReportBenchArguments {
+    /// The file; what is done so far is kept in a folder beside it
+    #[arg(
+        long,
+        value_name = "FILE.json",
+        default_value = "results.json",
+        conflicts_with = "write_page"
+    )]
+    pub(crate) out: PathBuf,
+    /// Only this part; repeatable. What is done of the others stays in the file
+    #[arg(long, value_name = "PART", value_enum, conflicts_with = "write_page")]
+    pub(crate) only: Vec<ReportPart>,
+    /// Stop after so many minutes; the same command goes on
+    #[arg(long, value_name = "MINUTES", value_parser = positive, default_value_t = 90.0)]
+    pub(crate) budget: f64,
+    /// Runs at a time, each with one thread of the mapper
+    #[arg(long, value_name = "N", default_value_t = 2,
+        value_parser = clap::value_parser!(u64).range(1..=64))]
+    pub(crate) jobs: u64,
+    /// A little of each part, of short dives: whether it works, not what it reaches
+    #[arg(long)]
+    pub(crate) quick: bool,
+    /// Run nothing: make this page of a file, its charts in a folder beside it, and the table of accuracy in
+    /// the README above where that has marks for it
+    #[arg(long, value_name = "PAGE.md", requires = "from")]
+    pub(crate) write_page: Option<PathBuf>,
+    /// The file of which the page is made
+    #[arg(long, value_name = "FILE.json", requires = "write_page")]
+    pub(crate) from: Option<PathBuf>,
+}
+
+/// Parts of the report that have runs of their own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ReportPart {
+    /// Finished maps of all scenes and levels of noise.
+    Accuracy,
+    /// Surveys of four scenes, for what maps say of their certainty.
+    Sigma,
+    /// Live maps beside the dive ended there.
+    Live,
+    /// Echoes that sink into the noise.
+    Noise,
+    /// Error against processor time, by method.
+    ErrorTime,
+    /// Memory over the length of a dive.
+    Length,
 }
 
 /// Kinds of faults.

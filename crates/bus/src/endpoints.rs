@@ -114,8 +114,8 @@ impl Endpoints {
 }
 
 /// # Errors
-/// Names the first endpoint of a kind that is not built in.
-pub(crate) fn check_kinds(endpoints: &Endpoints) -> Result<(), BusError> {
+/// Names the first endpoint of a kind that is not built in, or without a port, which zenoh would try for ever.
+pub(crate) fn check(endpoints: &Endpoints) -> Result<(), BusError> {
     let listen = endpoints.listen.iter().map(|to| ("listen/endpoints", to));
     let connect = endpoints.connect.iter().map(|to| ("connect/endpoints", to));
     for (setting, endpoint) in listen.chain(connect) {
@@ -127,8 +127,21 @@ pub(crate) fn check_kinds(endpoints: &Endpoints) -> Result<(), BusError> {
                 built_in: BUILT_IN.join(", "),
             });
         }
+        if !has_port(endpoint) {
+            return Err(BusError::NoPort {
+                setting,
+                endpoint: endpoint.clone(),
+            });
+        }
     }
     Ok(())
+}
+
+fn has_port(endpoint: &str) -> bool {
+    let address = endpoint.split_once('/').map_or(endpoint, |(_, rest)| rest);
+    let address = address.split(['#', '?']).next().unwrap_or_default();
+    let port = address.rsplit_once(':').map(|(_, port)| port);
+    port.is_some_and(|port| port.parse::<u16>().is_ok())
 }
 
 /// What zenoh assumes for a peer that was not told where to listen.
@@ -267,6 +280,32 @@ mod tests {
     }
 
     #[test]
+    fn an_endpoint_without_a_port_is_refused() {
+        let connecting = |endpoint: &str| {
+            check(&Endpoints {
+                connect: vec![endpoint.to_owned()],
+                ..Endpoints::default()
+            })
+        };
+        for fine in [
+            "tcp/127.0.0.1:7447",
+            "tcp/[::1]:0#iface=lo",
+            "tcp/rov.local:7447?rel=1",
+        ] {
+            assert!(connecting(fine).is_ok(), "{fine}");
+        }
+        for wrong in [
+            "tcp/127.0.0.1",
+            "tcp/[::1]",
+            "tcp/rov.local:",
+            "tcp/rov.local:70000",
+        ] {
+            let said = connecting(wrong).unwrap_err().to_string();
+            assert!(said.contains(wrong) && said.contains("7447"), "{said}");
+        }
+    }
+
+    #[test]
     fn what_is_said_is_what_is_open() {
         let list = |endpoints: &[&str]| endpoints.iter().map(|e| (*e).to_owned()).collect();
         let mut endpoints = Endpoints {
@@ -297,7 +336,7 @@ mod tests {
     fn kinds_that_are_not_built_in_are_named() {
         let of = |setting: &str, endpoint: &str| {
             let given = serde_json::json!([endpoint]);
-            check_kinds(&effective(|path| match path == setting {
+            check(&effective(|path| match path == setting {
                 true => given.clone(),
                 false => Value::Null,
             }))

@@ -36,6 +36,16 @@ pub enum BusError {
         /// What zenoh says.
         reason: String,
     },
+    /// An endpoint without a port.
+    #[error(
+        "zenoh {setting} {endpoint}: no port; routers listen on 7447, as in tcp/192.168.2.1:7447"
+    )]
+    NoPort {
+        /// Path of the setting that names it, separated by slashes.
+        setting: &'static str,
+        /// As it was given.
+        endpoint: String,
+    },
     /// An endpoint of a kind that this program was built without.
     #[error(
         "zenoh {setting} {endpoint}: {} is not built in; built in is {built_in}, as in tcp/127.0.0.1:7447",

@@ -19,9 +19,9 @@
 //! clouds overlay poses as they are. Any other is in a frame of its own, `<frame_id>_local`, and
 //! `tf_static` says where that lies; its `origin_m` says the same.
 //!
-//! `docs/zenoh.md` says the same to those who write other programs.
+//! `README.md` beside this says the same to those who write other programs.
 //!
-//! On request the session is a node of ROS 2 too ([`Bus::publish_ros`]); `docs/ros2.md` says what
+//! On request the session is a node of ROS 2 too ([`Bus::publish_ros`]); `docs/live.md` says what
 //! it has there.
 //!
 //! Live deltas are sent with congestion control Drop and below a bandwidth, so one can be lost; they

@@ -86,7 +86,7 @@ impl Plan {
         if config.ros_domain_id.is_some() {
             endpoints.warn_of_nodes_out_of_reach(|key| setting(&plan, key));
         }
-        endpoints::check_kinds(&endpoints)?;
+        endpoints::check(&endpoints)?;
         Ok(Self {
             endpoints,
             is_lone_peer: is_lone_peer(&plan),

@@ -16,13 +16,17 @@ use echosplat_model::{LEFT_OF_JITTER, PoseCovariance, PoseUncertainty, Timestamp
 use glam::{DQuat, DVec3};
 use serde::{Deserialize, Serialize};
 
+/// Metres, derived: a quarter of 100 m, the longest range.
 /// No pose is of use whose place is less sure, one sigma, metres: a quarter of the longest range of a sonar of this
 /// kind, 100 m, beyond which a ping says nothing of any place. Drivers write 1e6, 9999 or 1000 m² where nobody measures.
 const LARGEST_SIGMA_M: f64 = 25.0;
+/// Square radians, derived: nothing is known of the angle.
 /// Variance of an angle of which nothing is known: even over the whole turn, π²/3.
 const LARGEST_VARIANCE_RAD2: f64 = std::f64::consts::PI * std::f64::consts::PI / 3.0;
+/// Covariances before a ping, bounds work.
 /// Covariances before a ping are looked at so often within the time that errors take to fade.
 const LOOKS: u32 = 64;
+/// Fraction of variance, assumed: less is rounding.
 /// A rise of less, as a share of the variance that poses are taken to have anyway, is rounding.
 const LEAST_RISE: f64 = 1e-6;
 
@@ -90,6 +94,7 @@ pub struct CovarianceCounters {
     pub newest_smear_m: f64,
 }
 
+/// Metres, derived: within this probability speaks of surface.
 /// A smear in the middle of the range that is told of, metres: that within which a map says how likely surface is.
 const TOLD_M: f64 = 0.1;
 

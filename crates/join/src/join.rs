@@ -152,6 +152,7 @@ pub struct PoseJoin {
     counters: JoinCounters,
 }
 
+/// Degrees, assumed: compensate a worse compass first.
 /// A compass that deviates by more has to be compensated first.
 const MOST_DEVIATION_DEG: f64 = 45.0;
 

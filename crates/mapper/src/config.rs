@@ -11,30 +11,41 @@ use crate::Features;
 pub struct MapperConfig {
     /// Directional sensitivity of the sonar.
     pub beam: Beam,
+    /// Metres, found: the transducer rings nearer.
     /// Nearer than this a ping is no evidence of anything: the transducer still rings. Metres.
     pub blanking_m: f64,
+    /// Metres, derived from the beam where it is 0.
     /// Edge of an evidence voxel, metres; 0 takes what the beam resolves at the range where most strongest echoes come from.
     /// Finer ones take memory by the third power: whoever lets others choose bounds it.
     pub resolution_m: f64,
+    /// Metres; assumed.
     /// One sigma of the sensor's position where the pose source says nothing, metres.
     pub position_sigma_m: f64,
+    /// Degrees; assumed.
     /// One sigma of the sensor's attitude where the pose source says nothing, degrees.
     pub attitude_sigma_deg: f64,
+    /// Seconds, assumed: aided navigation drifts over minutes.
     /// Time constant with which the error that neighbouring poses share fades, seconds: what is seen again later is seen
     /// with another error, and known the better.
     pub pose_error_time_s: f64,
+    /// Noise powers, derived: noise passes once in 400 bins.
     /// A bin is an echo above this many times the mean noise power. 6 lets noise through once
     /// in 400 bins, at places that do not agree from ping to ping; echoes of rods are 5 to 15 dB.
     pub detection_factor: f32,
+    /// Decibels; found.
     /// Echoes this far below the strongest of late at about their range are the beam's side lobes rather than surfaces,
     /// decibels.
     pub dynamic_range_db: f32,
+    /// Pings; bounds latency.
     /// Pings whose evidence is taken in together; bounds the latency of the map.
     pub slice_pings: usize,
+    /// Pings; bounds memory.
     /// Most pings that are remembered; beyond it the oldest go, and what they told stays with the Gaussians.
     pub history_pings: usize,
+    /// Nats; found.
     /// Evidence at which a place becomes a Gaussian, in units of one clear observation.
     pub spawn_evidence: f32,
+    /// Pairs; bounds work.
     /// Work that each ping allows, in Gaussian–bin pairs of a step or what takes as long; less makes the map lag, not
     /// worse.
     pub work_pairs_per_ping: u64,
@@ -43,15 +54,20 @@ pub struct MapperConfig {
     /// No key of a file: a run that a signal ends would leave no map.
     #[serde(skip)]
     pub live_map: bool,
+    /// Steps; found.
     /// Steps of each stage when tiles are worked out.
     pub workout_passes: usize,
+    /// Pairs; bounds work.
     /// About how many Gaussian–bin pairs a work-out may take; crowded maps look at fewer pings.
     pub workout_pairs: u64,
+    /// Fraction; found.
     /// Least share of an echo that a confident Gaussian and its surroundings explain.
     pub confident_share: f32,
+    /// Metres; found.
     /// Most one-sigma uncertainty of a confident Gaussian by its own pings alone, metres; one that is linked to a surface may
     /// have four times as much.
     pub confident_sigma_m: f32,
+    /// Threads; layout.
     /// Threads of the mapper's own pool; 0 takes one per core. Does not change the result.
     pub threads: usize,
     /// What a scene may not need.

@@ -124,19 +124,25 @@ impl From<Switch> for Extent {
     }
 }
 
+/// Echoes a ping; found.
 /// Runs of echoes per ping that shows any, up to which nothing lies behind anything.
 const ALONE: f32 = 1.05;
-/// Pings before anything is decided.
+/// Pings before anything is decided; found.
 const LEAST_PINGS: f32 = 64.0;
+/// Fraction of observations; found.
 /// Share of observations from one azimuth sector beyond which a structure was seen from nowhere else.
 const ONE_SECTOR: f32 = 0.98;
+/// Voxels left open; found.
 /// What a pose leaves open, in voxels, beyond which finer Gaussians show nothing finer.
 const BLURRED_VOXELS: f32 = 0.8;
+/// Voxels of jitter; found.
 /// Poses that jitter by so many voxels smear echoes: darkness from every azimuth sector is needed to tell.
 const SMEARED_VOXELS: f32 = 1.0;
+/// Bins a ping, found.
 /// Bins a ping that another sonar's pulses fill, from which on there is one: where there is none, noise and echoes pass for
 /// at most 0.003.
 const INTERFERED_BINS: f64 = 0.01;
+/// Fraction of pings left out; found.
 /// Share of pings left out that is worth saying.
 const WORTH_SAYING: f32 = 0.05;
 
@@ -170,7 +176,7 @@ pub(crate) struct Cue {
 
 impl Cues {
     pub(crate) fn add(&mut self, cue: Cue) {
-        /// What a new blur counts.
+        /// Weight of a new blur; found.
         const RATE: f32 = 0.01;
         self.pings += 1.0;
         if cue.runs > 0 {

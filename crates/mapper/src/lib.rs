@@ -2,7 +2,7 @@
 //! them, reflectivity by expectation-maximisation, and what of it the map dares to assert.
 //!
 //! A ping goes through five rooms in order: `detect`, `accumulate`, `spawn`, `refine`, `classify`; the method is
-//! in `docs/algorithm.md`. [`Mapper`] is the face: `insert`, `snapshot`, `finish`. Everything else is inside.
+//! in `docs/develop/method.md`. [`Mapper`] is the face: `insert`, `snapshot`, `finish`. Everything else is inside.
 //! This crate deliberately has no sockets, no files, no clock and no randomness: the same pings,
 //! configuration and budgets give the same bits at any number of threads.
 //!

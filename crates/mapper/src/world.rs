@@ -6,18 +6,24 @@ use echosplat_model::{Gaussian, Pose, PosedPing};
 use crate::MapperConfig;
 use crate::accumulate::evidence::Evidence;
 
+/// Metres of finest and coarsest voxels; found.
 /// Voxels stay within these bounds.
 const VOXEL_LIMITS_M: (f64, f64) = (0.02, 0.5);
+/// Beam widths; found.
 /// Edge of a voxel in widths of the beam: at the far end of a ping, as coarse as ever, and where the strongest echoes come
 /// from.
 const AT_FAR_END: f64 = 0.35;
+/// Beam widths; found.
 const AT_WORKING_RANGE: f64 = 0.8;
+/// Fraction; bounds memory.
 /// A unit that is set to hear much further than what is there has voxels at most this fraction of those of its far end: noise
 /// out there fills room as well.
 const FINEST_FRACTION: f64 = 0.5;
+/// Ratio; bounds work.
 /// Voxels that would be finer or coarser by less stay as they are.
 const LEAST_CHANGE: f32 = 1.3;
 
+/// Metres, derived: single precision rounds by 0.5 mm.
 /// A map that begins within this distance of the poses' origin is published in the poses' own
 /// frame, so that it overlays the track in tools that know nothing of origins. Single precision
 /// rounds a place by at most 0.5 mm up to 16 km.

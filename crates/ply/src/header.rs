@@ -3,7 +3,7 @@
 use std::fmt;
 use std::io::{self, Read, Write};
 
-use crate::{PlyError, shown};
+use crate::{PlyError, refuse_newer, shown};
 
 /// Longest header taken: far more than any 3DGS file's.
 const MAX_HEADER_BYTES: usize = 64 << 10;
@@ -202,7 +202,7 @@ impl Header {
     /// Reads it, and not a byte of the rows.
     ///
     /// # Errors
-    /// Says which line is wrong, or that it is no header.
+    /// Says which line is wrong, or that it is no header; also of a file of a newer version.
     pub fn read(reader: &mut impl Read) -> Result<Self, PlyError> {
         let mut lines = Lines { reader, taken: 0 };
         let first = lines.next()?;
@@ -227,6 +227,7 @@ impl Header {
         }
         let none = || PlyError::Header("it names no format".to_owned());
         header.format = format.ok_or_else(none)?;
+        refuse_newer(header.comments.iter().map(String::as_str))?;
         Ok(header)
     }
 

@@ -3,17 +3,21 @@
 //! A [`Reader`] takes rows one at a time. What a file says of its own size is never believed: memory
 //! grows with the bytes that came, and a header, a list and a word have most bytes that are taken.
 //!
+//! A header whose comments say a version of this program's formats that is not known here is refused.
+//!
 //! Deliberately absent: what elements and properties mean, and files.
 
 mod header;
 mod reader;
 mod values;
+mod version;
 mod writer;
 
 use std::io;
 
 pub use header::{Element, Format, Header, Kind, Property, Scalar};
 pub use reader::{Reader, Row};
+pub use version::{Newer, Written, refuse_newer, version_of};
 pub use writer::{write_floats, write_list};
 
 /// Why a PLY was refused.
@@ -31,6 +35,9 @@ pub enum PlyError {
     /// The header says something that cannot be.
     #[error("header: {0}")]
     Header(String),
+    /// Of a version that is not known here.
+    #[error(transparent)]
+    Newer(#[from] Newer),
     /// Fewer rows than the header says.
     #[error("cut off: the header says {expected} of element `{element}`, {found} are there")]
     Cut {

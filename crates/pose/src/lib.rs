@@ -2,7 +2,8 @@
 //!
 //! [`PoseSource`] yields poses from what a [`PoseUrl`] names: the bus, `MAVLink` over UDP, TCP, a
 //! serial line or a server on the bus, a Water Linked DVL, or a TUM file; [`poses_of_svlog`] and
-//! [`poses_of_mcap`] read those that a log holds. Each source turns what it hears into the frames
+//! [`poses_of_mcap`] read those that a log holds, and [`survey_of_mcap`] says which there are. Each source
+//! turns what it hears into the frames
 //! of this program and, where it stamps with a clock of its own, puts the stamps on the pings'
 //! clock.
 //!
@@ -29,6 +30,7 @@ mod tum_file;
 mod url;
 
 pub use log::{LogPoses, LogPosesError, poses_of_mcap, poses_of_svlog};
+pub use log::{McapSurvey, McapTopic, TopicPoses, survey_of_mcap};
 pub use only::Only;
 pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
 pub use status::{PoseSender, PoseSourceStatus, Several};

@@ -7,10 +7,13 @@
 
 use serde::{Deserialize, Serialize};
 
+/// Half octaves of looks; grid.
 /// Half steps from 1/16 of a look to 64.
 const LOOKS_GRID: std::ops::RangeInclusive<i32> = -8..=12;
+/// Steps; bounds work.
 /// Steps of the fit of gain and floor; each is the multiplicative rule of gamma speckle.
 const FIT_STEPS: usize = 100;
+/// Share, derived: no receiver resolves zero.
 /// Intensities below this share of the constant count as it: no receiver resolves zero, and its
 /// logarithm would be all there is.
 const LEAST_SHARE: f64 = 1e-4;

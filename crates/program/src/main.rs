@@ -3,8 +3,10 @@
 //! What the commands do is in `echosplat-service`, and in `echosplat-bench` where that is built in: a
 //! vehicle's program goes without (`--no-default-features`).
 
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
+use anyhow::Context;
 use clap::{CommandFactory, Parser, Subcommand};
 use clap_complete::Shell;
 use echosplat_service::arguments::{self, LoggingArguments, VERSION};
@@ -35,7 +37,16 @@ enum Command {
         #[arg(value_enum, value_name = "SHELL")]
         shell: Shell,
     },
+    /// Writes our manual pages, one a command
+    Man {
+        /// Where they go
+        #[arg(long, value_name = "DIR")]
+        out: PathBuf,
+    },
 }
+
+#[cfg(test)]
+mod documents;
 
 fn main() -> ExitCode {
     let _log = logging::FlushedAtEnd;
@@ -57,6 +68,7 @@ fn run(command: Command) -> anyhow::Result<Finish> {
             print_completions(shell);
             Ok(Finish::Done)
         }
+        Command::Man { out } => write_manual(&out),
     }
 }
 
@@ -64,6 +76,13 @@ fn print_completions(shell: Shell) {
     let mut script = Vec::new();
     clap_complete::generate(shell, &mut Arguments::command(), "echosplat", &mut script);
     logging::print(String::from_utf8_lossy(&script).trim_end());
+}
+
+fn write_manual(folder: &Path) -> anyhow::Result<Finish> {
+    let failed = || format!("cannot write to {}", folder.display());
+    std::fs::create_dir_all(folder).with_context(failed)?;
+    clap_mangen::generate_to(Arguments::command(), folder).with_context(failed)?;
+    Ok(Finish::Done)
 }
 
 #[cfg(test)]

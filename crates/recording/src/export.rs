@@ -13,6 +13,7 @@ use std::io::{self, Write};
 
 use echosplat_model::Gaussian;
 use echosplat_model::glam::{DVec3, Vec3};
+use echosplat_ply::Written;
 
 use crate::ply::{MapFile, notes};
 use crate::ramp::color_of_reflectivity;
@@ -56,7 +57,7 @@ fn sound(map: &MapFile) -> impl Iterator<Item = &Gaussian> {
 
 /// Writes `.splat`: 32-byte records of position (f32 × 3), scale (f32 × 3), colour and opacity
 /// (u8 × 4) and rotation (w x y z, u8 × 4, 128 + 128·q), relative to the map's origin: give it a map
-/// that is [`in_world`].
+/// that is [`in_world`]. Nothing in it has room for a version: this is the only one.
 ///
 /// # Errors
 /// Of the writer.
@@ -76,7 +77,7 @@ pub fn write_splat(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
 
 /// Writes PCD 0.7, binary, all f32: `x y z` (metres), `intensity` (reflectivity, dB), `opacity` and
 /// `sigma` (metres, may be infinite). Relative to the map's origin, which the header's comment
-/// `# origin_m X Y Z` says: give it a map that is [`in_world`].
+/// `# origin_m X Y Z` says: give it a map that is [`in_world`]. `# echosplat_points N` is the version of this format.
 ///
 /// # Errors
 /// Of the writer.
@@ -84,10 +85,11 @@ pub fn write_pcd(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
     let count = sound(map).count();
     writeln!(
         writer,
-        "# .PCD v0.7 - Point Cloud Data file format\n# {}\nVERSION 0.7\n\
+        "# .PCD v0.7 - Point Cloud Data file format\n# {}\n# {}\nVERSION 0.7\n\
          FIELDS x y z intensity opacity sigma\nSIZE 4 4 4 4 4 4\nTYPE F F F F F F\n\
          COUNT 1 1 1 1 1 1\nWIDTH {count}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\n\
          POINTS {count}\nDATA binary",
+        Written::POINTS.comment(),
         notes::origin(map.origin_m)
     )?;
     for gaussian in sound(map) {
@@ -147,7 +149,8 @@ mod tests {
         let head = b"POINTS 1\nDATA binary\n";
         let at = bytes.windows(head.len()).position(|w| w == head).unwrap() + head.len();
         let text = String::from_utf8_lossy(&bytes[..at]);
-        assert!(text.contains("\n# origin_m 1000000.0 0.0 0.0\n"), "{text}");
+        let says = "\n# echosplat_points 1\n# origin_m 1000000.0 0.0 0.0\n";
+        assert!(text.contains(says), "{text}");
         let values = bytes[at..]
             .as_chunks()
             .0

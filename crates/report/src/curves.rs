@@ -63,7 +63,7 @@ fn charts_html(figures: &[String]) -> String {
 
 impl Plot {
     /// Its lines of these names.
-    fn to_svg(&self, names: &[&str]) -> String {
+    pub(crate) fn to_svg(&self, names: &[&str]) -> String {
         let chart = Chart {
             x_label: &self.x_label,
             y_label: &self.y_label,

@@ -11,7 +11,9 @@ mod curves;
 mod dive;
 mod map_view;
 mod picture;
+pub mod results;
 mod sonar_image;
+mod svg_file;
 pub mod table;
 mod trajectory;
 

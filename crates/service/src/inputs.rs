@@ -181,12 +181,13 @@ fn live_clock(session: &SessionConfig) -> LogClock {
 fn begin_recorder(
     config: &Config,
     log_clock: LogClock,
-    begin: Value,
+    mut begin: Value,
 ) -> anyhow::Result<Option<Recorder>> {
     let asked = config.output.record.as_deref();
     if asked.is_none() && config.web.address.is_none() {
         return Ok(None);
     }
+    begin["program"] = env!("CARGO_PKG_VERSION").into();
     let directory = asked.unwrap_or(Path::new(RECORDINGS));
     let settings = toml::to_string(config).context("the configuration as TOML")?;
     let recorder_config = RecorderConfig {

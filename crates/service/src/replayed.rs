@@ -176,9 +176,10 @@ impl Replayed {
         bus: Option<&Bus>,
     ) -> anyhow::Result<(PoseSource, Vec<String>)> {
         let source = match asked {
-            Some(PoseUrl::Tum(path)) if is_recording(path) => {
-                inputs::refuse_foreign(path)?;
-                return foreign(path, None);
+            Some(PoseUrl::Tum(path)) if is_recording(&file_and_topic(path).0) => {
+                let (path, topic) = file_and_topic(path);
+                inputs::refuse_foreign(&path)?;
+                return foreign(&path, topic);
             }
             Some(PoseUrl::Log(Some(topic))) => return foreign(&self.paths[0], Some(topic)),
             Some(PoseUrl::Log(None)) | None => self.own_poses(),
@@ -255,6 +256,8 @@ pub(crate) struct Begun {
     pub(crate) session: Option<SessionConfig>,
     /// The bytes are those of a log, not of a link.
     pub(crate) is_log: bool,
+    /// Version of the program that recorded it, if the recording says it.
+    pub(crate) program: Option<String>,
 }
 
 impl Begun {
@@ -265,7 +268,19 @@ impl Begun {
         Self {
             session: begin.and_then(session),
             is_log: begin.is_some_and(|event| event["is_log"] == true),
+            program: begin
+                .and_then(|event| event["program"].as_str())
+                .map(str::to_owned),
         }
+    }
+}
+
+/// `F.mcap` and `/odom` of `F.mcap#/odom`. A file of the whole name goes first.
+fn file_and_topic(path: &Path) -> (PathBuf, Option<&str>) {
+    let parts = path.to_str().and_then(|text| text.rsplit_once('#'));
+    match parts {
+        Some((file, topic)) if !topic.is_empty() && !path.exists() => (file.into(), Some(topic)),
+        _ => (path.to_owned(), None),
     }
 }
 
@@ -345,4 +360,23 @@ pub(crate) fn open_tape(paths: &[PathBuf]) -> anyhow::Result<Tape> {
         return Some(Ok((recorded.host_time, item)));
     };
     Ok(Box::new(std::iter::from_fn(next)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_topic_stands_behind_the_file_unless_a_file_is_called_so() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = |name: &str| folder.path().join(name);
+        let (file, topic) = (path("a.mcap"), path("a.mcap#/odom"));
+        assert_eq!(file_and_topic(&topic), (file.clone(), Some("/odom")));
+        assert_eq!(file_and_topic(&file), (file.clone(), None));
+        let odd = path("b#2.mcap");
+        std::fs::write(&odd, "").unwrap();
+        assert_eq!(file_and_topic(&odd), (odd.clone(), None));
+        let none = path("a.mcap#");
+        assert_eq!(file_and_topic(&none), (none.clone(), None));
+    }
 }

@@ -36,17 +36,19 @@ pub(crate) fn load(path: &Path) -> anyhow::Result<Truth> {
 }
 
 fn load_file(path: &Path) -> anyhow::Result<Truth> {
-    let truth = Truth::load(path)
-        .map_err(|error| Usage::error(format!("truth {}: {error}", path.display())))?;
-    Ok(truth)
+    Truth::load(path).map_err(|error| refused(&error))
+}
+
+/// The error names the file.
+fn refused(error: &dyn std::fmt::Display) -> anyhow::Error {
+    Usage::error(format!("truth: {error}"))
 }
 
 /// The scene's surface, and of it what was seen; the file of that holds places only, what they
 /// belong to is asked of the scene.
 fn of_dive(directory: &Path) -> anyhow::Result<Truth> {
     let scene_file = directory.join(SCENE_FILE);
-    let scene = Scene::load(&scene_file)
-        .map_err(|error| Usage::error(format!("truth {}: {error}", scene_file.display())))?;
+    let scene = Scene::load(&scene_file).map_err(|error| refused(&error))?;
     let places = load_file(&directory.join(SEEN_FILE))?;
     let surface_point = |place: &SurfacePoint| {
         let (_, normal, is_seabed) = scene.nearest(place.position);

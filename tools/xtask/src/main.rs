@@ -1,7 +1,8 @@
-//! Checks that the workspace holds to its architecture: `cargo xtask check`.
+//! Checks that the workspace holds to its architecture: `cargo xtask check`. `cargo xtask constants` writes the page of
+//! constants, and `cargo xtask dist` packs what a package needs ([`dist`]).
 //!
-//! It reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`]
-//! and [`sources`]. It deliberately builds nothing, changes nothing and needs no network: what the
+//! The check reads `cargo tree` and the tracked files and judges them by the rules in [`dependencies`], [`constants`],
+//! [`results`] and [`sources`]. It deliberately builds nothing, changes nothing and needs no network: what the
 //! compiler and clippy can say is theirs to say.
 
 #![allow(
@@ -14,7 +15,9 @@ mod code;
 mod constants;
 mod crates;
 mod dependencies;
+mod dist;
 mod graph;
+mod results;
 mod sources;
 mod workspace;
 
@@ -22,12 +25,14 @@ use std::process::ExitCode;
 
 use workspace::Workspace;
 
-const USAGE: &str = "usage: cargo xtask check";
+const USAGE: &str = "usage: cargo xtask check | constants | dist";
 
 fn main() -> ExitCode {
     let arguments: Vec<String> = std::env::args().skip(1).collect();
     match arguments.iter().map(String::as_str).collect::<Vec<_>>()[..] {
         ["check"] => report(check()),
+        ["dist"] => dist::made(),
+        ["constants"] => report(write_constants()),
         _ => {
             eprintln!("{USAGE}");
             ExitCode::from(2)
@@ -51,7 +56,16 @@ fn check() -> anyhow::Result<Vec<String>> {
     ));
     broken.extend(sources::violations(&files));
     broken.extend(constants::violations(&files));
+    broken.extend(results::violations(&files));
     Ok(broken)
+}
+
+/// Writes the page of constants; what they do not say is told by the check.
+fn write_constants() -> anyhow::Result<Vec<String>> {
+    let workspace = Workspace::here()?;
+    let page = constants::page(&workspace.tracked_files()?)?;
+    workspace.write(constants::PAGE, &page)?;
+    Ok(Vec::new())
 }
 
 fn report(outcome: anyhow::Result<Vec<String>>) -> ExitCode {

@@ -88,6 +88,11 @@ impl Workspace {
             .collect()
     }
 
+    /// Writes a file of the checkout.
+    pub(crate) fn write(&self, path: &str, text: &str) -> anyhow::Result<()> {
+        std::fs::write(self.root.join(path), text).with_context(|| path.to_owned())
+    }
+
     fn files_on_disk(&self) -> anyhow::Result<Vec<String>> {
         let mut paths = Vec::new();
         let mut folders = vec![self.root.clone()];

@@ -4,10 +4,10 @@ use super::constants::{RASTER_HALF_HEIGHT, RASTER_HALF_WIDTH_SIGMAS, RASTER_ROW_
 use crate::PingGeometry;
 use crate::lanes::LANES;
 
-/// Rows all around.
+/// Rows all around; layout.
 const MOST_ROWS: f64 = 360.0 / RASTER_ROW_DEG;
 
-/// Columns of azimuth: one per lane.
+/// Columns of azimuth; layout: one a lane.
 pub(crate) const COLUMNS: usize = LANES;
 
 /// Cells of azimuth × elevation around the beam's axis, in the beam's frame, row after row.

@@ -9,9 +9,11 @@ use super::rows::{OnlineRow, RowGradient};
 use crate::lanes::{self, LANES};
 use crate::{PingGeometry, Splat};
 
-/// Numbers beyond the last bin that eight at a time may touch.
+/// Numbers beyond the last bin; layout.
+/// Eight at a time may touch them.
 pub(super) const PADDING: usize = LANES + 1;
 
+/// Sigmas, derived from f32's digits.
 /// Bins narrower than this many sigmas take Φ's difference from its series at their middle: that is
 /// good to 10⁻⁶ there, while the difference of two f32 is good to 2·10⁻⁷ of 1, which would be 10⁻³
 /// of a share as small as 2·10⁻⁴.
@@ -82,6 +84,7 @@ impl<S: Simd> Edges<S> {
     }
 }
 
+/// Rows, derived: larger sums lose digits.
 /// Rows that are summed up before their sum is added to the ping's: many small ones next to a
 /// large sum would lose their digits.
 const ROWS_AT_A_TIME: usize = 128;

@@ -9,15 +9,15 @@ use echosplat_service::{processor, simd};
 #[derive(Debug, Clone, Serialize)]
 pub(super) struct Machine {
     /// The processor's own name.
-    processor: String,
+    pub(super) processor: String,
     /// Threads it runs at once.
-    cores: usize,
+    pub(super) cores: usize,
     /// Vector instructions that the kernels take.
     simd: String,
     /// Of this program.
-    version: &'static str,
+    pub(super) version: &'static str,
     /// Of this program's source.
-    commit: &'static str,
+    pub(super) commit: &'static str,
 }
 
 impl Machine {

@@ -13,6 +13,7 @@ mod long;
 mod machine;
 mod noise;
 mod paper;
+mod report;
 mod runs;
 mod stability;
 mod targets;
@@ -57,6 +58,7 @@ pub fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Faults(arguments) => faults::run(arguments),
         Bench::Soak(arguments) => faults::soak::run(arguments),
         Bench::All(arguments) => all::run(arguments),
+        Bench::Report(arguments) => report::run(arguments),
         Bench::Run(arguments) => runs::run_one(arguments),
     }
 }

@@ -9,7 +9,7 @@ mod omission;
 mod report;
 mod sweeps;
 
-pub(crate) use cases::{Case, cases, omissions};
+pub(crate) use cases::{Case, Line, cases, omissions};
 pub(crate) use omission::Omission;
 pub(crate) use report::{Endings, case_section, endings, omissions_section, sweep_section, text};
 pub(crate) use sweeps::{Sweep, sweeps};

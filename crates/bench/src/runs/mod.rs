@@ -3,6 +3,7 @@
 //! A [`Spec`] says all that its run depends on beside the program itself; its name is unique.
 //! Deliberately absent: making the runs.
 
+mod expected;
 mod outcome;
 mod spec;
 

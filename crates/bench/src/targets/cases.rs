@@ -6,9 +6,10 @@ use glam::DVec3;
 
 use super::accuracy::{self, Judged};
 use super::limit::{Limit, Row, Target, Unit};
+use super::live::{self, worst};
 use super::sections::Section;
-use crate::runs::{Method, Outcome, Outcomes, Placement, Spacing, Spec};
-use echosplat_metrics::{Certainty, Metrics};
+use crate::runs::{Method, Outcome, Outcomes, Placement, Spec};
+use echosplat_metrics::Certainty;
 use echosplat_prediction::held_out::HeldOut;
 
 /// Runs of one seed that are judged together.
@@ -40,6 +41,15 @@ impl Case {
         self.runs.iter().map(of_seed).collect()
     }
 
+    /// The same of dives of another length; the default's without.
+    #[must_use]
+    pub(crate) fn lasting(mut self, duration_s: Option<f64>) -> Self {
+        for spec in &mut self.runs {
+            spec.duration_s = duration_s;
+        }
+        self
+    }
+
     /// A row for each of its targets.
     #[must_use]
     pub(crate) fn rows(&self, seeds: &[u64], results: &Outcomes) -> Vec<Row> {
@@ -59,7 +69,7 @@ pub(crate) fn cases() -> Vec<Case> {
     cases.extend(certainties());
     cases.push(shift());
     cases.extend(["fence", "wall", "pier"].map(more));
-    cases.extend(["fence", "wall", "pier"].map(live));
+    cases.extend(["fence", "wall", "pier"].map(|scene| live::case(scene, &live::TENTHS)));
     cases.push(length());
     cases.push(memory());
     cases.push(threads());
@@ -92,11 +102,16 @@ fn of_map(section: Section, judged: Judged) -> Case {
     }
 }
 
-fn survey(scene: &str) -> Spec {
+pub(super) fn survey(scene: &str) -> Spec {
     Spec::new(scene, DiveKind::Survey, NoiseLevel::Nominal, 0)
 }
 
-fn case(section: Section, scene: &'static str, runs: Vec<Spec>, targets: Vec<Target>) -> Case {
+pub(super) fn case(
+    section: Section,
+    scene: &'static str,
+    runs: Vec<Spec>,
+    targets: Vec<Target>,
+) -> Case {
     Case {
         section,
         name: format!("{scene}, survey, nominal"),
@@ -108,7 +123,7 @@ fn case(section: Section, scene: &'static str, runs: Vec<Spec>, targets: Vec<Tar
     }
 }
 
-fn target(quantity: &'static str, unit: Unit, value: fn(&[&Outcome]) -> f64) -> Target {
+pub(super) fn target(quantity: &'static str, unit: Unit, value: fn(&[&Outcome]) -> f64) -> Target {
     Target {
         quantity,
         unit,
@@ -248,86 +263,6 @@ fn most_lost(values: &[f64]) -> f64 {
         best = best.max(value);
         lost.max(best - value)
     })
-}
-
-/// Tenths of a dive: live maps are judged at each.
-const LIVE_MOMENTS: usize = 10;
-/// Of these the first few only show how a map begins.
-const LIVE_FROM: usize = 3;
-
-/// The dive watched, then the dives cut; that of the whole dive is the watched one's own finished map,
-/// on which looking leaves no trace.
-fn live(scene: &'static str) -> Case {
-    let watched = Spec {
-        moments: LIVE_MOMENTS,
-        spacing: Spacing::Even,
-        ..survey(scene)
-    };
-    let shares = watched.moment_shares();
-    let cut = shares[LIVE_FROM - 1..LIVE_MOMENTS - 1].iter();
-    let cut: Vec<Spec> = cut
-        .map(|&share| Spec {
-            share,
-            ..survey(scene)
-        })
-        .collect();
-    let as_good = |quantity, most, value| Target {
-        must: Some(Limit::RatioAtMost(most)),
-        aim: Some(1.0),
-        ..target(quantity, Unit::Ratio, value)
-    };
-    let never_false = Target {
-        must: Some(Limit::AtMost(0.005)),
-        aim: Some(0.0),
-        ..target("live confident-false, most", Unit::Share, |o| {
-            worst(live_and_cut(o).map(|[live, _]| live.confident_false_share))
-        })
-    };
-    let metres = |quantity, value| target(quantity, Unit::Metres, value);
-    let targets = vec![
-        as_good("live CD over cut CD, worst", 1.15, |o| {
-            worst(live_and_cut(o).map(|[live, cut]| live.cd_m / cut.cd_m))
-        }),
-        as_good("live 99th percentile over cut, worst", 1.3, |o| {
-            worst(live_and_cut(o).map(|[live, cut]| live.p99_m / cut.p99_m))
-        }),
-        never_false,
-        metres("live CD, 30 %", |o| cd_at(o, 3, 0)),
-        metres("cut CD, 30 %", |o| cd_at(o, 3, 1)),
-        metres("live CD, 50 %", |o| cd_at(o, 5, 0)),
-        metres("cut CD, 50 %", |o| cd_at(o, 5, 1)),
-        metres("live CD, 70 %", |o| cd_at(o, 7, 0)),
-        metres("cut CD, 70 %", |o| cd_at(o, 7, 1)),
-    ];
-    let runs = [&[watched][..], &cut].concat();
-    case(Section::Live, scene, runs, targets)
-}
-
-/// Of each moment from [`LIVE_FROM`] on the live map and that of the dive cut there; nothing if some
-/// moment had no map of its own.
-fn live_and_cut<'a>(outcomes: &[&'a Outcome]) -> impl Iterator<Item = [&'a Metrics; 2]> {
-    let watched = outcomes[0];
-    let live = match watched.samples.len() {
-        LIVE_MOMENTS => &watched.samples[LIVE_FROM - 1..],
-        _ => &[],
-    };
-    let cut = outcomes[1..].iter().copied().chain([watched]);
-    let pair = |(live, cut): (&'a echosplat_metrics::curve::Sample, &'a Outcome)| {
-        [&live.metrics, &cut.metrics]
-    };
-    live.iter().zip(cut).map(pair)
-}
-
-/// Of the live map (0) or the cut dive's (1) after so many tenths.
-fn cd_at(outcomes: &[&Outcome], tenths: usize, which: usize) -> f64 {
-    let pair = live_and_cut(outcomes).nth(tenths - LIVE_FROM);
-    pair.map_or(f64::NAN, |pair| pair[which].cd_m)
-}
-
-/// Not a number if there are none, or one of them is not.
-fn worst(values: impl Iterator<Item = f64>) -> f64 {
-    let worse = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
-    values.reduce(worse).unwrap_or(f64::NAN)
 }
 
 const WORK: &str = "mapper.work_pairs_per_ping";
@@ -660,49 +595,6 @@ mod tests {
     fn what_was_lost_on_the_way_is_not_forgotten() {
         assert!((most_lost(&[0.5, 0.9, 0.88, 0.87]) - 0.03).abs() < 1e-12);
         assert!(most_lost(&[0.1, 0.2, 0.3]).abs() < 1e-300);
-    }
-
-    /// A dive watched whose live maps are `live_cd_m` off, and as many cut as there are.
-    fn watched(live_cd_m: [f64; LIVE_MOMENTS]) -> Vec<Outcome> {
-        let sample = |cd_m: f64| echosplat_metrics::curve::Sample {
-            dive_s: 0.0,
-            compute_s: 0.0,
-            pair_count: 0,
-            voxel_observations: 0,
-            ping_count: 0,
-            metrics: crate::runs::sample_outcome(cd_m, 1).metrics,
-        };
-        let whole = Outcome {
-            samples: live_cd_m.map(sample).into(),
-            ..crate::runs::sample_outcome(0.01, 1)
-        };
-        let cut = live("fence").runs(1).len() - 1;
-        let cut = (0..cut).map(|index| crate::runs::sample_outcome(0.08 - 0.01 * index as f64, 1));
-        [whole].into_iter().chain(cut).collect()
-    }
-
-    #[test]
-    fn a_live_map_is_held_against_the_dive_cut_at_its_moment() {
-        // Twice as far off at 60 %, and far off before 30 %, which does not count.
-        let far = 9.0;
-        let live_cd_m = [far, far, 0.08, 0.07, 0.06, 0.1, 0.04, 0.03, 0.02, 0.01];
-        let outcomes = watched(live_cd_m);
-        let outcomes: Vec<&Outcome> = outcomes.iter().collect();
-        let ratios = || live_and_cut(&outcomes).map(|[live, cut]| live.cd_m / cut.cd_m);
-        assert_eq!(ratios().count(), 8);
-        assert!((worst(ratios()) - 2.0).abs() < 1e-9);
-        assert!((cd_at(&outcomes, 3, 0) - 0.08).abs() < 1e-12);
-        assert!((cd_at(&outcomes, 7, 1) - 0.04).abs() < 1e-12);
-    }
-
-    #[test]
-    fn a_moment_without_a_map_is_no_number() {
-        let mut outcomes = watched([0.1; LIVE_MOMENTS]);
-        outcomes[0].samples.pop();
-        let outcomes: Vec<&Outcome> = outcomes.iter().collect();
-        assert!(worst(live_and_cut(&outcomes).map(|[live, _]| live.cd_m)).is_nan());
-        assert!(cd_at(&outcomes, 5, 0).is_nan());
-        assert!(worst([1.0, f64::NAN, 2.0].into_iter()).is_nan());
     }
 
     #[test]

@@ -44,11 +44,11 @@ impl Limit {
         }
     }
 
-    fn wants_small(self) -> bool {
+    pub(crate) fn wants_small(self) -> bool {
         matches!(self, Self::AtMost(_) | Self::RatioAtMost(_))
     }
 
-    fn value(self) -> f64 {
+    pub(crate) fn value(self) -> f64 {
         match self {
             Self::AtMost(value)
             | Self::RatioAtMost(value)
@@ -140,7 +140,7 @@ pub(crate) enum Verdict {
 }
 
 impl Verdict {
-    pub(super) fn as_str(self) -> &'static str {
+    pub(crate) fn as_str(self) -> &'static str {
         match self {
             Self::Passed => "passed",
             Self::Failed => echosplat_report::FAILED,
@@ -250,7 +250,7 @@ impl Row {
     }
 
     /// `≤ 0.045`, or nothing.
-    pub(super) fn must_text(&self) -> String {
+    pub(crate) fn must_text(&self) -> String {
         let Some(must) = self.must else {
             return "–".to_owned();
         };
@@ -263,7 +263,7 @@ impl Row {
     }
 
     /// What is to be said of a median or worst if there is any.
-    pub(super) fn show_reached(&self, value: f64) -> String {
+    pub(crate) fn show_reached(&self, value: f64) -> String {
         self.show((self.values.len() + self.failed_count > 0).then_some(value))
     }
 }

@@ -7,10 +7,12 @@
 mod accuracy;
 mod cases;
 mod limit;
+mod live;
 mod report;
 mod sections;
 
 pub(crate) use cases::{Case, cases};
 pub(crate) use limit::{Row, Verdict};
+pub(crate) use live::{FEW_TENTHS, LIVE_MOMENTS, case as live_case};
 pub(crate) use report::{sections, text};
 pub(crate) use sections::Section;

@@ -199,10 +199,10 @@ proptest! {
     }
 }
 
-/// `docs/zenoh.md` has a row for each member, field and encoding there is.
+/// `README.md` has a row for each member, field and encoding there is.
 #[test]
 fn the_contract_names_everything_in_a_message() {
-    let contract = include_str!("../../../../docs/zenoh.md");
+    let contract = include_str!("../../README.md");
     let says = |word: &str| assert!(contract.contains(&format!("`{word}`")), "{word}");
     let header = MapHeader {
         part: Some(Part { part: 0, parts: 1 }),

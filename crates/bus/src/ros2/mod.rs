@@ -8,7 +8,7 @@
 //! | `/tf` | `tf2_msgs/msg/TFMessage` | `map` → `base_link` → `sonar_link`; `map` → `map_local` if the map has a frame of its own |
 //!
 //! Every second; every two where a cloud takes as long at [`crate::BusConfig::bandwidth_bps`].
-//! `docs/ros2.md` says the same to those who use it. Deliberately absent: services, parameters,
+//! `docs/live.md` says the same to those who use it. Deliberately absent: services, parameters,
 //! actions, topics that remember their last message for who comes late (it is sent again anyway).
 
 mod cloud;

@@ -18,6 +18,7 @@ use crate::{ArrivedPose, StampClock};
 use odds::{Odds, Preference};
 use track::{Break, GoesOn, Rival, Track, between, lead_s};
 
+/// Refusals that make another publisher; found.
 /// So many refusals of one kind within a dive are another publisher and not outliers.
 const SECOND_SOURCE_POSES: u64 = 5;
 

@@ -1,13 +1,17 @@
 //! How sure it is that a run of poses is the track from now on, and not as many strays in a row.
 
+/// Poses without the track, at least; found.
 /// So many poses go on without the track at least, before they are believed.
 pub(super) const LEAST_RUN: usize = 5;
+/// Poses, at most; bounds memory.
 /// And at most: all of them are held.
 const LONGEST_RUN: f64 = 48.0;
+/// Probability, assumed: once in hours at 50 poses/s.
 /// That as many strays follow each other by chance may be so likely: once in hours of 50 poses a second.
 const BY_CHANCE: f64 = 1e-6;
-/// Poses of late that count.
+/// Poses of late; found.
 const OF_LATE: f64 = 64.0;
+/// Poses, assumed: one in four a stray.
 /// Before any pose has come: one in four might be a stray.
 const FIRST: Odds = Odds {
     refused: 1.0,
@@ -60,6 +64,7 @@ pub(super) struct Preference {
     nearer: f64,
 }
 
+/// Share of poses on a line; found.
 /// Of two lines that about as many poses are on, as these are of all.
 const ABOUT_HALF: f64 = 0.4;
 

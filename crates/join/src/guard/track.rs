@@ -6,31 +6,44 @@ use echosplat_model::Timestamp;
 
 use crate::{ArrivedPose, StampClock};
 
+/// Seconds, assumed: no link varies so.
 /// A stamp further ahead than what has passed since the one before, or further back, seconds, is of
 /// another clock: no link delays poses of one vehicle so differently.
 const FAR_S: f64 = 2.0;
+/// Seconds, assumed: delays only take from the lead.
 /// A stamp that leads its arrival by so much more than those before it, seconds, is not explained by a link: delays only
 /// ever take from the lead. Where arrival says nothing, one that is further ahead than this and than so many usual intervals.
 pub(super) const EARLY_S: f64 = 0.1;
+/// Usual intervals; found.
 const EARLY_INTERVALS: f64 = 10.0;
+/// Metres a second, physics of vehicles.
 /// No vehicle that maps moves faster, metres a second.
 const FASTEST_MPS: f64 = 5.0;
+/// Radians a second, physics of vehicles.
 /// Nor turns faster, radians a second.
 const FASTEST_RADPS: f64 = std::f64::consts::PI;
+/// Metres corrected without a reset; assumed.
 /// What an estimator may correct at once without having been reset, metres and radians.
 const CORRECTION_M: f64 = 0.5;
+/// Radians, the same; assumed.
 const CORRECTION_RAD: f64 = 0.5;
+/// Usual steps; found.
 /// Steps are judged by so many times the usual one, so that a noisy source is not taken for two.
 const NOISE_STEPS: f64 = 8.0;
-/// Weight of the newest step in the usual one.
+/// Weight of the newest step; found.
 const NEWEST_WEIGHT: f64 = 0.05;
+/// Seconds; found.
 /// Leads of stamps over arrival are remembered for so long, seconds, and at least so many.
 const LEADS_S: f64 = 0.5;
+/// Leads remembered at least; found.
 const LEAST_LEADS: usize = 5;
+/// Seconds, derived: delays say no more.
 /// Shifts are found to this, seconds: what delays of single poses say beyond it means nothing.
 const SHIFT_STEP_S: f64 = 1e-3;
+/// Seconds; assumed.
 /// A stamp that leads or lags its arrival by no more than this is on the host's clock, seconds.
 const ON_HOST_CLOCK_S: f64 = 2.0;
+/// Poses held; bounds memory.
 /// Poses held of a track that is not believed yet.
 const MOST_HELD: usize = 64;
 

@@ -11,12 +11,15 @@ use crate::MapperConfig;
 use crate::accumulate::fan::{Fan, Reach};
 use crate::detect::profile::Profile;
 
+/// Sigmas of the beam, derived: it is at 1 %.
 /// Slices are cut where the beam has fallen to 1 %.
 pub(crate) const FAN_SIGMAS: f32 = 3.0;
 
+/// Pings let go at once; bounds latency.
 /// Most pings that are let go at once: with 15,000 pairs each, looked at twice, below 0.1 s.
 const MOST_AT_ONCE: usize = 256;
 
+/// Pings looked for together; layout.
 /// Pings in a row that are looked for together.
 const GROUP_PINGS: usize = 64;
 
@@ -264,7 +267,9 @@ pub(crate) fn keyframe_of(
 /// How much a ping says that the one before it did not, 0 to 1: neighbouring pings see the same speckle until the beam
 /// has turned by its width or moved by a few centimetres, so a vehicle at rest does not grow sure of anything.
 pub(crate) fn novelty(geometry: &PingGeometry, before: Option<&PingGeometry>) -> f32 {
+    /// Metres, derived: speckle is another then.
     const MOVED_M: f32 = 0.05;
+    /// Fraction, at least; found.
     const LEAST: f32 = 0.02;
     let Some(before) = before else { return 1.0 };
     let (now, then) = (&geometry.pose, &before.pose);

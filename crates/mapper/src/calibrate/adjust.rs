@@ -8,18 +8,26 @@ use super::parameters::{Compass, Found, PARAMETERS, PRIOR, Values};
 use super::point::{FREE, Free};
 use super::sums::{Kernel, Reduced};
 
+/// Landmarks, at least; found.
 /// Fewest landmarks and blocks of time that anything is said of.
 const LEAST_LANDMARKS: usize = 12;
+/// Blocks of time, at least; found.
 const LEAST_BLOCKS: usize = 4;
+/// Metres and sigmas, derived: 2° at 6 m.
 /// Kernels' widths in range, metres, and in azimuth, in sigmas of the beam or of 0.004 rad: first wide enough for
 /// 2° of mount at 6 m, then as narrow as echoes are.
 const KERNELS: [(f32, f32); 2] = [(0.12, 4.0), (0.06, 2.5)];
+/// Radians of sigma, at least; found.
 const LEAST_BEAM_RAD: f32 = 0.004;
+/// Steps with each kernel; bounds work.
 /// Steps with each kernel, and the one after which scatter is looked at for the first time.
 const ROUNDS: usize = 15;
+/// Steps before scatter is looked at; found.
 const FIRST_SCATTER: usize = 3;
+/// Prior sigmas of a step, at most; found.
 /// Longest step over the prior, and of a landmark, metres.
 const LONGEST: f64 = 0.5;
+/// Metres a landmark steps, at most; found.
 const LONGEST_M: f64 = 0.1;
 
 /// Where the estimation stands.

@@ -13,18 +13,25 @@ use crate::refine::scene::Scene;
 use crate::refine::visibility::Sight;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 
+/// Landmarks; bounds work.
 /// Most landmarks, and most observations of one.
 const MOST_LANDMARKS: usize = 160;
+/// Observations of one; bounds work.
 const MOST_OBSERVATIONS: usize = 160;
+/// Confident ones; found.
 /// Confident ones that are enough to do without others.
 const ENOUGH_SURE: usize = MOST_LANDMARKS / 4;
-/// Fewest observations that make a landmark.
+/// Observations that make a landmark; found.
 const LEAST_OBSERVATIONS: usize = 24;
+/// Radians beyond the beam, derived: the mount's prior.
 /// An observation reaches this far beyond the beam, radians, and in range, metres.
 const REACH_RAD: f32 = 0.06;
+/// Metres, derived: priors of lever and clock.
 const REACH_M: f32 = 0.4;
+/// Metres a second, physics: nominal.
 /// Nominal speed of sound: the motion within a ping is a matter of milliseconds.
 const SOUND_MPS: f32 = 1500.0;
+/// Noise powers; found.
 /// Log odds of an echo in a bin of power `x` over its noise: `x` less this.
 const EVEN_POWER: f32 = 6.4;
 

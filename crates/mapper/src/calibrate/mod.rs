@@ -2,7 +2,7 @@
 //! well the observations of landmarks of the map agree, and by how likely maps make pings that they were not made
 //! of.
 //!
-//! The method is in `docs/algorithm.md`, section "Clock, mount, compass and sound". Nothing of it changes the map.
+//! The method is in `docs/develop/method.md`, section "Clock, mount, compass and sound". Nothing of it changes the map.
 
 mod adjust;
 mod landmarks;

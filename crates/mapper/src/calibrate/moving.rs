@@ -9,10 +9,13 @@ use super::point::heading;
 use crate::accumulate::fan::Fan;
 use crate::accumulate::history::{FAN_SIGMAS, Keyframe};
 
+/// Pings asked; bounds work.
 /// Most pings that are asked, evenly over those remembered.
 const MOST_PINGS: usize = 8192;
+/// Seconds either way; found.
 /// Motion is told by pings this much before and after, seconds.
 const MOTION_S: f64 = 0.2;
+/// Seconds off together; found.
 /// Length of the blocks of time whose observations may be off together, seconds.
 const BLOCK_S: f64 = 10.0;
 

@@ -6,19 +6,27 @@ use serde::Serialize;
 
 use super::linear::{Square, cholesky, solve};
 
+/// What is calibrated; layout.
 /// Time offset, mount about x, y and z, lever arm along y and z, scale of ranges, and the deviation of the compass with sine and
 /// cosine of the heading.
 pub(crate) const PARAMETERS: usize = 9;
+/// Place of the clock's offset; layout.
 pub(super) const TIME: usize = 0;
+/// Place of the mount's turn; layout.
 pub(super) const TURN: usize = 1;
+/// Place of the lever arm; layout.
 pub(super) const LEVER: usize = 4;
+/// Place of the scale of ranges; layout.
 pub(crate) const RANGE: usize = 6;
+/// Place of the compass's deviation; layout.
 pub(super) const COMPASS: usize = 7;
 
 pub(crate) type Values = [f64; PARAMETERS];
 
+/// Radians; by definition.
 const DEGREE: f64 = std::f64::consts::PI / 180.0;
 
+/// Seconds, radians, metres, fractions; assumed.
 /// One sigma of what is thought possible before any ping: seconds, radians, metres, fractions of the range.
 pub(super) const PRIOR: Values = [
     0.1,
@@ -31,7 +39,7 @@ pub(super) const PRIOR: Values = [
     3.0 * DEGREE,
     3.0 * DEGREE,
 ];
-/// One sigma of what is taken for known.
+/// One sigma of what is known; by definition.
 const KNOWN: f64 = 1e-6;
 
 /// What is asked of the heading. Where a vehicle always looks one way its compass cannot be told from its mount, and either would
@@ -110,16 +118,22 @@ pub(crate) struct Difference {
     predicted: Found,
 }
 
+/// Sigmas; found.
 /// A map is made with another value where the residual is so many sigmas.
 const TRIED_SIGMAS: f64 = 4.0;
+/// Standard errors; found.
 /// Another value is believed if its likelihood gain on held-out pings is so many standard errors.
 const LEAST_GAIN_SIGMAS: f64 = 4.0;
+/// Fractions, measured on the survey of a fence.
 /// What fraction of an error a map made with it leaves to see, as on the survey of a fence; of ranges that is not asked.
 const SEEN: Values = [0.8, 0.65, 0.65, 0.65, 0.65, 0.65, 1.0, 0.65, 0.65];
+/// Fraction, at least; found.
 /// Least fraction that one is taken for.
 const SEEN_AT_LEAST: f64 = 0.4;
+/// Fraction of a step; found.
 /// What fraction of the step has to vanish from the residual where it is right, and at most does.
 const LEAST_SEEN: f64 = 0.2;
+/// Fraction of a step; found.
 const MOST_SEEN: f64 = 1.3;
 
 /// What trials brought.

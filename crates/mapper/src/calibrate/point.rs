@@ -5,10 +5,11 @@ use echosplat_model::glam::{Mat3, Vec3};
 use super::landmarks::Observation;
 use super::parameters::{COMPASS, LEVER, PARAMETERS, RANGE, TIME, TURN, Values};
 
+/// Freedoms of a landmark; layout.
 /// A landmark's place on the map's axes, and how much nearer than it its surface is, metres.
 pub(super) const FREE: usize = 4;
 pub(super) type Free = [f64; FREE];
-/// Parameters, then what a landmark is free in.
+/// Parameters, then what a landmark is free in; layout.
 pub(super) const ALL: usize = PARAMETERS + FREE;
 
 /// Range and azimuth at which a landmark is to be heard, with their derivatives.

@@ -12,18 +12,24 @@ use crate::classify::certainty::HALF_THICKNESS_M;
 /// Log likelihoods of held-out pings, by block of time.
 pub(crate) type Blocks = BTreeMap<u32, f64>;
 
+/// Fraction, derived: a beam's width at 6 m.
 /// From one speed of sound that is tried to the next, as a fraction of it: at 6 m what a beam of 0.8° is wide.
 const STEP: f64 = 0.015;
+/// Steps either way, physics of water.
 /// Steps either way at most: fresh water near freezing has 1,402 m/s, warm salt water 1,560 m/s, and units reckon with 1,500.
 const MOST_STEPS: i32 = 5;
+/// Metres, derived: mean of rods up to 8 cm thick.
 /// An echo comes from the near side of what it is taken for the middle of, and ranges that are a little short are as likely as a
 /// faster sound. Rods and pipes are up to 8 cm thick, so this much, metres; one sigma is that of any thickness up to
 /// there and 1.5 cm of a lever arm along the beam. Thicker piles are beyond it.
 const NEARER_M: f64 = 0.5 * HALF_THICKNESS_M;
+/// Metres, derived: thickness and lever arm.
 const NEARER_SIGMA_M: f64 = 0.019;
+/// Sigmas; found.
 /// Another speed of sound is believed so many sigmas away.
 const BELIEVED_SIGMAS: f64 = 4.0;
 
+/// Fraction, derived: the prior.
 /// Where nothing is known of the speed of sound beyond what any water has.
 pub(crate) const ANY_WATER: Estimate = Estimate {
     value: 0.0,

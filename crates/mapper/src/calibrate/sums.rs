@@ -5,10 +5,13 @@ use super::linear::{Square, cholesky, solve};
 use super::parameters::{PARAMETERS, Values};
 use super::point::{ALL, FREE, Free, Point};
 
+/// Metres, one sigma; found.
 /// One sigma of what a landmark is free in, metres.
 const FREE_PRIOR_M: Free = [0.3, 0.3, 0.3, 1.0];
+/// Widths, derived: nothing beyond.
 /// A kernel is nothing beyond so many widths in range, and in azimuth.
 const RANGE_REACH: f32 = 3.0;
+/// Widths, derived: nothing beyond.
 const AZIMUTH_REACH: f32 = 4.0;
 
 /// Widths within which an echo belongs to a landmark.

@@ -24,60 +24,86 @@ use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 use crate::spawn::split::CHILD_SHARE;
 
+/// Bins, found: half explain under 0.005.
 /// A Gaussian is let go if what it explains of all pings together is less than this fraction of one bin: others explain
 /// the echoes that it was spawned from.
 const LEAST_EXPLAINED: f32 = 0.1;
+/// Voxels, found.
 /// Surroundings reach this many voxels: places the sonar cannot tell apart are one explanation.
 const SURROUNDINGS_VOXELS: f32 = 5.0;
+/// Clear observations; found.
 /// Least number of clear observations. At the rim of what a dive saw, a handful agree by chance.
 const LEAST_OBSERVATIONS: f32 = 8.0;
+/// Clear observations where smeared; found.
 /// Where poses smear echoes over voxels, more do.
 const LEAST_SMEARED_OBSERVATIONS: f32 = 10.0;
+/// Nats; found.
 /// Log likelihood ratio at which a place is sure although few observations, or a small fraction of them, are clear:
 /// weak echoes are dark in most pings. A clear observation counts as one more.
 const ENOUGH_ODDS: f32 = 15.0;
+/// Fraction; found.
 /// Such a place explains at least half of what the best place on its arcs does.
 const LEAST_LIKELY_EXPLAINED_RATIO: f32 = 0.5;
+/// Steps either side; found.
 /// Steps of an arc on either side that are a place's surroundings, and those of them that are its middle.
 const AROUND_STEPS: usize = 2;
+/// Steps either side; found.
 const MIDDLE_STEPS: usize = 1;
+/// Fraction, found: most of it.
 /// Least fraction of what its surroundings send back that comes from their middle: with less, the surface is beside the
 /// place. An even spread has three fifths.
 const LEAST_COMPACTNESS: f32 = 0.5;
+/// Fraction; found.
 /// Least fraction of its lit observations that are clear: a place beside others is seen alone now and then.
 const LEAST_CLEAR_SHARE: f32 = 0.15;
+/// Fraction; found.
 /// Greatest fraction of its lit observations that pass through another surface: what is behind an opaque one is its
 /// ghost, but a frame of bars is seen through.
 const MOST_HIDDEN_SHARE: f32 = 0.7;
+/// Fraction; found.
 /// Hysteresis linking: beside a surface this fraction of the clear observations is enough, and a place may be this much
 /// less certain. Chance leaves isolated points, not surfaces, and along a surface places are hard to tell apart.
 const OBSERVATIONS_TO_LINK: f32 = 0.6;
+/// Ratio of sigma that may link; found.
 const SIGMAS_TO_LINK: f32 = 4.0;
+/// Gaussians; found.
 /// Whole confident Gaussians within so many voxels that make a surface to link to, none of them this much stronger:
 /// what is beside them and far weaker is a side lobe.
 const LINK_SUPPORT: f32 = 8.0;
+/// Voxels around; found.
 const LINK_VOXELS: f32 = 6.0;
+/// Ratio of strength; found.
 const MUCH_STRONGER: f32 = 5.0;
+/// Metres, derived: where probability speaks of surface.
 /// A mirror image this near is the same place; farther ones have to scatter by this much.
 const HARMLESS_MIRROR_M: f32 = certainty::NEAR_M;
+/// Metres of scatter; found.
 const LEAST_MIRROR_SPREAD_M: f32 = 0.3;
+/// Fraction; found.
 /// With a smaller explained-energy ratio, what it explains over what the best place on its arcs does, a Gaussian is
 /// explained away. Where all places explain alike nothing is: they are ambiguous together.
 const LEAST_EXPLAINED_RATIO: f32 = 0.15;
+/// Fraction of the strongest around; found.
 /// Below this fraction of the strongest strength around it, it is a side lobe of a neighbour.
 const LEAST_STRENGTH: f32 = 0.12;
+/// Voxels around; found.
 /// How far around.
 const PEAK_VOXELS: f32 = 2.5;
 
+/// Half-widths, derived: the fan's edge.
 /// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
 const FAN_REACH: f32 = 1.3;
 
+/// Gaussians, found: a rod has 12, random pulses 1.4.
 /// Minimum support where another sonar is heard: least number of whole confident Gaussians within so many voxels,
 /// itself included. Each child of a split one counts by its share. A rod one voxel thick has six times as many.
 const LEAST_NEAR_SUPPORT: f32 = 2.0;
+/// Voxels around; found.
 const NEAR_SUPPORT_VOXELS: f32 = 6.0;
+/// Gaussians; found.
 /// The same further around, on every dive: a rod with specular returns shows here and there along its whole length.
 const LEAST_SUPPORT: f32 = 12.0;
+/// Voxels around; found.
 const SUPPORT_VOXELS: f32 = 16.0;
 
 const CONFIDENT: Verdict = Verdict::Published(Standing::Confident);
@@ -169,6 +195,7 @@ impl VerdictThresholds {
 }
 
 impl Sum for Finding {
+    /// Pings whose findings one thread sums; layout.
     /// A ping's findings take long.
     const CHUNK: usize = 16;
 

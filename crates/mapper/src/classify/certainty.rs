@@ -17,34 +17,48 @@ use crate::refine::shape::{eigen, scatter_of};
 use crate::spawn::gaussians::{BY_CHANCE, Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 
+/// Metres, derived: a usual range.
 /// A place that nothing is known of is within a ping's range, of which this is a usual one, metres.
 const REACH_M: f64 = 10.0;
+/// Voxels, derived: the next, diagonals included.
 /// A surface goes on within so many voxels.
 const SURFACE_VOXELS: f32 = 1.5;
 
+/// Metres, assumed: half of an 8 cm pipe.
 /// Half the thickness of what may be taken for one place while observations from two sides hear a face of it each: that of a pipe
 /// of 8 cm.
 pub(crate) const HALF_THICKNESS_M: f64 = 0.04;
 
+/// Metres, by definition of probability.
 /// Surface is looked for this near.
 pub(crate) const NEAR_M: f32 = 0.10;
+/// Nats, measured by logistic regression.
 /// Log odds of a place that explains as much as the best other place on the arc, whose sigma across the surface and the error
 /// that its poses share are `NEAR_M`, and that is heard from one side or from all around. They grow by so many times its log odds
 /// against the other places, from its explained-energy ratio (at most `MOST_TOLD`, at least `LEAST_TOLD`), and fall by so many
 /// times the logarithms of that sigma, of what its poses share, and of how many half thicknesses it lies from the body's middle.
-/// Found by logistic regression; `docs/algorithm.md` has the dives and what they leave over.
+/// Found by logistic regression; `docs/decisions/2026-11-28-what-is-asserted.md` has the dives and what they leave over.
 const EVEN_ODDS: f32 = 0.2;
+/// Nats a nat; measured likewise.
 const PER_EXPLAINED_RATIO: f32 = 1.2;
+/// Nats, at least; measured likewise.
 const LEAST_TOLD: f32 = -3.0;
+/// Nats, at most; measured likewise.
 const MOST_TOLD: f32 = 1.5;
+/// Nats a nat; measured likewise.
 const PER_SIGMA: f32 = 0.9;
+/// Nats a nat; measured likewise.
 const PER_SHARED: f32 = 1.2;
+/// Nats a nat; measured likewise.
 const PER_BEYOND: f32 = 1.4;
+/// Metres, measured: the best poses there were.
 /// Poses that share less tell no more: no dive that the numbers above were found on has better ones.
 const LEAST_SHARED_M: f32 = 0.02;
+/// Probability, assumed: false costs 2.3 times ambiguous.
 /// Asserted is what would have at least this probability if its poses shared an error of `NEAR_M` and bodies were thin: a
 /// place asserted in vain costs as much as two or three that are shown as ambiguous.
 const LEAST_PROBABILITY: f32 = 0.70;
+/// Square metres, assumed: a micrometre.
 /// A variance is not taken for less, square metres: rounding may leave nothing of it, and a micrometre is surer than any place.
 const LEAST_M2: f32 = 1e-12;
 

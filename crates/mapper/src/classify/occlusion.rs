@@ -5,14 +5,18 @@
 use echosplat_acoustics::PingGeometry;
 use echosplat_acoustics::packed::MatrixRow;
 
+/// Steps of elevation; grid.
 /// Steps of elevation over the fan and its soft edge.
 const CELLS: usize = 64;
+/// Half-widths, derived: the fan's soft edge.
 const REACH: f32 = 1.3;
-/// Thickness of a shell of range.
+/// Metres of a shell of range; grid.
 const SHELL_M: f32 = 0.1;
+/// Fraction covered; found.
 /// A surface is some voxels thick, each layer covering it once, but where poses are off only some of
 /// its places are certain.
 const OPAQUE: f32 = 0.5;
+/// Metres behind the front; found.
 /// What is this near behind the front belongs to it.
 const THICKNESS_M: f32 = 0.3;
 

@@ -4,9 +4,11 @@
 
 use echosplat_acoustics::PingGeometry;
 
+/// Ratio of power, derived: 12 dB beam, 6 dB speckle.
 /// What two pings hear of one place differs by at most this: 12 dB of the beam, if it turned by its width between
 /// them, and 6 dB of speckle.
 const MOST_BETWEEN_PINGS: f32 = 63.0;
+/// Metres between pings; found.
 /// Beyond this move between pings an echo may be elsewhere, metres.
 const MOST_MOVE_M: f32 = 0.05;
 

@@ -4,9 +4,10 @@ use std::sync::LazyLock;
 
 use crate::detect::bin_state::BinState;
 
+/// Decibels a code, derived: errs 2 %, far below speckle.
 /// Decibels from one code to the next: rounding to them errs by 2 %, far below speckle.
 const STEP_DB: f32 = 0.3;
-/// Code of the top.
+/// Code of the strongest power; layout.
 const TOP: u8 = u8::MAX;
 
 /// Powers as decibels below a top, a byte each; what is 76 dB below it or more is none.

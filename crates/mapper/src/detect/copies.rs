@@ -15,34 +15,47 @@ use echosplat_model::glam::DVec3;
 
 use crate::detect::profile::{Profile, greatest};
 
+/// Metres behind the source, grid.
 /// Distances behind the source, metres, from the first in steps.
 const FIRST_M: f32 = 0.3;
+/// Metres, grid: a bin.
 const STEP_M: f32 = 0.02;
+/// Distances tried; grid.
 const OFFSETS: usize = 300;
+/// Steps, derived: longer than an echo.
 /// A copy stands out from what is so many steps beside it, further than an echo is long.
 const BESIDE: usize = 7;
+/// Strengths tried; grid.
 /// How much weaker a copy may be: 6 dB and more, in steps of 2 dB.
 const LEVELS: usize = 10;
+/// Fraction, derived from two single looks.
 /// Share of strong echoes with another at the distance, and how many times that of distances beside. Two echoes of one
 /// strength, each with the speckle of a single look, differ by 6 dB or less in this share of cases.
 const LEAST_SHARE: f64 = 0.7;
+/// Ratio of shares; found.
 const LEAST_CONTRAST: f64 = 2.0;
+/// Strong bins; found.
 /// Independent strong bins before anything is told.
 const LEAST_ASKED: f64 = 300.0;
+/// Length of a mean direction, derived: cos 15°.
 /// The mean of the beams' directions is at most so long: they are spread by 15°, over which the distance along the beam
 /// between two parallel surfaces changes by more than an offset's step.
 const MOST_ALIGNED: f64 = 0.966;
+/// Fraction, found: 15 dB.
 /// A strong bin is within 15 dB of the strongest of late.
 const STRONG_FRACTION: f32 = 0.03;
-/// Strong bins of a ping that are asked.
+/// Strong bins of a ping asked; bounds work.
 const MOST_ASKED: usize = 24;
+/// Ratio over the threshold, derived: 5 dB for speckle.
 /// A copy that would be heard is this many times above the threshold: 5 dB, for speckle.
 const AUDIBLE: f32 = 3.0;
+/// Fraction of expected power, derived: 6 dB of speckle.
 /// One echo may be this fraction of the strength expected: 6 dB less.
 const SPECKLE_FRACTION: f32 = 0.25;
+/// Fraction, physics: reflection loses 6 dB.
 /// A copy has at most this fraction of its source's power.
 const MOST_FRACTION: f32 = 0.25;
-/// Pings between decisions.
+/// Pings between decisions; bounds work.
 const DECISION_STRIDE: u32 = 64;
 
 static FRACTION_OF_LEVEL: LazyLock<[f32; LEVELS]> =

@@ -16,30 +16,44 @@ use echosplat_model::glam::Vec3;
 
 use crate::detect::profile::{Profile, greatest};
 
+/// Metres over the first ping, grid.
 /// Heights above the first ping, metres, from the first in steps.
 const FIRST_M: f32 = -2.0;
+/// Metres, grid.
 const STEP_M: f32 = 0.04;
+/// Heights tried; grid.
 const HEIGHTS: usize = 500;
+/// Steps either side; found.
 /// The surface stands out from what is so many steps above and below it.
 const BESIDE: usize = 10;
+/// Fraction of strong echoes; found.
 /// Share of strong echoes with an image, and how many times that of heights beside.
 const LEAST_SHARE: f64 = 0.5;
+/// Ratio of shares; found.
 const LEAST_CONTRAST: f64 = 2.0;
+/// Strong echoes; found.
 /// Independent strong echoes before anything is told.
 const LEAST_ASKED: f64 = 300.0;
+/// Ratio of power, physics: 3 dB surface, 13 dB beam.
 /// What an image may lose against its source and be heard still: 3 dB at the surface and 13 dB of the beam.
 const LOSS: f32 = 40.0;
+/// Fraction, found: 15 dB.
 /// A strong echo is within 15 dB of the strongest of late.
 const STRONG_FRACTION: f32 = 0.03;
-/// Strong echoes of a ping that are asked.
+/// Strong echoes of a ping asked; bounds work.
 const MOST_ASKED: usize = 8;
+/// Metres below the surface; found.
 /// Sensor and structure are below the surface by this at least, and an image this much behind its source, metres.
 const LEAST_DEPTH_M: f32 = 0.1;
+/// Metres behind its source; found.
 const LEAST_BEHIND_M: f32 = 0.3;
+/// Metres, derived: errors of surface and source.
 /// By how much an image may be off, metres: height of the surface and place of the source.
 const TOLERANCE_M: f32 = 0.06;
+/// Pings between questions; bounds work.
 /// Pings between questions while no height is told, and between decisions.
 const ASKING_STRIDE: u32 = 4;
+/// Pings between decisions; bounds work.
 const DECISION_STRIDE: u32 = 64;
 
 /// A confident Gaussian that may have an image.

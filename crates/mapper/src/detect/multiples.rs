@@ -16,28 +16,39 @@ use echosplat_acoustics::PingGeometry;
 
 use crate::detect::profile::Profile;
 
+/// Log ratio of ranges, grid.
 /// Ratios of range, from the first in steps of 1 %.
 const FIRST_LOG: f32 = 0.14;
+/// Log ratio, grid: 1 %.
 const STEP_LOG: f32 = 0.01;
+/// Ratios tried; grid.
 const RATIOS: usize = 125;
+/// Steps either side; found.
 /// A peak stands out from what is so many steps beside it.
 const BESIDE: usize = 7;
+/// Fraction of strong echoes; found.
 /// Share of strong echoes with a weaker one at the ratio, and how many times that of ratios beside.
 const LEAST_SHARE: f64 = 0.12;
+/// Ratio of shares; found.
 const LEAST_CONTRAST: f64 = 2.5;
+/// Strong bins; found.
 /// Independent strong bins before anything is told.
 const LEAST_ASKED: f64 = 500.0;
+/// Log of range; found.
 /// Scatter of the logarithm of range over the strong bins that have a weaker one at the ratio: what
 /// is passed at one range has one ratio to anything.
 const LEAST_RANGE_SCATTER: f64 = 0.05;
+/// Fraction, found: 15 dB.
 /// A strong bin is within 15 dB of the strongest of late.
 const STRONG_FRACTION: f32 = 0.03;
-/// Strong bins of a ping that are asked.
+/// Strong bins of a ping asked; bounds work.
 const MOST_ASKED: usize = 24;
+/// Fraction, physics: reflection loses 6 dB.
 /// A multiple has at most this fraction of its source's power.
 const MOST_FRACTION: f32 = 0.25;
-/// Pings between decisions.
+/// Pings between decisions; bounds work.
 const DECISION_STRIDE: u32 = 64;
+/// Fraction off its ratio, derived: a step, beside a bin.
 /// A multiple may be this far from its ratio, and a bin.
 const RATIO_TOLERANCE: f32 = 0.012;
 

@@ -7,25 +7,34 @@ use echosplat_model::{Ping, PingSettings};
 
 use crate::detect::profile::SILENCE;
 
+/// Sections a factor of e; grid.
 /// Sections of range for each factor of e, in which noise is told.
 const SECTIONS_PER_E: f32 = 6.0;
+/// Sections, to 400 m; grid.
 /// Sections that are told apart, from [`NEAREST_M`] to 400 m.
 pub(crate) const SECTIONS: usize = 48;
+/// Metres where sections begin; grid.
 const NEAREST_M: f32 = 0.15;
-/// Fewest bins of a section that tell a quartile.
+/// Bins that tell a quartile; found.
 const LEAST_BINS: usize = 6;
+/// Sections that tell a slope, derived: a factor of 3.
 /// Fewest sections on a line that tell its slope: a factor of 3 in range.
 const LEAST_SECTIONS: i32 = 7;
-/// Pings whose noise is averaged, about a second.
+/// Pings averaged, derived: about a second.
 const GROUP: f32 = 64.0;
+/// Log error times √n; physics.
 /// Standard error of the log of a lower quartile of exponential noise, times the root of the number of bins.
 const QUARTILE_ERROR: f32 = 2.0;
+/// Log power, found: 0.4 dB.
 /// Sections this near a straight line lie on it beside their own error: 0.4 dB.
 const ROUGHNESS: f32 = 0.1;
+/// Exponent, physics: units correct by r² or more.
 /// Noise that grows by less than this power of range is flat: units that correct for range do it by r² or more.
 const LEAST_EXPONENT: f32 = 0.5;
+/// Log of range; found.
 /// Least factor of range between two sections whose slope is tried, as its log.
 const LEAST_SPAN: f32 = 0.7;
+/// Fraction, physics: pings span 90 dB.
 /// Sections quieter than this fraction of the loudest bin hold no noise of a receiver: a ping spans at most 90 dB.
 const SILENT: f32 = 1e-9;
 

@@ -9,26 +9,37 @@
 use echosplat_model::PingSettings;
 use echosplat_model::glam::{DMat3, DVec3};
 
+/// Ratio of power, derived: speckle rises so once in 35.
 /// An echo begins where power rises by so much, 6 dB, over each of the three bins that end two before it. Noise, speckle and
 /// surfaces without end do so once in 35 bins: 6/(5·6·7).
 const RISE: f32 = 4.0;
+/// Bins, derived: pulses have two.
 const BEFORE: usize = 4;
+/// Pings, found: a second.
 /// Pings after which parts are told anew, and what is left then of what pings before told: a mean of 2,048 pings.
 const GROUP: u32 = 64;
+/// Fraction left, found: 2,048 pings' mean.
 const LEFT: f64 = 0.969;
+/// Pings as they are left, found: the first 320.
 /// Fewest pings that tell a part, as they are left: the first 320.
 const LEAST_PINGS: f64 = 256.0;
+/// Fraction of pings, derived: water scatters to an eighth.
 /// Share of the pings in which a part begins at its bin, to be found and to be kept. Where the vehicle moves by
 /// [`LEAST_SCATTER_BINS`] or more, what stands in the water begins in one bin an eighth of the time.
 const FOUND_SHARE: f64 = 0.6;
+/// Fraction of pings once known, found: half.
 const KEPT_SHARE: f64 = 0.3;
+/// Bins, derived: water leaves its bin.
 /// One sigma, in the direction of least, of the places from where it was heard: bins, and metres. Poses scatter by centimetres.
 const LEAST_SCATTER_BINS: f64 = 3.0;
+/// Metres, found: poses scatter by centimetres.
 const LEAST_SCATTER_M: f64 = 0.05;
+/// Variance of log power, found: 2 dB.
 /// Variance of the log of a power that has no speckle, 2 dB, and half of that which one look's speckle and noise have, π²/6.
 const STEADY: f64 = 0.21;
+/// Variance of log power, derived: half of π²/6.
 const SPECKLED: f64 = 0.82;
-/// Longest part, metres.
+/// Metres of a part; found.
 const LONGEST_M: f64 = 0.5;
 
 /// What pings so far tell of the vehicle's own parts.

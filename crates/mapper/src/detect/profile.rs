@@ -162,28 +162,38 @@ impl Profile {
     }
 }
 
+/// Ratio over the seabed's power; found.
 /// A bin stands out from the seabed above this many times its power.
 const GROUND_FACTOR: f32 = 5.0;
+/// Fraction of decibels; found.
 /// Where a threshold leaves less than this share of the decibels up to the strongest echo, darkness
 /// says little.
 const DULL_SHARE: f32 = 0.35;
+/// Fraction of the strongest of late; found.
 /// Noise is reckoned with at least so far below the strongest echo of late.
 const LEAST_NOISE: f32 = 1e-4;
+/// Sections, found: a factor of two.
 /// What is heard of an echo off the beam's axis or by another way is at about its range: within a factor of two.
 const NEAR_SECTIONS: usize = 4;
+/// Ratio of power, physics: 40 to 52 dB a decade.
 /// What is left, a section of range further, of what comes after an echo: real units' echoes fall by 40 dB a decade.
 const FALL_PER_SECTION: f32 = 0.513;
+/// Ratio left after each ping, found: 1 dB in 115.
 /// What is left of the strongest echo after each ping: 1 dB in 115.
 const LEFT: f32 = 0.998;
+/// Bins that tell noise; found.
 /// Bins without the seabed that tell noise.
 const LEAST_QUIET_BINS: usize = 48;
 
+/// Metres, found: thickness and shadow.
 /// Darkness this far behind an echo is weak evidence: a structure's own thickness and its shadow.
 const SHADOW_LENGTH_M: f64 = 0.6;
 
+/// Metres, measured: ends 0.35 to 0.5 m away.
 /// Where noise is low the transducer is heard to ring for so long beyond the blanking: it falls by 10 dB in 0.1 m or
 /// faster, and ends 0.35 to 0.5 m away where real units had their noise.
 pub(crate) const RING_DOWN_M: f64 = 0.5;
+/// Bins dark by speckle; found.
 /// Bins that speckle may make dark in it, one after the other.
 const RING_DOWN_GAP: usize = 3;
 
@@ -201,8 +211,10 @@ pub(crate) struct Levels {
     ringing: Ringing,
 }
 
+/// Ratio of power; found.
 /// No echo is so many times the strongest before it; unless so many pings in a row say so.
 const WILD: f32 = 1e6;
+/// Pings in a row; found.
 const BELIEVED_AFTER: u32 = 8;
 
 impl Levels {
@@ -378,9 +390,11 @@ impl Levels {
     }
 }
 
+/// Ratio of power, assumed: 1 dB.
 /// An echo is so far above the floor of a ping whose noise lies below it, 1 dB: what is at the floor itself may be anything
 /// less.
 const ABOVE_FLOOR: f32 = 1.26;
+/// Power, measured: units' decibels begin at −45.
 /// Where real units' decibels begin, −45 dB: what is there holds no noise at all. By a margin for rounding.
 pub(crate) const SILENCE: f32 = 3.2e-5;
 
@@ -435,6 +449,7 @@ fn floor_of(powers: &[f32]) -> Option<f32> {
 /// Mean power of exponentially distributed noise from the lower quartile of bins that are mostly noise:
 /// `q₁/₄ = −ln(3/4)·mean`. Sorts them; 0 of none.
 pub(crate) fn mean_of_noise(powers: &mut [f32]) -> f32 {
+    /// Ratio, physics: −ln(3/4).
     const QUARTILE_OVER_MEAN: f32 = 0.287_682;
     let quarter = powers.len() / 4;
     if powers.is_empty() {

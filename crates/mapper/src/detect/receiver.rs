@@ -12,14 +12,19 @@ use echosplat_model::Ping;
 use crate::detect::noise_over_range::{NoiseOverRange, Quartile, log_range, lower_quartile};
 use crate::detect::ringing::Ringing;
 
+/// Pings, found: some minutes.
 /// Pings after which the noise over range is known, some minutes.
 const ENOUGH_PINGS: u32 = 16_384;
+/// Exponent, derived: 1 dB over a factor of 10.
 /// Another power of range is taken over if it changes what is 10 times as far by 1 dB.
 const LEAST_CHANGE: f32 = 0.1;
+/// Seconds, found: scenes change.
 /// Pings further apart than this may show something else.
 const TOGETHER_S: f64 = 0.5;
+/// Bins to compare two pings' gains; found.
 /// Bins above nothing that two pings must share to compare their gains.
 const LEAST_SHARED_BINS: usize = 16;
+/// Gains; bounds memory.
 /// Gains of a unit of which something is learnt: it has 8.
 const MOST_GAINS: usize = 64;
 

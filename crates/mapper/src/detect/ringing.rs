@@ -5,12 +5,16 @@ use std::collections::BTreeMap;
 
 use crate::detect::noise_over_range::{NoiseOverRange, section_edge_m};
 
+/// Ratio over noise, found: half of an echo's.
 /// The transducer is heard to ring where even the quietest pings are above so many times the noise.
 const RINGS: f32 = 3.0;
+/// Log power, derived: twice a section's error.
 /// Ringing dies away: from one section to the next it grows by no more than this, as its log.
 const MOST_RISE: f32 = 0.2;
+/// Pings, derived: a section is then told to 0.2.
 /// Pings that tell ringing.
 const LEAST_RINGING_PINGS: u32 = 16;
+/// Metres, found: less is no news.
 /// Ringing that ends elsewhere by less is no news, metres.
 const LEAST_RINGING_CHANGE_M: f64 = 0.1;
 

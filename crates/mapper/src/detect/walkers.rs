@@ -16,24 +16,33 @@ use echosplat_acoustics::PingGeometry;
 
 use crate::detect::profile::Profile;
 
+/// Pings that teach a rate; found.
 /// Pings of a way that teaches a rate, and of one that tells a pulse; of each as many as the latter are asked.
 const LONG: usize = 9 * SHORT;
+/// Pings that tell a pulse; found.
 const SHORT: usize = 24;
+/// Pulses before a rate is known; found.
 /// Pulses that have to go at a rate before it is known, and rates that are kept.
 const LEAST_TAUGHT: u32 = 24;
+/// Rates kept; bounds work.
 const MOST_RATES: usize = 8;
+/// Pings, found: 30 %.
 /// Of those asked that may miss the pulse, which is not told where it falls into a stronger echo: 30 %.
 const MOST_MISSED: usize = 7;
+/// Tolerances; found.
 /// Where echoes are dense some lie on any way: a pulse has twice as many as ways beside it, nearer and further by so many
 /// times the tolerance.
 const BESIDE: f32 = 4.0;
+/// Ratio of power, physics: without speckle, 3 dB.
 /// A pulse comes straight and has no speckle: its power stays within 3 dB.
 const MOST_CHANGE: f32 = 2.0;
+/// Bins, derived: a pulse's length.
 /// A pulse is some bins long and has its peak anywhere in them.
 const TOLERANCE_BINS: f32 = 3.0;
+/// Fraction of its peak, found: 9 dB.
 /// A pulse goes on where power is at least this fraction of its peak: 9 dB.
 const PULSE_FRACTION: f32 = 0.125;
-/// Strongest peaks of a ping that are asked.
+/// Strongest peaks of a ping asked; bounds work.
 const MOST_ASKED: usize = 24;
 
 /// The peaks of one ping.

@@ -2,15 +2,21 @@
 //!
 //! Cost: one addition a ping, and a sum over [`SECTIONS`] each time it is asked for.
 
+/// Steps of 3 %; grid.
 /// Steps of range for each factor of e: 3 %.
 const STEPS_PER_E: f32 = 32.0;
+/// Metres, grid: within the blanking.
 /// Nearest range that is told, and the steps from it on, up to 480 m.
 const NEAREST_M: f32 = 0.2;
+/// Steps, to 480 m; grid.
 const SECTIONS: usize = 250;
+/// Ratio, derived: once in 300 pings.
 /// An echo is loud above so many times the threshold. Noise alone reaches that in one ping of three hundred.
 const LOUD: f32 = 2.0;
+/// Loud pings; found.
 /// Loud pings before anything is told, some seconds: by then ground that is nearer than what is looked at is known.
 const LEAST_PINGS: u32 = 256;
+/// Loud pings, found: some minutes.
 /// Loud pings after which it is known, some minutes: a map is not thrown away for less.
 const ENOUGH_PINGS: u32 = 16_384;
 

@@ -21,11 +21,15 @@ use crate::spawn::from_evidence;
 use crate::world::World;
 use crate::{ConfigError, MapperConfig};
 
+/// Pings of such a map; bounds work.
 /// Pings that such a map is made of, and its work.
 const MAP_PINGS: usize = 2048;
+/// Pairs of such a map; bounds work.
 const MAP_PAIRS: u64 = 300_000_000;
+/// Fraction of pings, found: the rest compares maps.
 /// Most of the pings that go into it; the rest is for comparing maps on.
 const MAP_FRACTION: f64 = 0.75;
+/// Values tried, a map each; bounds work.
 /// Most values that are tried, each with a map of its own.
 const TRIALS: usize = 4;
 

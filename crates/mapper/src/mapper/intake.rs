@@ -22,21 +22,29 @@ use crate::spawn::from_evidence;
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::world::{World, first_voxel_m, useful_range_m};
 
+/// Pings a slice; bounds latency.
 /// Evidence that is summed up anew takes in so many pings with each slice, so that pings that come meanwhile need not wait:
 /// of pings that come at 58 a second, eight times as many, in about the work that they allow.
 const SUMMED_UP_ANEW: usize = 32;
+/// Seconds on the pings' clock; bounds latency.
 /// On the pings' clock, a slice does not wait longer than this to be complete.
 const LONGEST_SLICE_S: f64 = 0.1;
+/// Fraction; found.
 /// Of what an independent observation says, which a turn by the beam's width or a move of 5 cm makes.
 const LEAST_NOVELTY: f32 = 0.5;
+/// Metres, physics: none on Earth.
 /// No place on Earth is further from any origin in use, and nothing under water as fast: metres, and
 /// metres or radians a second.
 const FURTHEST_M: f64 = 1e9;
+/// Metres or radians a second; physics.
 const FASTEST: f64 = 1e3;
+/// Metres of movement; found.
 /// A vehicle moves less before the map's sources of echoes are told again, metres.
 const BETWEEN_SOURCES_M: f32 = 5.0;
+/// Fraction of range; found.
 /// A ping whose pose leaves open this fraction of its range says nothing of any place.
 const UNPLACED_FRACTION: f64 = 0.25;
+/// Voxels from the first ping; layout: 32 bits.
 /// Voxels from the first ping that can still be counted in 32 bits.
 const MOST_VOXELS: f64 = (1 << 30) as f64;
 

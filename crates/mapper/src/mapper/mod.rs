@@ -35,6 +35,7 @@ use crate::{ConfigError, MapperConfig};
 pub use calibrator::Calibrator;
 pub use status::{InsertReport, MapperStatus};
 
+/// Fraction of a typical strength; found.
 /// A Gaussian spawned on a running map starts far below what a typical echo needs, so that it does not disturb what explains
 /// the echo already, and is raised by what it explains.
 const SPAWN_STRENGTH: f32 = 0.02;

@@ -6,12 +6,16 @@ use crate::accumulate::evidence::TileIndex;
 use crate::features::AtWork;
 use crate::refine::expectation::Pace;
 
+/// Pings, literature: OSEM; the number found.
 /// A step looks at every so many-th ping.
 pub(crate) const INTERLEAVE: f64 = 8.0;
+/// Pings; found.
 /// The last assessment looks at every so many-th ping.
 const LAST_STRIDE: f64 = 3.0;
+/// Steps; found.
 /// Steps after which side lobes are suppressed.
 const ROUND_STEPS: usize = 4;
+/// Ratio of steps, found.
 /// Strengths have converged after this many times as many steps as sort out candidates.
 const CONVERGED: usize = 2;
 

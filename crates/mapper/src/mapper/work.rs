@@ -16,11 +16,14 @@ use crate::mapper::workout::{Terms, Workout, keep};
 use crate::progress::Progress;
 use crate::seabed::Seabed;
 
+/// Fraction, derived: a quarter more observations.
 /// Tiles are due when this fraction of what they hold comes from observations that it was not worked out with: a quarter more
 /// than it was.
 const STALE_FRACTION: f32 = 0.2;
+/// Ratio of observations; found.
 /// Tiles with so many times the observations are worth working out again.
 const GROWN: f32 = 1.05;
+/// Ratio of observations; found.
 /// Tiles with so many times the observations they had when they were last worked out anew are so again: starts from the map
 /// alone would make it ever sharper.
 const ANEW: f32 = 2.0;

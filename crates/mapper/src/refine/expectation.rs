@@ -26,16 +26,22 @@ use crate::spawn::directional_reflectivity::DirectionalReflectivity;
 use crate::spawn::gaussians::{Gaussians, Stage};
 use crate::spawn::kept::Kept;
 
+/// Chunks in memory at once; bounds memory.
 const CHUNKS_AT_ONCE: usize = 8;
+/// Chunks of a portion; layout.
 /// A portion has at least so many, however many pairs they have: with one chunk one thread works and the others wait.
 const LEAST_CHUNKS: usize = 2;
+/// Exponent, literature: gamma speckle.
 /// Exponent of the multiplicative rule for gamma speckle.
 const FULL_STEP: f32 = 0.5;
+/// Ratio, theory: below 2; the number found.
 /// A fast step over a full one: over-relaxed, below the 2 up to which it converges.
 const FAST: f32 = 1.8;
+/// Fraction, found: 0.003 to 0.01 do alike.
 /// Of what a pass tells of all faces, what it counts for each that it is like their mean. Observations along a surface see
 /// one of its faces by a few per cent, and what they leave over would make it many times the others.
 const ALIKE: f32 = 0.005;
+/// Ratio of exponents, literature: MLEM's is 1.
 /// Exponent for counts over that for gamma speckle.
 const COUNTS_STEP: f32 = 2.0;
 
@@ -49,6 +55,7 @@ pub(crate) enum Pace {
 
 /// What is summed over pings for a Gaussian.
 pub(crate) trait Sum: Default + Clone + Send {
+    /// Pings; layout.
     /// Sums are made per so many pings and added in order, so that threads do not change them.
     const CHUNK: usize = 32;
 

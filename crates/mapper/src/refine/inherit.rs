@@ -12,6 +12,7 @@ use crate::spawn::directional_reflectivity::DirectionalReflectivity;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::spawn::kept::Kept;
 
+/// Fraction of strength, derived: `SIDE_LOBE_FRACTION`.
 /// All other places begin with this fraction of the middle strength of the tiles: what side lobes have when
 /// they are let go, so that a few steps let go of them or raise them.
 const LEAST_FRACTION: f32 = 0.05;

@@ -3,6 +3,7 @@
 use echosplat_model::glam::{IVec3, Vec3};
 use foldhash::{HashMap, HashMapExt};
 
+/// Voxels, found.
 /// A surface goes on beside itself: what a Gaussian shares with the places around it falls by a normal distribution
 /// of this standard deviation, in voxels.
 const SPREAD_VOXELS: f32 = 0.8;

@@ -3,8 +3,10 @@
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::{DMat3, DVec3, Vec3};
 
+/// Fraction, derived: single precision.
 /// What sums in single precision leave open of the information, over its trace.
 const ROUNDING: f64 = 1.0 / (1 << 21) as f64;
+/// Prior sigmas of a step, at most; found.
 /// Longest step over `prior_m`.
 const LONGEST: f32 = 0.5;
 

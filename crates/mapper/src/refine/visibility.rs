@@ -40,12 +40,15 @@ pub(crate) struct Sight {
     numerator: Vec<f32>,
 }
 
+/// Nats; found.
 /// Most that one bin says for or against an echo, since the model of it may be wrong.
 const MOST_ODDS_OF_BIN: f32 = 3.0;
 
+/// Ratio of power; found.
 /// Most that one bin may be louder than predicted, so that one wild bin does not decide.
 const MOST_OVER: f32 = 30.0;
 
+/// Fraction; found.
 /// Darkness behind an echo may be its shadow and counts this little.
 const SHADOWED_WEIGHT: f32 = 0.15;
 

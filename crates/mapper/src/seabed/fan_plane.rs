@@ -7,8 +7,9 @@ use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x8};
 
-/// Steps of the table of the fan's sensitivity.
+/// Steps of the table of sensitivity; grid.
 const STEPS: usize = 256;
+/// Half-widths, derived: sensitivity ends before.
 /// The table reaches this many half widths to both sides; sensitivity ends before.
 const REACH: f32 = 1.35;
 

@@ -6,23 +6,31 @@ use echosplat_model::glam::{IVec2, Vec2, Vec3};
 
 use super::BURIED_M;
 
-/// Distance between nodes.
+/// Metres between nodes; found.
 pub(crate) const NODE_M: f32 = 0.5;
+/// Nodes along a tile; layout.
 /// Nodes along the edge of a tile.
 const TILE_EDGE: i32 = 16;
+/// Nodes of a tile; layout.
 const TILE_NODES: usize = 256;
+/// Measurements; bounds memory.
 /// Newest measurements that a node keeps.
 const KEPT: usize = 15;
-/// One sigma of one measurement.
+/// Metres, one sigma of a measurement; found.
 const MEASURED_SIGMA_M: f32 = 0.08;
+/// Metres, one sigma between unknown nodes; found.
 /// One sigma of the step in height from node to node that is expected where nothing is known.
 pub(crate) const STEP_SIGMA_M: f32 = 0.06;
+/// Sweeps around what changed; bounds work.
 /// Sweeps over the nodes around what changed.
 const SWEEPS: usize = 6;
+/// Measurements; found.
 /// Measurements that the height of unknown ground remembers.
 const FAR_MEMORY: u32 = 256;
+/// Nodes around; found.
 /// What is measured tells of so many nodes around it.
 const KNOWN_NODES: i32 = 2;
+/// Measurements; found.
 /// Fewest measurements of a node, its neighbours included, that the map asserts.
 const LEAST_MEASUREMENTS: usize = 6;
 

@@ -25,44 +25,62 @@ use field::{Field, NODE_M, STEP_SIGMA_M};
 use onset::{FALLS, Onset, Runs, falling};
 use proof::Proof;
 
+/// Pings to each asked; bounds work.
 /// Every so many-th ping is asked for the ground; those between show the same of it.
 const STRIDE: u32 = 4;
+/// Pings where no ground is; bounds work.
 /// The same after so many pings in a row that showed none.
 const IDLE_STRIDE: u32 = 128;
+/// Pings in a row without ground; found.
 const IDLE_AFTER: u32 = 64;
+/// Pings in vain; found.
 /// After so many in vain, brightness may be anything again.
 const DOUBTED_AFTER: u32 = 8;
+/// Onsets; found.
 /// Sound does not come through ground: so many onsets in a row from behind it, and what is known of it is wrong.
 const DENIED_AFTER: u32 = 64;
+/// Pings; found.
 /// The ground is there once so many pings showed it, and this share of those that could. They also tell by what
 /// power of range its brightness falls.
 const LEAST_SHOWN: u32 = 24;
+/// Fraction of pings; found.
 const LEAST_SHARE: f32 = 0.3;
+/// Metres, found: further off is something else.
 /// Measurements further than this from what is known are of something else.
 const OUTLIER_M: f32 = 0.6;
+/// Metres ground may be off; found.
 /// How far the ground may be from where it is thought to be.
 const TOLERANCE_M: f32 = 0.12;
+/// Slope where nothing was measured, derived: two sigma.
 /// Slope that ground may have where nothing was measured: two sigma of what the field expects.
 const STEEPEST: f32 = 2.0 * STEP_SIGMA_M / NODE_M;
+/// Slope, found.
 /// The same beyond the slope thought, where it was measured. Found; nodes of 15 onsets each leave 0.12 open at two
 /// sigma before they are smoothed.
 const STEEPEST_KNOWN: f32 = 0.08;
+/// Stretches of range; bounds work.
 /// Stretches of range that the ground is looked at in.
 const MOST_STRETCHES: usize = 200;
+/// Slope; found.
 /// Ground that descends less is no more sharply told, metres per metre.
 const LEAST_DESCENT: f32 = 0.02;
+/// Steps to the ground's elevation, derived: it is smooth.
 /// Steps to the elevation at which the ground is met; it is smooth.
 const STEPS: usize = 2;
+/// Weight of a new brightness; found.
 /// What each new brightness counts.
 const BRIGHTNESS_RATE: f32 = 0.12;
+/// Onsets between smoothings; bounds work.
 /// Onsets between smoothings of the field.
 const ONSETS_PER_SMOOTHING: u32 = 16;
+/// Metres of scatter; found.
 /// Ground that scatters more is not asserted.
 const MOST_SPREAD_M: f32 = 0.2;
-/// What is deeper than this is not seen.
+/// Metres, found: deeper is not seen.
 const BURIED_M: f32 = 0.3;
-/// Half the thickness of its Gaussians.
+/// Metres, half its Gaussians' thickness; found.
 const THICKNESS_M: f32 = 0.02;
+/// First id of ground; layout.
 /// Ids of the ground start here, far above all others.
 const FIRST_ID: GaussianId = 1 << 31;
 

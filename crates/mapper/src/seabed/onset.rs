@@ -20,36 +20,52 @@ use crate::detect::profile::mean_of_noise;
 
 use super::fan_plane::{FanEnergy, FanPlane};
 
+/// Runs of bins in a profile; bounds work.
 /// A profile is looked at in about so many runs of bins.
 const RUNS: usize = 150;
+/// Divisor; found.
 /// The nearest third of a ping tells its noise, if it is quieter than all: one over that fraction.
 const NOISE_DIVISOR: usize = 3;
+/// Looks; found.
 /// Number of looks that a run averages, as the likelihood has it: few, since neighbouring bins share them.
 const LOOKS: f32 = 4.0;
+/// Nats, physics: gamma density.
 /// `L ln L − ln Γ(L)`: the density of log power is `exp` of this plus `L (x − eˣ)`.
 const LOG_DENSITY: f32 = 3.753_4;
+/// Nats, derived: 5 % of bins over 11 nats.
 /// Log density of an echo of something else: 5 % of bins, spread over 11 nats of power.
 const LOG_OUTLIER: f32 = -5.4;
+/// Nats above the mean; found.
 /// Power this far above the mean is an outlier for sure, nats.
 const FAR_ABOVE: f32 = 3.0;
+/// Ratio of range, physics: a wall ends at 1.2.
 /// The ground has to be lit out to this many times the range of its onset: a wall's echo ends at
 /// 1.2, where the fan does.
 const LEAST_EXTENT: f32 = 1.35;
+/// Nats over no ground at all; found.
 /// Gain in log likelihood over no ground at all.
 const LEAST_GAIN: f32 = 40.0;
+/// Slope at the fan's lower edge; found.
 /// Metres down per metre of range at the fan's lower edge, below which depth cannot be told.
 const LEAST_DESCENT: f32 = 0.15;
+/// Runs that tell ground; found.
 const LEAST_RUNS: usize = 8;
-/// Nearer than this is no far field.
+/// Metres, physics: nearer is no far field.
 const LEAST_RANGE_M: f32 = 0.1;
+/// Depths one thread takes; layout.
 /// Depths that one thread takes at least.
 const LEAST_ONSETS: usize = 16;
+/// Ratio of brightness; grid.
 /// Brightnesses tried: so many in steps of this about the one of late.
 const KNOWN_STEP: f32 = std::f32::consts::SQRT_2;
+/// Steps of them; grid.
 const KNOWN_STEPS: usize = 5;
+/// Ratio of brightness; grid.
 /// As long as none is known: steps of this from the noise on to the loudest run.
 const STEP: f32 = 1.6;
+/// Steps of them; bounds work.
 const MOST_STEPS: usize = 48;
+/// Exponents, physics.
 /// Powers of range that the ground's brightness may fall by: 0 is a receiver that made up for all of it, 2 is
 /// spreading of what spreads by solid angle, 3 that at grazing incidence, 4 a rough seabed's by Lambert's law.
 pub(crate) const FALLS: [f32; 4] = [0.0, 2.0, 3.0, 4.0];

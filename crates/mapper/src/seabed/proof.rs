@@ -6,16 +6,22 @@
 
 use echosplat_model::glam::Vec3;
 
+/// Onsets, found: a vehicle heaves within seconds.
 /// Onsets that the running means remember: a vehicle heaves and tilts within seconds.
 const MEMORY: f32 = 64.0;
+/// Onsets; found.
 /// Onsets before the means are any.
 const LEAST_ONSETS: u32 = 16;
+/// Metres; found.
 /// An onset further off than this is of something else and counts as this.
 const MOST_OFF_M: f32 = 0.5;
+/// Onsets; found.
 /// Neighbouring onsets share the vehicle's motion and part of their speckle.
 const ALIKE: f32 = 8.0;
+/// Nats, derived: ln 100 over reverberation.
 /// Natural logarithm of 100: the likelihood ratio of ground over reverberation.
 const ENOUGH: f32 = 4.6;
+/// Metres, found: resting poses wander.
 /// Poses wander by some decimetres while a vehicle rests.
 const LEAST_BASELINE_M: f32 = 1.0;
 

@@ -5,11 +5,14 @@ use rayon::prelude::*;
 use crate::accumulate::evidence::{Block, BlockIndex, Evidence, SectorWidth, VOXELS};
 use crate::spawn::gaussians::{Gaussians, Stage};
 
+/// Nats, derived: even odds.
 /// Evidence at which a Gaussian is pruned: doubt, not certainty, so that it does not flicker.
 const DROP_EVIDENCE: f32 = 0.0;
+/// Fraction; found.
 /// Places with less than this fraction of the best evidence beside them are its surroundings:
 /// nothing is spawned there, and with still less a Gaussian is pruned.
 const SPAWN_FRACTION: f32 = 0.15;
+/// Fraction, found: lower, against flicker.
 const DROP_FRACTION: f32 = 0.1;
 
 /// What the evidence now says of a block.

@@ -5,9 +5,11 @@ use echosplat_model::glam::{Quat, Vec3};
 
 use crate::spawn::gaussians::{Gaussians, Verdict};
 
+/// Fraction, physics: a quarter solid angle.
 /// Of a Gaussian's strength for each of its eight children: half as wide, each fills a quarter of
 /// the solid angle, so eight of them at half the strength send back as much.
 const CHILD_STRENGTH_FRACTION: f32 = 0.5;
+/// Fraction, derived: 1/8.
 /// A child's share of the Gaussian it was split from, and of what that knows of where the surface
 /// is.
 pub(crate) const CHILD_SHARE: f32 = 0.125;

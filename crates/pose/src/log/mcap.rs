@@ -1,6 +1,7 @@
 //! Pose messages in an MCAP file that another program wrote: in chunks or not, compressed or not, in
 //! any order, also cut or damaged.
 
+use std::cmp::Reverse;
 use std::collections::HashMap;
 use std::path::Path;
 
@@ -11,6 +12,7 @@ use echosplat_recording::mcap::{Channel, Condition, Message, Messages, Recording
 use super::found::{LogPosesError, in_order};
 use super::frames::Frames;
 use super::message::{Kind, transforms};
+use super::survey::TopicPoses;
 use crate::fault::quoted;
 
 /// Poses of one topic; two days at 50 Hz.
@@ -34,16 +36,7 @@ pub struct LogPoses {
 /// # Errors
 /// If it cannot be read as MCAP, or there are no poses in it; then which topics there are.
 pub fn poses_of_mcap(path: &Path, topic: Option<&str>) -> Result<LogPoses, LogPosesError> {
-    let wrong = |error: RecordingError| match error {
-        RecordingError::Io(reason) => LogPosesError::Io {
-            path: path.to_owned(),
-            reason,
-        },
-        other => LogPosesError::Format {
-            path: path.to_owned(),
-            reason: other.to_string(),
-        },
-    };
+    let wrong = |error| cannot_read(path, error);
     let mut messages = Messages::open(path).map_err(wrong)?;
     let mut topics = Topics::default();
     while let Some(message) = messages.next_message().map_err(wrong)? {
@@ -61,7 +54,20 @@ pub fn poses_of_mcap(path: &Path, topic: Option<&str>) -> Result<LogPoses, LogPo
     }
 }
 
-fn losses(path: &Path, condition: Condition) -> Vec<String> {
+pub(super) fn cannot_read(path: &Path, error: RecordingError) -> LogPosesError {
+    match error {
+        RecordingError::Io(reason) => LogPosesError::Io {
+            path: path.to_owned(),
+            reason,
+        },
+        other => LogPosesError::Format {
+            path: path.to_owned(),
+            reason: other.to_string(),
+        },
+    }
+}
+
+pub(super) fn losses(path: &Path, condition: Condition) -> Vec<String> {
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let mut losses = Vec::new();
     if condition.is_cut {
@@ -81,7 +87,7 @@ fn losses(path: &Path, condition: Condition) -> Vec<String> {
 
 /// What the file's channels hold.
 #[derive(Default)]
-struct Topics {
+pub(super) struct Topics {
     channels: HashMap<u16, Taken>,
     frames: Frames,
     fault_of_frames: Option<String>,
@@ -97,7 +103,7 @@ struct Taken {
 }
 
 impl Topics {
-    fn take(&mut self, channel: &Channel, message: &Message) {
+    pub(super) fn take(&mut self, channel: &Channel, message: &Message) {
         let arrived = i64::try_from(message.header.log_time).unwrap_or(i64::MAX);
         let arrived = Timestamp::from_nanos(arrived);
         let taken = self.channels.entry(message.header.channel_id);
@@ -111,7 +117,7 @@ impl Topics {
         let Some(Kind::Transforms(encoding)) = taken.kind else {
             return taken.take(&message.data, arrived);
         };
-        let is_static = taken.topic.ends_with("tf_static");
+        let is_static = taken.is_static();
         match transforms(encoding, &message.data) {
             Ok(found) => {
                 for transform in found {
@@ -126,16 +132,16 @@ impl Topics {
 
     fn chosen(self, topic: Option<&str>) -> Result<Vec<ArrivedPose>, String> {
         let words = self.words(topic);
-        let is_of_frames = |taken: &Taken| matches!(taken.kind, Some(Kind::Transforms(_)));
         let asks_for_frames = topic.is_some_and(|topic| {
             let mut channels = self.channels.values();
-            channels.any(|taken| taken.topic == topic && is_of_frames(taken))
+            channels.any(|taken| taken.topic == topic && taken.is_of_frames())
         });
         let fits = |taken: &Taken| topic.is_none_or(|topic| taken.topic == topic);
         let channels = self.channels.into_values();
         let most = channels
             .filter(fits)
-            .max_by_key(|taken| taken.poses.len())
+            // Of two with as many, the same at each run.
+            .max_by_key(|taken| (taken.poses.len(), Reverse(taken.topic.clone())))
             .filter(|taken| !taken.poses.is_empty());
         match most {
             Some(taken) => Ok(in_order(taken.poses)),
@@ -147,6 +153,38 @@ impl Topics {
             }
             None => Err(words),
         }
+    }
+
+    /// Why messages of a topic that its schema says has poses give none, by the topic.
+    pub(super) fn faults(&self) -> HashMap<String, String> {
+        let told = self.channels.values().filter(|taken| taken.is_by_schema());
+        let told = told.filter(|taken| taken.poses.is_empty());
+        told.filter_map(|taken| Some((taken.topic.clone(), taken.fault.clone()?)))
+            .collect()
+    }
+
+    /// The poses of each topic that has some, in the order in which [`poses_of_mcap`] prefers them; and where there
+    /// are frames that give none, their topic and why.
+    pub(super) fn poses(self) -> (Vec<TopicPoses>, Option<(String, String)>) {
+        let moving = |taken: &&Taken| taken.is_of_frames() && !taken.is_static();
+        let frames = self.channels.values().find(moving);
+        let frames = frames.map(|taken| taken.topic.clone());
+        let channels = self.channels.into_values();
+        let mut found: Vec<TopicPoses> = channels
+            .filter_map(|taken| TopicPoses::of(&taken.topic, taken.poses, None))
+            .collect();
+        found.sort_by_key(|poses| (Reverse(poses.count), poses.topic.clone()));
+        let Some(topic) = frames.filter(|_| !self.frames.is_empty()) else {
+            return (found, None);
+        };
+        let fault = match self.frames.poses() {
+            Ok((poses, way)) => {
+                found.extend(TopicPoses::of(&topic, poses, Some(way)));
+                None
+            }
+            Err(why) => Some((topic, why)),
+        };
+        (found, fault)
     }
 
     fn words(&self, topic: Option<&str>) -> String {
@@ -174,6 +212,18 @@ impl Topics {
 }
 
 impl Taken {
+    fn is_of_frames(&self) -> bool {
+        matches!(self.kind, Some(Kind::Transforms(_)))
+    }
+
+    fn is_static(&self) -> bool {
+        self.topic.ends_with("tf_static")
+    }
+
+    fn is_by_schema(&self) -> bool {
+        self.kind.as_ref().is_some_and(Kind::is_by_schema)
+    }
+
     fn take(&mut self, data: &[u8], arrived: Timestamp) {
         let is_hopeless = self.poses.is_empty() && self.tried >= TRIALS;
         if is_hopeless || self.poses.len() >= MAX_POSES {
@@ -194,9 +244,8 @@ impl Taken {
 
     fn words(&self) -> String {
         let name = quoted(&self.topic);
-        let is_by_schema = self.kind.as_ref().is_some_and(Kind::is_by_schema);
         match &self.fault {
-            Some(fault) if is_by_schema => format!("{name} ({fault})"),
+            Some(fault) if self.is_by_schema() => format!("{name} ({fault})"),
             _ => name,
         }
     }

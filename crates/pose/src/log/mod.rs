@@ -6,8 +6,10 @@ mod mcap;
 mod message;
 mod protobuf;
 mod ros1;
+mod survey;
 mod svlog;
 
 pub use self::found::LogPosesError;
 pub use self::mcap::{LogPoses, poses_of_mcap};
+pub use self::survey::{McapSurvey, McapTopic, TopicPoses, survey_of_mcap};
 pub use self::svlog::poses_of_svlog;

@@ -11,13 +11,17 @@ use glam::{DQuat, DVec3, IVec3};
 
 use super::lit::{Cell, LitPings};
 
+/// Blocks of time; found.
 /// Blocks of time that a window is cut into; each is predicted from the others.
 pub const BLOCKS: usize = 20;
+/// Blocks either side; found.
 /// Blocks before and after the predicted one that are left out: what was seen a moment ago is seen
 /// again with any poses.
 const LEFT_OUT: usize = 1;
+/// Observations at the common rate; found.
 /// Observations that every voxel is given at the rate of all cells, so that few say little.
 const PRIOR_OBSERVATIONS: f32 = 3.0;
+/// Voxels in each direction; bounds memory.
 /// Voxels reach so far in each direction.
 const MOST_VOXELS: i32 = 1 << 20;
 
@@ -199,9 +203,12 @@ struct Voxels {
     last: Option<(u64, usize)>,
 }
 
+/// Log2 of voxels along a cube's edge; layout.
 /// Voxels along the edge of a cube are two to the power of this.
 const CUBE_SHIFT: i32 = 3;
+/// Voxels of a cube; layout.
 const CUBE_VOXELS: usize = 1 << (3 * CUBE_SHIFT);
+/// Mark of a cube never seen; layout.
 const UNSEEN: u32 = u32::MAX;
 
 impl Voxels {

@@ -5,15 +5,20 @@ use std::sync::Arc;
 use echosplat_mapper::MapperConfig;
 use echosplat_model::Ping;
 
+/// Share of echoes within the reach; found.
 /// Echoes further off than all but this share of them are left out.
 const REACH_SHARE: f64 = 0.95;
+/// Ratio of range beyond those; found.
 /// The reach goes so far beyond those.
 const REACH_MARGIN: f64 = 1.1;
+/// Ratio, physics: −ln(3/4).
 /// The lower quartile of exponential noise over its mean: −ln(3/4).
 const QUARTILE_OVER_MEAN: f32 = 0.287_682;
+/// Noise powers, derived: once in 160,000 bins.
 /// A bin this many times above the mean noise is an echo: noise is so loud once in 160,000 bins. Stricter than the
 /// mapper, since a whole cell is lit by one bin.
 const ECHO_OVER_NOISE: f32 = 12.0;
+/// Quantile of strongest echoes; found.
 /// Of the pings' strongest echoes the one that the dynamic range counts from: a glitch is no echo.
 const STRONG_SHARE: f64 = 0.9;
 

@@ -8,20 +8,30 @@
 use super::evidence::{BLOCKS, Evidence, Said, block_of, left_out};
 use super::lit::{Cell, LitPings};
 
+/// Shares of lit observations, grid.
 /// Edges between levels of the greatest share of lit observations along an arc.
 const SHARE_EDGES: [f32; 7] = [0.08, 0.15, 0.25, 0.37, 0.5, 0.65, 0.8];
+/// What observations say: nothing, dark, or lit at a share; layout.
 /// What observations say: nothing, dark, or lit at one of the shares.
 const SAID_LEVELS: usize = SHARE_EDGES.len() + 3;
+/// Place of nothing said; layout.
 const NOTHING_SAID: usize = 0;
+/// Place of dark; layout.
 const DARK_SAID: usize = 1;
+/// Levels of a range's log odds; grid.
 /// Levels of the logarithm of a range's odds, and the first and the distance of their middles.
 const BASE_LEVELS: usize = 20;
+/// Nats, the first level's middle; grid.
 const BASE_FIRST: f64 = -6.0;
+/// Nats between levels; grid.
 const BASE_STEP: f64 = 0.5;
+/// Observations at the common rate; found.
 /// Observations at a range that are given to it at the rate of all ranges.
 const PRIOR_OBSERVATIONS: f64 = 5.0;
+/// Steps of the fit of a factor; bounds work.
 /// Steps of the fit of a factor, and the most that its logarithm may be.
 const FIT_STEPS: usize = 12;
+/// Log of a factor, at most; bound.
 const MOST_FACTOR_LN: f64 = 6.0;
 
 /// Cells of one kind: how many, and how many of them lit.

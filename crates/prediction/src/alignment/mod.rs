@@ -21,19 +21,24 @@ pub use peak::Peak;
 use peak::Tried;
 pub use setting::{Quantity, Setting};
 
+/// Cells and pings; grid.
 /// Cells that ranges are cut into and most pings of a section, the coarsest first: 16 cells are as long as what is 6 m
 /// away moves in half a second of a sweep.
 const LEVELS: [(usize, usize); 3] = [(16, 512), (32, 512), (64, SECTION_PINGS)];
-/// Most pings of a section that are looked at.
+/// Pings of a section, at most; bounds work.
 pub const SECTION_PINGS: usize = 1024;
+/// Seconds; found.
 /// Length of a section, seconds: in less, next to nothing of a large structure is seen twice.
 pub const SECTION_S: f64 = 300.0;
+/// Maxima looked at on each level; bounds work.
 /// Maxima that are looked at more closely on each level.
 const MAXIMA: [usize; 3] = [16, 8, 4];
-/// Fewest pings that hear anything.
+/// Pings that hear anything, at least; found.
 const LEAST_LIT_PINGS: usize = 60;
+/// Half steps either side of the top; found.
 /// Steps from the top that its parabola is fitted through, either way, of half the last level's.
 const TOP_STEPS: i32 = 4;
+/// Steps uphill, derived from the level before.
 /// Most steps uphill from a maximum of the level before: that was at most one of its own off.
 const MOST_CLIMBS: usize = 3;
 

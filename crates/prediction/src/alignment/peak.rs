@@ -2,8 +2,10 @@
 
 use crate::agreement::error_of_sum;
 
+/// Standard errors; assumed.
 /// Above this many standard errors poses say something of what is heard.
 const TELLING_ERRORS: f64 = 4.0;
+/// Standard errors, derived: once in 10,000 dives.
 /// By this many the best is better than any other maximum: the true one is expected to be, so that another is that much
 /// better than it once in ten thousand dives.
 const UNRIVALLED_ERRORS: f64 = 3.0;

@@ -19,16 +19,21 @@ use serde::Serialize;
 use crate::agreement::{Agreement, ByBlock, error_of_sum};
 pub use reading::FrameReading;
 
+/// Cells of range, found.
 /// Cells of range. Finer ones tell nothing more of errors that are as large as the scene, nor these of a tilt.
 const CELLS: usize = 64;
+/// Cells of range for tilts; found.
 const TILT_CELLS: usize = 32;
 
+/// Pings of a window looked at; bounds work.
 /// Most pings of a window that are looked at; of more, some are passed over.
 const MOST_PINGS: usize = 512;
-/// Fewest pings that hear anything.
+/// Pings that hear anything, at least; found.
 const LEAST_LIT_PINGS: usize = 60;
+/// Degrees, found: with less readings are alike.
 /// Less than this and every reading is much the same, degrees.
 const LEAST_TURN_DEG: f64 = 45.0;
+/// Standard errors over none; assumed.
 /// The best reading has to have a likelihood gain of so many standard errors over none.
 const TELLING_ERRORS: f64 = 4.0;
 
@@ -41,16 +46,18 @@ struct Refutation {
     least_share: f64,
 }
 
+/// Standard errors and share that refute; found.
 const OTHER: Refutation = Refutation {
     least_errors: 4.0,
     least_share: 0.5,
 };
+/// The same for a tilt; found.
 /// With a tilt half of each fan is still where it was: it explains more, and what it does not, more unevenly.
 const TILT: Refutation = Refutation {
     least_errors: 2.5,
     least_share: 0.7,
 };
-/// Attitudes compared for the turn.
+/// Attitudes compared for the turn; bounds work.
 const TURN_PINGS: usize = 64;
 
 /// A ping and where its vehicle was, as its poses were read.

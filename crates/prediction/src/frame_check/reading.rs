@@ -6,6 +6,7 @@ use echosplat_model::{Pose, enu_from_ned};
 use glam::DQuat;
 use serde::Serialize;
 
+/// Degrees, found.
 /// By less than half of it maps are hardly false, and the calibration tells.
 const TILT_DEG: i32 = 20;
 

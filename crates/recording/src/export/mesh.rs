@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::{self, Write};
 
 use echosplat_model::glam::DVec3;
-use echosplat_ply::{Element, Format, Header, write_floats, write_list};
+use echosplat_ply::{Element, Format, Header, Written, write_floats, write_list};
 use echosplat_surface::{Surface, Vertex};
 
 use super::{SINGLE_PRECISION_M, Up, world_of};
@@ -66,7 +66,7 @@ pub fn write_mesh_ply(
     let surface = welded(&surface, |vertex| place(vertex).map(|x| f64::from(x + 0.0)));
     let header = Header {
         format: Format::LittleEndian,
-        comments: [notes::origin(left_m)]
+        comments: [Written::MESH.comment(), notes::origin(left_m)]
             .into_iter()
             .chain(notes::up_axis(up))
             .collect(),
@@ -140,6 +140,7 @@ pub fn write_mesh_obj(
         place_m.map(|x| (x * 1e4).round() / 1e4 + 0.0)
     };
     let surface = welded(&surface, place);
+    writeln!(writer, "# {}", Written::MESH.comment())?;
     if up != Up::Z {
         writeln!(writer, "# up_axis {}", up.name())?;
     }
@@ -217,8 +218,8 @@ mod tests {
         assert!(head.contains("comment origin_m 500000.0 4000000.0 0.0\n"));
         assert_eq!(rows[1][..3], [1.0, 0.0, 0.0]);
         let lines = obj(&triangle(), far_m);
-        assert_eq!(lines[1], "v 500001.0000 4000000.0000 0.0000");
-        assert_eq!(lines[3..], ["f 1 2 3"]);
+        assert_eq!(lines[2], "v 500001.0000 4000000.0000 0.0000");
+        assert_eq!(lines[4..], ["f 1 2 3"]);
     }
 
     #[test]
@@ -245,6 +246,6 @@ mod tests {
         let (_, rows, faces) = ply(&many, DVec3::new(3.0, 0.0, 10.0), Up::Z);
         assert_eq!((rows.len(), faces.len()), (3, 2 * 13));
         let lines = obj(&many, DVec3::ZERO);
-        assert_eq!(lines[3..], ["f 1 2 3", "f 1 3 2"]);
+        assert_eq!(lines[4..], ["f 1 2 3", "f 1 3 2"]);
     }
 }

@@ -18,6 +18,12 @@ pub struct Channel {
 }
 
 impl Channel {
+    /// Its messages are bytes of a sonar, as recordings of this program have them.
+    #[must_use]
+    pub fn is_of_sonar(&self) -> bool {
+        self.own == Some(Topic::Raw)
+    }
+
     pub(super) fn new(topic: String, schema: String, encoding: String) -> Self {
         Self {
             own: Topic::of_name(&topic),

@@ -7,12 +7,16 @@ use std::io::{Cursor, Read};
 use std::path::Path;
 
 use bytes::Bytes;
+use echosplat_ply::{Newer, version_of};
 use mcap::records::{MessageHeader, Record, op};
 
 use super::channel::{Channel, own_channels};
 use super::chunk::{ChunkHead, FIXED_BYTES, MAX_CHUNK_BYTES};
 use super::cutter::{Cutter, Piece};
-use super::{LIBRARY, LIBRARY_BEFORE, ROS2, RecordingError};
+use super::{LIBRARY, ROS2, RecordingError};
+
+/// What stands before the version of the format.
+const LIBRARY_NAME: &str = "echosplat recording ";
 
 /// A message as it stands in a file.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,6 +48,23 @@ impl Condition {
     }
 }
 
+/// What a file says in its first record.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct WrittenBy {
+    /// The program or library that wrote it.
+    pub library: String,
+    /// Whose rules its messages follow, as in `ros2`; empty without any.
+    pub profile: String,
+}
+
+impl WrittenBy {
+    /// This program wrote the file, or a tool wrote it anew and said so.
+    #[must_use]
+    pub fn is_this_program(&self) -> bool {
+        self.library.contains(LIBRARY_NAME)
+    }
+}
+
 /// What comes next in a file.
 pub(super) enum Item {
     /// Another recording begins: how the one before was.
@@ -54,7 +75,8 @@ pub(super) enum Item {
 
 /// What a record says.
 enum Said {
-    Writer { library: String, profile: String },
+    /// Who wrote the file, and for whom.
+    Header(WrittenBy),
     Schema(u16, String),
     Channel(u16, u16, [String; 2]),
     Message(Message),
@@ -67,6 +89,7 @@ pub struct Messages<R> {
     /// The chunk at hand; it has the channels meanwhile.
     chunk: Option<Cutter<Cursor<Vec<u8>>>>,
     schemas: HashMap<u16, String>,
+    written_by: WrittenBy,
     /// Whether this program wrote the file as it is; `None` before the file says it. Its ids are
     /// fixed, so that damage to a channel's record costs nothing.
     is_own: Option<bool>,
@@ -98,6 +121,7 @@ impl<R: Read> Messages<R> {
             file: Cutter::of_file(source, own_channels())?,
             chunk: None,
             schemas: HashMap::new(),
+            written_by: WrittenBy::default(),
             is_own: None,
             keeps_sequences: true,
             is_for_ros: false,
@@ -152,20 +176,22 @@ impl<R: Read> Messages<R> {
             if let Said::Message(message) = said {
                 return Ok(Item::Message(message));
             }
-            self.note(said);
+            self.note(said)?;
         }
         Ok(Item::End)
     }
 
-    fn note(&mut self, said: Said) {
+    fn note(&mut self, said: Said) -> Result<(), RecordingError> {
         match said {
-            Said::Writer { library, profile } => {
-                let own = [LIBRARY, LIBRARY_BEFORE];
-                let is_own = own.contains(&&library[..]);
+            Said::Header(written_by) => {
+                let library = written_by.library.as_str();
+                refuse_newer(library)?;
+                let is_own = library.starts_with(LIBRARY_NAME);
                 self.is_own = Some(is_own);
-                self.is_for_ros = profile == ROS2;
+                self.is_for_ros = written_by.profile == ROS2;
                 // Tools that rewrite a file put their own name before.
-                self.keeps_sequences = own.iter().any(|own| library.contains(own));
+                self.keeps_sequences = library.contains(LIBRARY_NAME);
+                self.written_by = written_by;
                 if !is_own {
                     self.file.most_body_bytes = MAX_CHUNK_BYTES;
                     self.file.channels.clear();
@@ -181,6 +207,7 @@ impl<R: Read> Messages<R> {
             }
             Said::Channel(..) | Said::Message(_) | Said::Nothing => {}
         }
+        Ok(())
     }
 
     fn channels_mut(&mut self) -> &mut HashMap<u16, Channel> {
@@ -270,6 +297,12 @@ impl<R: Read> Messages<R> {
         }
     }
 
+    /// Who wrote the recording at hand; empty before the file has said it.
+    #[must_use]
+    pub fn written_by(&self) -> &WrittenBy {
+        &self.written_by
+    }
+
     /// Whether this program wrote the file as it is.
     pub(super) fn is_own(&self) -> bool {
         self.is_own != Some(false)
@@ -304,10 +337,10 @@ fn said(kind: u8, body: &[u8]) -> Said {
         return Said::Nothing;
     }
     match mcap::parse_record(kind, body) {
-        Ok(Record::Header(header)) => Said::Writer {
+        Ok(Record::Header(header)) => Said::Header(WrittenBy {
             library: header.library,
             profile: header.profile,
-        },
+        }),
         Ok(Record::Schema { header, .. }) => Said::Schema(header.id, header.name),
         Ok(Record::Channel(channel)) => {
             let words = [channel.topic, channel.message_encoding];
@@ -318,6 +351,24 @@ fn said(kind: u8, body: &[u8]) -> Said {
             data: Bytes::copy_from_slice(&data),
         }),
         _ => Said::Nothing,
+    }
+}
+
+/// # Errors
+/// If this program wrote the file, or one that was made of it, by a format of a later version.
+fn refuse_newer(library: &str) -> Result<(), RecordingError> {
+    let after = |text: &str| {
+        text.split_once(LIBRARY_NAME)
+            .map(|(_, after)| version_of(after))
+    };
+    let newest = after(LIBRARY).flatten().unwrap_or_default();
+    match after(library).flatten() {
+        Some(found) if found > newest => Err(RecordingError::Newer(Newer {
+            what: "recording",
+            found,
+            newest,
+        })),
+        _ => Ok(()),
     }
 }
 

@@ -48,7 +48,7 @@ use bytes::Bytes;
 use echosplat_model::{StampedPose, Timestamp};
 
 pub use channel::Channel;
-pub use messages::{Condition, Message, Messages};
+pub use messages::{Condition, Message, Messages, WrittenBy};
 pub use part::Part;
 pub use reader::{Ending, RecordingReader};
 pub use scan::{Counts, Recording, Scan};
@@ -56,8 +56,6 @@ pub use writer::{MAX_MESSAGE_BYTES, Profile, RecordingFile, RecordingWriter};
 
 /// Written into every recording; by it a reader knows the fixed channel ids.
 const LIBRARY: &str = "echosplat recording 3";
-/// The same of recordings without chunks.
-const LIBRARY_BEFORE: &str = "echosplat recording 2";
 /// Name of the profile of recordings for programs of ROS.
 const ROS2: &str = "ros2";
 
@@ -136,6 +134,9 @@ pub enum RecordingError {
         "its messages do not stand in the order of their times; `mcap sort IN.mcap -o OUT.mcap` puts them so"
     )]
     OutOfOrder,
+    /// Of a version that is not known here.
+    #[error(transparent)]
+    Newer(echosplat_ply::Newer),
     /// A folder, a fifo or a device.
     #[error("not a regular file")]
     NotAFile,

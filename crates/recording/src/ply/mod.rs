@@ -8,7 +8,8 @@
 //! within 0.10 m. Added to x y z, the
 //! header's `comment origin_m X Y Z` gives the world's coordinates; times opacity, reflectivity and
 //! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it. Where
-//! pings were kept from the map to judge it by, `comment held_out_every N` says which.
+//! pings were kept from the map to judge it by, `comment held_out_every N` says which. `comment echosplat_map N` is the
+//! version of all this; a file without is of the first, and one of a later than is known here is refused.
 
 pub(crate) mod notes;
 mod read;
@@ -208,10 +209,15 @@ pub fn map_byte_count(gaussian_count: usize) -> u64 {
 /// Says what in which file is wrong.
 pub fn read_map(path: &Path) -> Result<MapFile, MapFileError> {
     let mut map = read(BufReader::new(open_file(path)?))?;
-    let beside = match open_file(&ambiguous_path(path)) {
-        Ok(file) => read(BufReader::new(file))?,
+    let path = ambiguous_path(path);
+    let wrong = |source: MapFileError| MapFileError::Beside {
+        name: path.file_name().unwrap_or_default().display().to_string(),
+        source: Box::new(source),
+    };
+    let beside = match open_file(&path) {
+        Ok(file) => read(BufReader::new(file)).map_err(wrong)?,
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(map),
-        Err(error) => return Err(error.into()),
+        Err(error) => return Err(wrong(error.into())),
     };
     let shift_m = (beside.origin_m - map.origin_m).as_vec3();
     let per_unit = beside.intensity_unit / map.intensity_unit;

@@ -2,6 +2,7 @@
 
 use echosplat_model::glam::DVec3;
 use echosplat_model::{INTENSITY_UNITS, is_origin};
+use echosplat_ply::Written;
 
 use super::{MapFile, MapFileError};
 use crate::export::Up;
@@ -19,6 +20,7 @@ const LONGEST_COMMENT: usize = 256;
 /// The header's comments.
 pub(super) fn comments(map: &MapFile) -> Vec<String> {
     let mut comments = vec![
+        Written::MAP.comment(),
         origin(map.origin_m),
         format!("{INTENSITY_UNIT} {:?}", map.intensity_unit),
     ];
@@ -46,8 +48,8 @@ pub(crate) fn up_axis(up: Up) -> Option<String> {
 fn free_comment(text: &str) -> Option<String> {
     let words: Vec<&str> = text.split_whitespace().collect();
     let is_own = |word: &&str| [ORIGIN, INTENSITY_UNIT, HELD_OUT_EVERY, UP_AXIS].contains(word);
-    let is_own = words.first().is_some_and(is_own);
     let line = words.join(" ");
+    let is_own = words.first().is_some_and(is_own) || Written::is_said_by(&line);
     let shown = line.chars().filter(|c| !c.is_control());
     (!is_own && !words.is_empty()).then(|| shown.take(LONGEST_COMMENT).collect())
 }

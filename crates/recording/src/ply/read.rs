@@ -49,6 +49,14 @@ pub enum MapFileError {
         /// What cannot be of the first.
         why: Unsound,
     },
+    /// The file of the ambiguous Gaussians, which stands beside the map.
+    #[error("in {name} beside it: {source}")]
+    Beside {
+        /// Its name.
+        name: String,
+        /// What is wrong with it.
+        source: Box<MapFileError>,
+    },
     /// The file could not be read.
     #[error("reading the map: {0}")]
     Io(#[from] std::io::Error),

@@ -70,7 +70,7 @@ fn the_header_is_the_documented_one() {
     let bytes = bytes_of(&map(vec![gaussian(0, Vec3::X)]));
     let text = String::from_utf8_lossy(&bytes);
     assert!(text.starts_with(
-        "ply\nformat binary_little_endian 1.0\ncomment origin_m 500000.125 -6000000.1 1e-17\n\
+        "ply\nformat binary_little_endian 1.0\ncomment echosplat_map 1\ncomment origin_m 500000.125 -6000000.1 1e-17\n\
          comment intensity_unit 0.0003\nelement vertex 1\nproperty float x\nproperty float y\n"
     ));
     let end = b"property float sigma\nproperty float cov_xx\nproperty float cov_xy\nproperty float cov_xz\n\
@@ -79,6 +79,46 @@ fn the_header_is_the_documented_one() {
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
     assert_eq!(bytes.len() - at - end.len(), 26 * 4 + 3);
     assert_eq!(ROW_BYTES, 107);
+}
+
+#[test]
+fn a_map_of_a_newer_version_is_refused_and_one_without_is_the_first() {
+    let bytes = bytes_of(&map(vec![gaussian(0, Vec3::X)]));
+    let said = b"comment echosplat_map 1\n";
+    let at = bytes.windows(said.len()).position(|w| w == said).unwrap();
+    let with = |comment: &[u8]| [&bytes[..at], comment, &bytes[at + said.len()..]].concat();
+    let old = read(&with(b"")[..]).unwrap();
+    assert_eq!(old, read(&bytes[..]).unwrap());
+    let newer = with(b"comment echosplat_map 2\n");
+    let error = read(&newer[..]).unwrap_err().to_string();
+    assert!(
+        error.contains("version 2 of a map") && error.contains("up to version 1"),
+        "{error}"
+    );
+    // No comment of a user takes the place of ours.
+    let notes = MapNotes {
+        comments: vec!["echosplat_map 7".to_owned(), "echosplat_mesh 7".to_owned()],
+        ..MapNotes::default()
+    };
+    let told = MapFile {
+        notes,
+        ..map(vec![])
+    };
+    assert!(read(&bytes_of(&told)[..]).is_ok());
+}
+
+#[test]
+fn a_fault_of_the_ambiguous_part_names_its_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("map.ply");
+    write_map(&path, DVec3::ZERO, 1.0, &[], &MapNotes::default()).unwrap();
+    let newer = "ply\nformat ascii 1.0\ncomment echosplat_map 3\nelement vertex 0\nend_header\n";
+    std::fs::write(ambiguous_path(&path), newer).unwrap();
+    let error = read_map(&path).unwrap_err().to_string();
+    assert!(
+        error.contains("in map.ambiguous.ply beside it: made by a newer EchoSplat"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -85,11 +85,17 @@ struct Packet {
 
 impl Packet {
     /// By its fields: what records for `SonarView` names its version. The client leaves that empty, and does not know
-    /// how long the system is up; what was made after it without that field is still Python.
+    /// how long the system is up; what was made after it without that field is still Python, and so writes times to
+    /// the microsecond where others write milliseconds, however few fields it has.
     fn is_from_opening(&self) -> bool {
         let text = |value: &serde_json::Value| value.as_str().map(str::to_lowercase);
-        let is_python = text(&self.process_path).is_some_and(|path| path.contains("python"))
-            || text(&self.process_version).is_some_and(|version| version.starts_with("v3."));
+        let is_python = match (text(&self.process_path), text(&self.process_version)) {
+            (None, None) => fraction_digits(&self.timestamp) == 6,
+            (path, version) => {
+                path.is_some_and(|path| path.contains("python"))
+                    || version.is_some_and(|version| version.starts_with("v3."))
+            }
+        };
         let is_unnamed = match text(&self.sonarlink_version) {
             Some(version) => version.is_empty(),
             None => is_python,
@@ -160,6 +166,14 @@ impl SessionHeader {
             is_from_opening,
         })
     }
+}
+
+/// How many digits of a second a time has.
+fn fraction_digits(timestamp: &str) -> usize {
+    let fraction = timestamp
+        .split_once('.')
+        .map_or("", |(_, fraction)| fraction);
+    fraction.bytes().take_while(u8::is_ascii_digit).count()
 }
 
 /// To the millisecond as the vendor writes it, or to the nanosecond where that says more.

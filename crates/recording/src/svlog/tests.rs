@@ -106,7 +106,6 @@ fn a_packet_of_the_time_of_opening_is_told_by_its_fields() {
         r#""sonarlink_version": "1.15.3", "os_uptime": 3600.5, "process_path": "/app/node""#,
         r#""sonarlink_version": "1.15.3", "os_uptime": null"#,
         r#""sonarlink_version": "", "os_uptime": 12.5"#,
-        r#""os_uptime": null, "session_platform": null"#,
         r#""process_version": "v18.17.0", "process_path": "/usr/bin/node""#,
     ] {
         assert!(!is_from_opening(other), "{other}");
@@ -116,6 +115,33 @@ fn a_packet_of_the_time_of_opening_is_told_by_its_fields() {
             .unwrap()
             .is_from_opening
     );
+}
+
+#[test]
+fn a_packet_of_few_fields_is_told_by_how_python_writes_times() {
+    let is_from_opening = |time: &str, more: &str| {
+        let json = format!(
+            r#"{{"session_id": 1, "session_uptime": 0.0, "session_devices": [], "timestamp": "{time}"{more}}}"#
+        );
+        SessionHeader::parse(json.as_bytes())
+            .unwrap()
+            .is_from_opening
+    };
+    assert!(is_from_opening("2024-05-01T12:00:00.123456+00:00", ""));
+    assert!(is_from_opening("2024-05-01T12:00:00.123456", ""));
+    for time in [
+        "2024-05-01T12:00:00.123Z",
+        "2024-05-01T12:00:00Z",
+        "2024-05-01T12:00:00.123456789Z",
+    ] {
+        assert!(!is_from_opening(time, ""), "{time}");
+    }
+    let named = r#", "sonarlink_version": "1.15.3""#;
+    assert!(!is_from_opening("2024-05-01T12:00:00.123456+00:00", named));
+    assert!(!is_from_opening(
+        "2024-05-01T12:00:00.123456+00:00",
+        r#", "os_uptime": 81.5"#
+    ));
 }
 
 #[test]

@@ -165,8 +165,8 @@ pub struct ExportArguments {
 
 #[derive(Debug, Args)]
 pub struct InfoArguments {
-    /// A recording (.mcap), a log (.svlog), a trajectory (.tum) or a map (.ply); the files of one
-    /// recording in order
+    /// Recordings (.mcap), logs (.svlog), trajectories (.tum), maps (.ply) and bags of other programs (.mcap); the
+    /// files of one dive are told as one
     #[arg(value_name = "FILE", required = true)]
     pub(crate) files: Vec<PathBuf>,
     /// Print one JSON object on standard output

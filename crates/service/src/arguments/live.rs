@@ -98,7 +98,8 @@ pub struct ReplayArguments {
     /// Logs (.svlog), one after another, or the recordings (.mcap) of one dive in their order
     #[arg(value_name = "LOG", required = true)]
     pub(crate) logs: Vec<PathBuf>,
-    /// Poses as a TUM file; without, those that the log holds
+    /// Poses as a TUM file, or in an MCAP file of another program (F.mcap, or F.mcap#/TOPIC); without, those that
+    /// the log holds
     #[arg(long, value_name = "F.tum", conflicts_with = "pose")]
     pub(crate) poses: Option<PathBuf>,
     #[arg(long, value_name = "URL", help = POSE_HELP)]

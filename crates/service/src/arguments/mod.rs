@@ -79,7 +79,7 @@ pub enum Command {
     Render(RenderArguments),
     /// Writes a map in another program's format: .splat, .pcd, .npz or one .ply; or its surface
     Export(ExportArguments),
-    /// Says what a log, a recording, a trajectory or a map holds
+    /// Says what logs, recordings, trajectories, maps and bags of other programs hold
     Info(InfoArguments),
     /// Makes a clean file of a cut or damaged recording or log
     Recover(RecoverArguments),

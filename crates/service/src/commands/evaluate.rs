@@ -42,8 +42,8 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
             said["certainty"] = serde_json::to_value(found)?;
         }
         if let Some(path) = &arguments.mesh {
-            let places = mesh_places(path)
-                .map_err(|error| Usage::error(format!("mesh {}: {error}", path.display())))?;
+            // Its errors name the file.
+            let places = mesh_places(path).map_err(Usage::error)?;
             let metrics = evaluate_mesh(&places, &points, &truth);
             if !arguments.json {
                 logging::print(table::mesh(&metrics).trim_end());

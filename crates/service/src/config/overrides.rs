@@ -10,7 +10,7 @@ use crate::arguments::{BusArguments, ServiceArguments};
 use crate::clock;
 use crate::exit::Usage;
 
-use super::Config;
+use super::{Config, faults};
 
 /// Programs around the service connect to it, whenever it comes, and leave the listening to it:
 /// peers do not pass on what two others say.
@@ -80,7 +80,17 @@ impl Config {
     /// # Errors
     /// If this version does not understand the settings.
     pub(crate) fn of_recording(settings: &str) -> anyhow::Result<Self> {
-        let mut config = Self::parse(Path::new("settings of the recording"), settings)?;
+        let place = Path::new("settings of the recording");
+        let mut config = faults::read(settings).map_err(|found| {
+            let mut lines: Vec<String> = found.iter().map(|fault| fault.located(place)).collect();
+            lines.push(format!(
+                "{}: they were written by another version of EchoSplat than this one, {}; --config FILE gives those \
+                 to map it with in their place",
+                place.display(),
+                env!("CARGO_PKG_VERSION")
+            ));
+            Usage::faults(lines)
+        })?;
         let default = Self::default();
         config.output.map = None;
         config.output.truth = None;
@@ -172,6 +182,19 @@ mod tests {
         assert!((config.mapper.spawn_evidence - 6.5).abs() < 1e-6);
         assert_eq!(config.pipeline, Config::default().pipeline);
         assert_eq!(of(&[]).unwrap(), Config::default());
+    }
+
+    #[test]
+    fn settings_of_a_recording_by_a_newer_version_are_named_with_what_helps() {
+        let said = Config::of_recording("[mapper]\nnewer_key = 3\n").unwrap_err();
+        let said = said.to_string();
+        for words in [
+            "settings of the recording:2: mapper.newer_key",
+            "--config FILE",
+        ] {
+            assert!(said.contains(words), "{said}");
+        }
+        assert!(Config::of_recording("[mapper]\nresolution_m = 0.05\n").is_ok());
     }
 
     #[test]

@@ -66,7 +66,7 @@ use run::Run;
 pub(crate) use shared::{Link, Phase, Shared};
 pub use shared::{MapperReport, Spent};
 pub(crate) use shedding::Shedding;
-pub(crate) use status::{RateMeter, Rates, Status};
+pub(crate) use status::{RateMeter, Rates, STATUS_VERSION, Status};
 use worker::{THREAD_NAME, Worker};
 
 /// All a run needs that differs between commands.

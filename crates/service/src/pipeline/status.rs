@@ -17,12 +17,17 @@ use crate::split::TapeReport;
 use crate::supervisor::PartReport;
 use crate::{logging, processor, simd};
 
+/// Of the members of a status and what they mean. Members may be added without another one.
+pub(crate) const STATUS_VERSION: u32 = 1;
+
 /// Share of pings left out beyond which a run counts as lossy.
 const LOSSY_SHARE: f64 = 0.01;
 
 /// One run at one moment.
 #[derive(Debug, Clone, Serialize)]
 pub(crate) struct Status {
+    /// [`STATUS_VERSION`].
+    pub(crate) status_version: u32,
     /// Host time.
     pub(crate) time_ns: i64,
     /// How far the run is.
@@ -177,6 +182,7 @@ impl Status {
     pub(crate) fn of(report: MapperReport, sonar: DriverStatus) -> Self {
         let received = intact_profiles(&sonar);
         Self {
+            status_version: STATUS_VERSION,
             time_ns: crate::clock::now().nanos(),
             phase: Phase::Running,
             is_final: false,
@@ -219,6 +225,7 @@ impl Status {
     pub(crate) fn summary(&self) -> Value {
         let session = &self.sonar.session;
         json!({
+            "status_version": self.status_version,
             "pings_received": self.pings_received,
             "pings_mapped": self.report.pings_mapped,
             "pings_held_back": self.report.pings_held_out,

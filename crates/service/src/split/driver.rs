@@ -19,7 +19,7 @@ use crate::config::Config;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
     Diagnosis, Drivers, Expectations, Finding, Gate, Input, IsOver, Listening, MapperReport,
-    Notices, Pace, Passage, RateMeter, Shared, Status, range_of,
+    Notices, Pace, Passage, RateMeter, STATUS_VERSION, Shared, Status, range_of,
 };
 use crate::recorder::Recorder;
 use crate::runtime;
@@ -321,6 +321,7 @@ impl<'a> Run<'a> {
         let counters = [session.pings, self.pings_taken, session.bytes_received];
         self.rates.measure(Instant::now(), counters);
         VehicleStatus {
+            status_version: STATUS_VERSION,
             role: DRIVER_ROLE,
             time_ns: clock::now().nanos(),
             is_final,

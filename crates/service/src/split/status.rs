@@ -12,6 +12,8 @@ use crate::supervisor::PartReport;
 /// A driver at one moment.
 #[derive(Debug, Serialize)]
 pub(super) struct VehicleStatus {
+    /// As of a service that maps.
+    pub(super) status_version: u32,
     /// `driver`.
     pub(super) role: &'static str,
     /// Host time.

@@ -6,6 +6,7 @@ mod batch;
 mod clock;
 mod held_out;
 mod job;
+mod left;
 mod one;
 mod online;
 mod queue;
@@ -21,6 +22,7 @@ use crate::arguments::{BenchOptions, QueueOptions};
 pub(super) use clock::Clock;
 use echosplat_service::signals::Stop;
 pub(super) use job::Job;
+use left::Left;
 pub(super) use one::{run_one, sonar};
 use queue::Queue;
 pub(super) use store::Store;
@@ -35,14 +37,21 @@ pub(super) fn make(
     store: &mut Store,
     options: &QueueOptions,
 ) -> anyhow::Result<Outcomes> {
-    let left = jobs.iter().filter(|job| !store.has(job)).cloned().collect();
+    let (done, to_do): (Vec<&Job>, Vec<&Job>) = jobs.iter().partition(|job| store.has(job));
+    let mut left = Left::of(to_do.iter().map(|job| &job.spec));
+    for job in &done {
+        if let Some(outcome) = store.outcome(&job.spec) {
+            left.was_done(&job.spec, outcome);
+        }
+    }
     let budget_s = options.budget.map(|minutes| 60.0 * minutes);
     let queue = Queue {
-        jobs: left,
+        jobs: to_do.into_iter().cloned().collect(),
         all: jobs.len(),
         at_once: options.jobs as usize,
         deadline: budget_s.map(|seconds| Instant::now() + Duration::from_secs_f64(seconds)),
         stop: Stop::on_signals()?,
+        left,
     };
     let failures = queue.run(store)?;
     let wanted: Vec<Spec> = jobs.iter().map(|job| job.spec.clone()).collect();

@@ -11,6 +11,7 @@ use anyhow::{Context, anyhow};
 use indicatif::ProgressBar;
 
 use super::job::Job;
+use super::left::Left;
 use super::store::Store;
 use echosplat_service::signals::Stop;
 use echosplat_service::{logging, processor};
@@ -28,6 +29,7 @@ pub(super) struct Queue {
     pub(super) at_once: usize,
     pub(super) deadline: Option<Instant>,
     pub(super) stop: Stop,
+    pub(super) left: Left,
 }
 
 /// What the threads share.
@@ -35,6 +37,7 @@ struct Board<'a> {
     jobs: VecDeque<Job>,
     store: &'a mut Store,
     done: usize,
+    left: Left,
     /// By name of the run.
     failures: BTreeMap<String, String>,
 }
@@ -58,10 +61,15 @@ impl Queue {
         if before > 0 {
             tracing::info!("{before} of {} runs are done already", self.all);
         }
+        let left = std::mem::take(&mut self.left);
+        if !jobs.is_empty() {
+            tracing::info!("{}", left.words(self.at_once));
+        }
         let board = Mutex::new(Board {
             jobs,
             store,
             done: before,
+            left,
             failures: BTreeMap::new(),
         });
         let bar =
@@ -89,10 +97,16 @@ impl Queue {
             let mut board = lock(board);
             board.done += 1;
             bar.inc(1);
+            let outcome = match &ended {
+                Ended::Well(outcome) => Some(&**outcome),
+                Ended::Badly(_) | Ended::Stopped => None,
+            };
+            board.left.ended(&job.spec, outcome);
+            let left = board.left.words(self.at_once);
             let at = format!("[{}/{}] {}", board.done, self.all, job.spec.name());
             match ended {
                 Ended::Well(outcome) => {
-                    tracing::info!("{at}: {}", run_line(&outcome));
+                    tracing::info!("{at}: {}; {left}", run_line(&outcome));
                     board.store.add(&job.spec, *outcome)?;
                 }
                 Ended::Badly(why) => {

@@ -100,8 +100,13 @@ impl Store {
         self.folder.join(MAPS_FOLDER).join(format!("{name}.ply"))
     }
 
+    /// Of a run that is done.
+    pub(super) fn outcome(&self, spec: &Spec) -> Option<&Outcome> {
+        self.done.of(spec)?.as_ref().ok()
+    }
+
     /// Of these runs, those that are done.
-    pub(super) fn outcomes(&self, wanted: &[Spec]) -> Outcomes {
+    pub(in crate::commands) fn outcomes(&self, wanted: &[Spec]) -> Outcomes {
         let one = |spec: &Spec| Some((spec.name(), self.done.of(spec)?.clone()));
         Outcomes(wanted.iter().filter_map(one).collect())
     }

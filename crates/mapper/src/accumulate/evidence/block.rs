@@ -15,28 +15,38 @@ use crate::accumulate::history::{History, Keyframe};
 use crate::detect::bin_state::BinState;
 use crate::features::Extent;
 
+/// Azimuth sectors of a block; layout.
 /// Azimuth sectors of a block that observations come from: of 45° each, from above and from below.
 const SECTORS: usize = 16;
 
+/// Nats, derived: ln(0.95/0.57).
 /// Log likelihood ratio of an observation on the beam's axis: an echo is seen in 95 % of the observations of a
 /// surface, and from about 57 % at a place that is only asked about because some arc of it was lit:
 /// ln(0.95/0.57) and ln(0.05/0.43).
 const LIT: f32 = 0.5;
+/// Nats, derived: ln(0.05/0.43).
 const DARK: f32 = -2.15;
+/// Nats, found: it may be shadow.
 /// Darkness behind an echo may be its shadow.
 const SHADOWED: f32 = 0.15 * DARK;
+/// Voxels, derived: spread and drift within a ping.
 /// Rows further off than the beam's reach and this are passed over: a voxel's own spread, and what
 /// the sensor drifts until an echo.
 const ROW_MARGIN_VOXELS: f32 = 0.7;
+/// Squared sigmas off the axis; found.
 /// Beyond this many sigma from the axis an observation says nothing clear.
 const OBSERVATION_SIGMAS_SQUARED: f32 = 1.4;
+/// Half-widths, derived: the fan's edge.
 /// Of the fan's half-width, beyond which an observation says nothing.
 const FAN_SHARE: f32 = 1.0;
+/// Ratio of variance; found.
 /// Places are found although the heading is off by this factor of variance: what a surface with specular
 /// returns shows but once must not be lost to one bad pose.
 const POSE_DOUBT: f32 = 6.0;
+/// Nats; found.
 /// What an azimuth sector that saw a place dark counts at most against what others saw.
 const AGAINST_EIGHTH: f32 = -0.25;
+/// Nats of a sector of 90°, the same; found.
 const AGAINST_QUARTER: f32 = -2.0;
 /// Each sector of [`sector_of`] by itself: what lies flat is seen from above or below alone.
 const EIGHTH_SECTORS: [[usize; 1]; SECTORS] = {
@@ -48,6 +58,7 @@ const EIGHTH_SECTORS: [[usize; 1]; SECTORS] = {
     }
     sectors
 };
+/// Sectors of 45° that make each of 90°; layout.
 /// The sectors of 45° that make up those of 90° around the axes.
 const QUARTER_SECTORS: [[usize; 4]; 4] =
     [[0, 2, 8, 10], [1, 3, 9, 11], [4, 5, 12, 13], [6, 7, 14, 15]];
@@ -62,9 +73,11 @@ pub(crate) enum SectorWidth {
     Quarter,
 }
 
+/// Nats, derived: eight clear observations.
 /// A block whose best voxel is this deep in darkness from an azimuth sector needs no more observations from
 /// there: it would take eight clear ones to bring it back to nothing.
 const SETTLED_EVIDENCE: f32 = -4.0;
+/// Nats of pings visited once; found.
 /// The same if every ping is visited about once at most.
 const SOON_SETTLED_EVIDENCE: f32 = -3.0;
 

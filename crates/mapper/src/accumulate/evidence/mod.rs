@@ -25,16 +25,22 @@ use crate::features::Extent;
 use crate::progress::Progress;
 pub(crate) use block::{Block, SectorWidth, Sums};
 
+/// Voxels along a block; layout.
 /// Voxels along the edge of a block, and blocks along the edge of a tile.
 pub(crate) const BLOCK_EDGE: i32 = 8;
+/// Voxels of a block; layout.
 pub(crate) const VOXELS: usize = 512;
+/// Blocks along a tile; layout.
 const TILE_EDGE: i32 = 8;
+/// Blocks a slice; bounds work.
 /// Blocks of which each slice lays away what had no observations: few, so that azimuth sectors are not taken up again the
 /// next moment.
 const LAID_AWAY: usize = 16;
+/// Divisor of a count; bounds memory.
 /// What there is over this is the room for more: twice as much room would leave half of the memory of a large map
 /// unused.
 const SPARE_DIVISOR: usize = 8;
+/// Room at least; bounds memory.
 const LEAST_SPARE: usize = 64;
 /// Index of a block in [`Evidence`].
 pub(crate) type BlockIndex = u32;

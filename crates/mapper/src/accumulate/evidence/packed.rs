@@ -11,6 +11,7 @@ use super::VOXELS;
 /// exact enough for observations of ½.
 pub(super) type SectorSums = [i16; VOXELS];
 
+/// Bytes a row is read from; layout.
 /// A row is read as one number of so many bytes.
 const READ: usize = size_of::<u128>();
 

@@ -3,9 +3,11 @@
 use super::VOXELS;
 use super::packed::{Packed, SectorSums};
 
+/// Nats in a sector of 90°; found.
 /// What a settled sector of 45° counts with the other half of its sector of 90°.
 const SETTLED_COUNTS: f32 = -8.0;
 
+/// Steps of [`SectorSums`] a nat; layout.
 /// Steps of [`SectorSums`] that are 1.
 pub(super) const STEPS: f32 = 64.0;
 /// Of all sectors together, in steps.

@@ -13,12 +13,16 @@ use crate::spawn::from_evidence;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::world::World;
 
+/// Fraction of a typical strength; found.
 /// What all Gaussians start with, alike, of the strength that a typical echo needs.
 const EVEN_STRENGTH: f32 = 0.2;
+/// Fraction of `spawn_evidence`; found.
 /// Less evidence is asked of a place that few observations lit, since its returns are specular.
 const SPAWN_FRACTION_OF_SPECULAR: f32 = 0.667;
+/// Candidates; bounds work.
 /// With more candidates than this, all that any azimuth sector saw dark is doubted in full.
 const MOST_PLACES: usize = 400_000;
+/// Fraction; found.
 /// Where forgotten pings made this fraction of the observations, what is confident is held as it is: the others alone
 /// would find its place less well.
 const HELD_FRACTION: f32 = 0.3;

@@ -41,33 +41,46 @@ use crate::spawn::split::split_confident;
 use crate::world::World;
 pub(crate) use keep::keep;
 
+/// Fraction of the strongest neighbour; found.
 /// Candidates below this fraction of their strongest neighbour are its side lobes, not worth further work.
 const SIDE_LOBE_FRACTION: f32 = 0.05;
+/// Fraction, found: half was tried.
 /// While the dive goes on the steps of a work-out take at most this fraction of the pairs that its pings allowed, since what
 /// it shows is as old when it is done.
 const LAG: f64 = 0.25;
+/// Visits, derived from the schedule.
 /// Visits to each ping, all steps together, by how many Gaussians there are then.
 const VISITS_PER_PING: f64 = 7.5;
+/// Pairs a Gaussian; found.
 /// Pairs of each Gaussian in one pass over the pings, beyond which more pings say nothing new to a step.
 const ENOUGH_PAIRS: f64 = 6_000.0;
+/// Pairs a Gaussian, found: a fifth of speckle.
 /// Pairs of each Gaussian that a step has at least, if there are so many: some two dozen observations of a dozen bins. Speckle
 /// leaves a step of fewer more than a fifth, and what is moved to and fro by that much is smeared along its arcs.
 const LEAST_PAIRS_OF_STEP: f64 = 300.0;
+/// Fraction; found.
 /// The fraction of them that a step from the map needs, since the map knows the rest.
 const ENOUGH_FROM_MAP: f64 = 0.125;
+/// Pairs a Gaussian; found.
 /// Pairs of each Gaussian beyond which more pings say nothing new to its verdict; the map knows nothing of that.
 const ENOUGH_PAIRS_OF_VERDICTS: f64 = 12_000.0;
+/// Ratio; derived.
 /// With this thinning factor all steps together visit every ping about once.
 const NEVER_TWICE: f64 = VISITS_PER_PING;
+/// Pings, derived: prime to the interleave.
 /// Steps of offset from one step to the next.
 const OFFSET_STRIDE: f64 = 5.0;
+/// Pings; bounds work.
 /// Pings that tell how many pairs each has.
 const SAMPLE: usize = 64;
+/// Pairs, bounds latency: about 10 ms.
 /// Pairs of a portion, about 10 ms on two cores; of a crowded map it has more, since it has at least two chunks of pings.
 const PORTION_PAIRS: f64 = 2e6;
 
+/// Pairs, measured on a pier: 1.6.
 /// A pair of an assessment takes as long as so many of a step.
 const PAIRS_OF_A_FINDING: u64 = 2;
+/// Pairs, measured on a pier: 40 to 80.
 /// Work that needs the neighbours of every Gaussian and no ping takes as long as so many pairs of each: beginning and ending a
 /// work-out, filling again, verdicts, shapes. Letting go of some takes far less and is not counted.
 const PAIRS_OF_A_CHANGE: u64 = 50;

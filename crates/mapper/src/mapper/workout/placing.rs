@@ -11,6 +11,7 @@ use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 use crate::spawn::kept::Kept;
 use crate::world::World;
 
+/// Fraction, derived: below 1, so due at the end.
 /// What was worked out anew in haste counts as if it had a few observations less, so that the end of the data does it in
 /// full, were it never observed again.
 const HURRIED_FRACTION: f32 = 0.99;

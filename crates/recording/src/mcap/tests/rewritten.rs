@@ -256,6 +256,38 @@ fn pieces_of_bytes_that_a_filter_left_out_are_told() {
 }
 
 #[test]
+fn a_recording_of_a_newer_version_is_refused_with_its_name_and_both_versions() {
+    let (bytes, _) = recording(3);
+    let newest = version_of(&LIBRARY[LIBRARY.rfind(' ').unwrap() + 1..]).unwrap();
+    let said = |version: &str| {
+        let at = bytes
+            .windows(LIBRARY.len())
+            .position(|w| w == LIBRARY.as_bytes());
+        let mut other = bytes.clone();
+        let digit = at.unwrap() + LIBRARY.len() - 1;
+        other[digit..=digit].copy_from_slice(version.as_bytes());
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dive.mcap");
+        std::fs::write(&path, other).unwrap();
+        Recording::scan(&[path])
+            .map(|scan| scan.counts.raw)
+            .map_err(|error| error.to_string())
+    };
+    let error = said("9").unwrap_err();
+    for words in [
+        "dive.mcap: ",
+        "version 9 of a recording",
+        &format!("up to version {newest};"),
+    ] {
+        assert!(error.contains(words), "{error}");
+    }
+    // What was written before is read, and so is a damaged word.
+    for version in ["1", "2", "s"] {
+        assert_eq!(said(version), Ok(3), "{version}");
+    }
+}
+
+#[test]
 fn a_file_is_told_by_its_records_where_its_head_is_gone() {
     let (mut bytes, ends) = recording(30);
     let head = ends[0];

@@ -2,6 +2,7 @@
 //! service as it runs at sea, a subscriber of its map, and then how right that map is.
 
 mod report;
+mod words;
 
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -34,9 +35,6 @@ use report::Results;
 /// How long the subscriber may take to have the final map.
 const SUBSCRIBER_LIMIT: Duration = Duration::from_secs(20);
 
-/// Times real time where somebody looks on: a dive of four minutes in one.
-const WATCHED_RATE: f64 = 4.0;
-
 /// # Errors
 /// If something cannot be started or written, or the subscriber's map is not the service's.
 pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
@@ -44,6 +42,13 @@ pub(crate) fn run(arguments: &DemoArguments) -> anyhow::Result<Finish> {
     let stop = Stop::on_signals()?;
     let sonar = dives::sonar(&arguments.dive, arguments.duration)?;
     let (scene, dive) = (Arc::clone(sonar.scene()), Arc::clone(sonar.dive()));
+    let is_watched = config.web.address.is_some();
+    logging::print(&words::plan(
+        &dive,
+        scene.name(),
+        is_watched,
+        &arguments.out,
+    ));
     let page = Page::start(&config)?;
     let feed = page.as_ref().map(Page::feed);
     let truth = move || truth::of_simulated(&scene, &dive);
@@ -99,19 +104,17 @@ fn set_up(
     let poses = inputs::poses(&config.pose.url, Some(&buses.service), StampClock::Data)?;
     let subscriber = buses.subscriber.subscribe_map()?;
     let length_s = sonar.dive().duration_s();
-    let scene = sonar.scene().name().to_owned();
     let poses_to = PosesTo {
         bus: Arc::clone(&buses.sonar),
         clock: PoseClock::Device,
     };
     let rate = match config.web.address {
-        Some(_) => WATCHED_RATE,
+        Some(_) => words::WATCHED_RATE,
         None => 0.0,
     };
     let rig = Rig::start(sonar, &loopback(), rate, Some(poses_to))?;
     logging::print(&format!(
-        "A simulated OmniScan 450 at {}, {length_s:.0} s of a dive at the {scene}; the map is \
-         published on {}.",
+        "The simulated OmniScan 450 is at {}; the map is published on {}.",
         rig.url(),
         buses.service.keys().deltas()
     ));
@@ -241,6 +244,7 @@ fn conclude(
         "The subscriber, in a session of its own, holds the same {same} Gaussians, bit for bit."
     ));
     logging::print(&written(&arguments.out));
+    logging::print(&words::next(&words::called()));
     Ok(outcome.finish())
 }
 

@@ -1,11 +1,12 @@
 //! `echosplat info FILE…`: what a log, a recording, a trajectory or a map holds, without mapping.
 
+mod foreign;
 mod pings;
 mod read;
 
 use std::path::{Path, PathBuf};
 
-use serde_json::{Map, Value};
+use serde_json::{Map, Value, json};
 
 use crate::arguments::InfoArguments;
 use crate::exit::{Finish, Usage};
@@ -14,45 +15,97 @@ use crate::logging;
 
 /// Of a map: what in it is no Gaussian.
 const LEFT_OUT: &str = "left_out";
+/// What is printed before all other facts.
+const FIRST: [&str; 2] = ["name", "kind"];
+
+/// What was found in a file, or in the files of one dive.
+#[derive(Debug)]
+struct Found {
+    files: Vec<PathBuf>,
+    facts: Map<String, Value>,
+}
 
 /// # Errors
 /// Names the file that is none of these, and says what it is instead.
 pub(crate) fn run(arguments: &InfoArguments) -> anyhow::Result<Finish> {
-    let facts = facts(&arguments.files)?;
-    let finish = match facts.contains_key(LEFT_OUT) {
+    let found = all_facts(&arguments.files)?;
+    let finish = match found.iter().any(|facts| facts.contains_key(LEFT_OUT)) {
         true => Finish::Lossy,
         false => Finish::Done,
     };
     match arguments.json {
-        true => logging::print(&Value::Object(facts).to_string()),
-        false => logging::print(&lines(&facts)),
+        true => logging::print(&in_json(found).to_string()),
+        false => {
+            let texts: Vec<String> = found.iter().map(lines).collect();
+            logging::print(&texts.join("\n\n"));
+        }
     }
     Ok(finish)
 }
 
-fn facts(files: &[PathBuf]) -> anyhow::Result<Map<String, Value>> {
-    let kinds = files.iter().map(|file| Kind::of(file));
-    let kinds = kinds.collect::<anyhow::Result<Vec<_>>>()?;
-    let kind = kinds[0];
-    let is_one = kinds.len() == 1 || kinds.iter().all(|kind| *kind == Kind::Recording);
-    if !is_one {
-        return Err(Usage::error(
-            "several files are read as one only if all are recordings (.mcap) of a dive; \
-             give one file",
-        ));
+/// One object of what is one; of several one that has them all.
+fn in_json(mut found: Vec<Map<String, Value>>) -> Value {
+    match found.len() {
+        1 => Value::Object(found.remove(0)),
+        _ => json!({ "found": found }),
     }
-    let file = &files[0];
-    let found = match kind {
-        Kind::Recording => read::recording(files),
-        Kind::Log => read::log(file),
-        Kind::Map => read::map(file),
-        Kind::Trajectory => read::trajectory(file),
-    }?;
+}
+
+/// In the order of the files; those of one dive where the first of them stands.
+fn all_facts(files: &[PathBuf]) -> anyhow::Result<Vec<Map<String, Value>>> {
+    let mut asked: Vec<(PathBuf, Kind)> = Vec::new();
+    for file in files {
+        let kind = Kind::of(file)?;
+        // A file given twice is a fault of its dive alone.
+        if kind == Kind::Recording || !asked.iter().any(|(other, _)| other == file) {
+            asked.push((file.clone(), kind));
+        }
+    }
+    let mut found: Vec<(&str, Found)> = Vec::new();
+    let mut recordings = Vec::new();
+    for (file, kind) in asked {
+        let (name, facts) = match kind {
+            Kind::Recording => match echosplat_pose::survey_of_mcap(&file) {
+                Ok(Some(survey)) => (FOREIGN, foreign::facts(&file, &survey)),
+                // What is wrong with it is said where it is read as a recording.
+                Ok(None) | Err(_) => {
+                    recordings.push(file);
+                    continue;
+                }
+            },
+            Kind::Log => (kind.name(), read::log(&file)?),
+            Kind::Map => (kind.name(), read::map(&file)?),
+            Kind::Trajectory => (kind.name(), read::trajectory(&file)?),
+        };
+        let files = vec![file];
+        found.push((name, Found { files, facts }));
+    }
+    let dives = read::recordings(&recordings)?.into_iter();
+    found.extend(dives.map(|dive| (Kind::Recording.name(), dive)));
+    found.sort_by_key(|(_, found)| files.iter().position(|file| *file == found.files[0]));
+    let whole = found.into_iter();
+    Ok(whole.map(|(kind, found)| with_names(kind, found)).collect())
+}
+
+/// What an MCAP file is that is no recording of a dive.
+const FOREIGN: &str = "bag of another program (mcap)";
+
+fn with_names(kind: &str, found: Found) -> Map<String, Value> {
+    let names = found.files.iter().map(|file| file.display().to_string());
+    let mut names: Vec<String> = names.collect();
+    names.dedup();
     let mut facts = Map::new();
-    facts.insert("kind".to_owned(), kind.name().into());
-    facts.insert("bytes".to_owned(), total_bytes(files).into());
-    facts.extend(found);
-    Ok(facts)
+    facts.insert(
+        "name".to_owned(),
+        match &names[..] {
+            [name] => name.as_str().into(),
+            _ => names.into(),
+        },
+    );
+    facts.insert("kind".to_owned(), kind.into());
+    facts.insert("bytes".to_owned(), total_bytes(&found.files).into());
+    facts.extend(found.facts);
+    facts
 }
 
 fn total_bytes(files: &[PathBuf]) -> u64 {
@@ -60,29 +113,50 @@ fn total_bytes(files: &[PathBuf]) -> u64 {
     files.iter().map(length).sum()
 }
 
-/// One fact a line; those of an object behind its name.
+/// One fact a line; those of an object behind its name, and objects of a list on a line each.
 fn lines(facts: &Map<String, Value>) -> String {
     let mut lines = Vec::new();
-    // What it is comes first, the rest by name.
-    let kind = facts.get_key_value("kind");
-    let others = facts.iter().filter(|(name, _)| *name != "kind");
-    for (name, value) in kind.into_iter().chain(others) {
+    let first = FIRST.iter().filter_map(|name| facts.get_key_value(*name));
+    let others = facts
+        .iter()
+        .filter(|(name, _)| !FIRST.contains(&name.as_str()));
+    for (name, value) in first.chain(others) {
         let shown = match value {
-            Value::Object(inner) => {
-                let inner = inner
-                    .iter()
-                    .map(|(key, value)| format!("{key} {}", plain(value)));
-                inner.collect::<Vec<_>>().join(", ")
+            Value::Object(inner) => vec![inner_facts(inner)],
+            Value::Array(items) if items.iter().any(Value::is_object) => {
+                items.iter().map(item).collect()
             }
             Value::Array(items) => {
                 let items = items.iter().map(plain);
-                items.collect::<Vec<_>>().join("; ")
+                vec![items.collect::<Vec<_>>().join("; ")]
             }
-            other => plain(other),
+            other => vec![plain(other)],
         };
-        lines.push(format!("{:<24} {shown}", name.replace('_', " ")));
+        let name = name.replace('_', " ");
+        let names = std::iter::once(name.as_str()).chain(std::iter::repeat(""));
+        lines.extend(
+            names
+                .zip(shown)
+                .map(|(name, shown)| format!("{name:<24} {shown}")),
+        );
     }
     lines.join("\n")
+}
+
+fn item(value: &Value) -> String {
+    match value {
+        Value::Object(inner) => inner_facts(inner),
+        other => plain(other),
+    }
+}
+
+fn inner_facts(inner: &Map<String, Value>) -> String {
+    let is_name = |key: &str| key == "topic";
+    let first = inner.iter().filter(|(key, _)| is_name(key));
+    let others = inner.iter().filter(|(key, _)| !is_name(key));
+    let inner = first.chain(others);
+    let inner = inner.map(|(key, value)| format!("{key} {}", plain(value)));
+    inner.collect::<Vec<_>>().join(", ")
 }
 
 fn plain(value: &Value) -> String {

@@ -15,28 +15,65 @@ use echosplat_session::{
 use serde_json::{Map, Value, json};
 
 use super::pings::{PingTally, span_fact, span_of};
-use super::{LEFT_OUT, refused};
+use super::{Found, LEFT_OUT, refused};
 use crate::clock;
 use crate::config::Config;
+use crate::exit::Usage;
 use crate::replayed::Begun;
 
 type Facts = Map<String, Value>;
 
-pub(super) fn recording(files: &[PathBuf]) -> anyhow::Result<Facts> {
-    let wrong = |error: &dyn std::fmt::Display| match files {
-        [file] => refused(file, error),
-        _ => crate::exit::Usage::error(error),
+/// The files of one dive, each that does not go on from those before it by itself.
+///
+/// # Errors
+/// Names the file that is no recording.
+pub(super) fn recordings(files: &[PathBuf]) -> anyhow::Result<Vec<Found>> {
+    let mut found = Vec::new();
+    let mut rest = files.to_owned();
+    while !rest.is_empty() {
+        // Its errors name the file.
+        let scan = Recording::scan(&rest).map_err(Usage::error)?;
+        let (together, apart): (Vec<_>, Vec<_>) =
+            rest.into_iter().partition(|file| !is_left_out(&scan, file));
+        if together.is_empty() || apart.is_empty() {
+            let files = [together, apart].concat();
+            let facts = recording(&files, &scan)?;
+            found.push(Found { files, facts });
+            break;
+        }
+        let scan = Recording::scan(&together).map_err(Usage::error)?;
+        let facts = recording(&together, &scan)?;
+        found.push(Found {
+            files: together,
+            facts,
+        });
+        rest = apart;
+    }
+    Ok(found)
+}
+
+/// Nothing of the file goes on from those before it.
+fn is_left_out(scan: &Scan, file: &Path) -> bool {
+    let parts = || {
+        let parts = scan.parts.iter();
+        parts.filter(|part| part.path.as_deref() == Some(file))
     };
-    let scan = Recording::scan(files).map_err(|error| wrong(&error))?;
+    let is_taken = parts().any(|part| part.taken_count + part.repeated_count > 0);
+    !is_taken && parts().any(|part| part.left_out_count > 0)
+}
+
+fn recording(files: &[PathBuf], scan: &Scan) -> anyhow::Result<Facts> {
     let settings = scan.settings.as_deref().unwrap_or_default();
     let config: Config = toml::from_str(settings).unwrap_or_default();
-    let begun = Begun::of(&scan);
-    let found = recorded_pings(files, &begun, &config).map_err(|error| wrong(&error))?;
+    let begun = Begun::of(scan);
+    let found = recorded_pings(files, &begun, &config).map_err(Usage::error)?;
     let (pings, units, counters) = found;
     let poses = span_of(scan.poses.iter().map(|(pose, _)| pose.time));
     let with_poses = pings.count_within(poses);
     let mut facts = Facts::new();
     facts.insert("files".to_owned(), files.len().into());
+    let made_by = begun.program.map(|version| format!("EchoSplat {version}"));
+    facts.insert("made_by".to_owned(), made_by.into());
     facts.insert("span".to_owned(), span_fact(scan.span));
     facts.extend(pings.facts());
     facts.insert("units".to_owned(), units_fact(&units));
@@ -44,8 +81,8 @@ pub(super) fn recording(files: &[PathBuf]) -> anyhow::Result<Facts> {
     facts.insert("pose_span".to_owned(), span_fact(poses));
     facts.insert("pings_within_poses".to_owned(), with_poses.into());
     facts.insert("replays_without_poses".to_owned(), (with_poses > 0).into());
-    facts.insert("settings".to_owned(), main_settings(&scan, &config));
-    facts.insert("records".to_owned(), counted(&scan));
+    facts.insert("settings".to_owned(), main_settings(scan, &config));
+    facts.insert("records".to_owned(), counted(scan));
     facts.insert(
         "damage".to_owned(),
         json!({

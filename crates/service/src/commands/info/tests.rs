@@ -1,7 +1,7 @@
 use super::*;
 
 fn error_of(file: &Path) -> String {
-    facts(&[file.to_owned()]).unwrap_err().to_string()
+    all_facts(&[file.to_owned()]).unwrap_err().to_string()
 }
 
 #[test]
@@ -20,7 +20,7 @@ fn a_trajectory_says_its_span() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("a.tum");
     std::fs::write(&file, "# t\n1.5 0 0 -1 0 0 0 1\n3.5 2 0 0 0 0 0 1\n").unwrap();
-    let facts = facts(&[file]).unwrap();
+    let facts = all_facts(&[file]).unwrap().remove(0);
     assert_eq!(facts["poses"], 2);
     assert_eq!(facts["pose_span"]["seconds"], 2.0);
     assert!(lines(&facts).contains("seconds 2"), "{}", lines(&facts));

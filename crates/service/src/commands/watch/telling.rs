@@ -7,6 +7,7 @@ use echosplat_model::{GaussianId, Unsound};
 use serde_json::Value;
 
 use super::Ending;
+use crate::pipeline::STATUS_VERSION;
 
 /// How often it is told how the map stands, and for the first time.
 const EVERY: Duration = Duration::from_secs(10);
@@ -35,6 +36,12 @@ impl Seen<'_> {
     fn number(&self, path: &str) -> f64 {
         let value = self.status.and_then(|status| status.pointer(path));
         value.and_then(Value::as_f64).unwrap_or(0.0)
+    }
+
+    /// The version of its status, if it is newer than is known here.
+    fn newer_version(&self) -> Option<u64> {
+        let version = self.status?.pointer("/status_version")?.as_u64();
+        version.filter(|version| *version > STATUS_VERSION.into())
     }
 
     /// For a terminal, renewed in place.
@@ -67,6 +74,7 @@ pub(super) struct Telling {
     is_final: bool,
     has_unsound: bool,
     has_malformed: bool,
+    has_newer: bool,
     file_fault: Option<String>,
 }
 
@@ -81,6 +89,7 @@ impl Telling {
             is_final: false,
             has_unsound: false,
             has_malformed: false,
+            has_newer: false,
             file_fault: None,
         }
     }
@@ -92,6 +101,13 @@ impl Telling {
         }
         self.tell_of_service(seen);
         self.tell_of_what_is_left_out(seen);
+        if let (false, Some(found)) = (self.has_newer, seen.newer_version()) {
+            self.has_newer = true;
+            tracing::warn!(
+                "the service is a newer EchoSplat: its status is of version {found}, and this program knows up to \
+                 {STATUS_VERSION}; what is shown of it may be wrong until EchoSplat is updated here"
+            );
+        }
         if now >= self.next_line {
             self.next_line = now + EVERY;
             tracing::info!("{}", self.standing(seen, now));
@@ -243,6 +259,16 @@ mod tests {
         assert_eq!(
             telling.standing(&live, begin + seconds(7)),
             "1234 Gaussians, the newest came 2.0 s ago; 900 pings received, 58.0/s, 880 in the map"
+        );
+        assert_eq!(live.newer_version(), None);
+        let newer = json!({"status_version": STATUS_VERSION + 1});
+        let of_newer = Seen {
+            status: Some(&newer),
+            ..live.clone()
+        };
+        assert_eq!(
+            of_newer.newer_version(),
+            Some(u64::from(STATUS_VERSION) + 1)
         );
         let gone = Seen {
             liveliness: Liveliness::Gone,

@@ -168,7 +168,7 @@ mod tests {
                 assert!(BASIC_TOML.contains(&format!("\n{key} = ")), "{key}");
             }
         }
-        let documents = include_str!("../../../../../docs/replay.md");
+        let documents = include_str!("../../../../../docs/troubleshooting.md");
         let row = documents
             .lines()
             .find(|line| line.starts_with("| `overload`"));

@@ -71,6 +71,16 @@ fn parse(bytes: &[u8], named_obj: bool) -> Result<Vec<Triangle>, String> {
     }
 }
 
+/// A mesh or a map whose comment says that its z does not point up lies on its side in a world of ENU.
+fn refuse_turned(comment: &str) -> Result<(), String> {
+    match comment.strip_prefix("up_axis ").map(str::trim) {
+        None | Some("z") => Ok(()),
+        Some(axis) => Err(format!(
+            "its {axis} points up, as `export --up {axis}` made it; here z has to: export it without --up"
+        )),
+    }
+}
+
 /// The triangles of a polygon around its first corner. Indices count from 0.
 fn push_polygon(
     corners: &[DVec3],

@@ -1,8 +1,9 @@
 //! Wavefront OBJ: vertices and faces; all else is passed over.
 
+use echosplat_ply::refuse_newer;
 use glam::DVec3;
 
-use super::{Triangle, push_polygon};
+use super::{Triangle, push_polygon, refuse_turned};
 
 /// Corners of one face, so that a hostile line costs no more than its bytes.
 const MAX_POLYGON: usize = 4096;
@@ -23,6 +24,11 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Vec<Triangle>, String> {
                 }
                 push_polygon(&corners, &polygon, &mut triangles)
                     .map_err(|message| format!("line {}: {message}", index + 1))?;
+            }
+            Some("#") => {
+                let comment = line.trim_start()[1..].trim_start();
+                refuse_newer([comment]).map_err(|error| error.to_string())?;
+                refuse_turned(comment)?;
             }
             _ => {}
         }

@@ -3,11 +3,18 @@
 use echosplat_ply::{Element, PlyError, Reader, Row};
 use glam::DVec3;
 
-use super::{Triangle, push_polygon};
+use super::obj::point;
+use super::{Triangle, push_polygon, refuse_turned};
 
 pub(super) fn parse(bytes: &[u8]) -> Result<Vec<Triangle>, String> {
     let mut reader = Reader::new(bytes).map_err(|error| error.to_string())?;
     let mut mesh = Mesh::default();
+    for (line, comment) in reader.header().comments.iter().enumerate() {
+        refuse_turned(comment)?;
+        if let Some(words) = comment.strip_prefix("origin_m ") {
+            mesh.origin_m = point(words.split_ascii_whitespace(), line)?;
+        }
+    }
     loop {
         let element = reader.next_element(|element, _, row| mesh.take(element, row));
         if element.map_err(|Wrong(what)| what)?.is_none() {
@@ -27,6 +34,8 @@ impl From<PlyError> for Wrong {
 
 #[derive(Default)]
 struct Mesh {
+    /// Added to each vertex; a mesh far from the world's origin says it in its header.
+    origin_m: DVec3,
     corners: Vec<DVec3>,
     triangles: Vec<Triangle>,
 }
@@ -36,8 +45,8 @@ impl Mesh {
         match element.name.as_str() {
             "vertex" => {
                 let number = |name| element.find(name).map_or(f64::NAN, |(at, _)| row.value(at));
-                self.corners
-                    .push(DVec3::from_array(["x", "y", "z"].map(number)));
+                let place_m = DVec3::from_array(["x", "y", "z"].map(number));
+                self.corners.push(self.origin_m + place_m);
                 Ok(())
             }
             "face" => self.polygon(element, row).map_err(Wrong),

@@ -117,3 +117,23 @@ fn damage_is_named_and_never_panics() {
         let _ = parse(&damaged, false);
     }
 }
+
+#[test]
+fn what_a_mesh_says_of_its_place_is_taken_and_a_turned_one_is_refused() {
+    let text = |comment: &str| {
+        let body = "0 0 0\n1 0 0\n1 2 0\n3 0 1 2\n";
+        format!(
+            "ply\nformat ascii 1.0\ncomment {comment}\nelement vertex 3\nproperty float x\nproperty float y\n\
+             property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n{body}"
+        )
+    };
+    let far = parse(text("origin_m 500000.125 -6e6 7").as_bytes(), false).unwrap();
+    assert_eq!(far[0][1], DVec3::new(500_001.125, -6e6, 7.0));
+    assert!(parse(text("up_axis z").as_bytes(), false).is_ok());
+    let wrong = parse(text("up_axis -y").as_bytes(), false).unwrap_err();
+    assert!(wrong.contains("its -y points up"), "{wrong}");
+    assert!(parse(text("origin_m 1 2").as_bytes(), false).is_err());
+    let obj = b"# up_axis y\nv 0 0 0\nv 1 0 0\nv 1 2 0\nf 1 2 3\n";
+    let wrong = parse(obj, true).unwrap_err();
+    assert!(wrong.contains("its y points up"), "{wrong}");
+}
