@@ -12,6 +12,9 @@ def columns_of(arrays):
     columns = {}
     for name, array in arrays.items():
         array = np.asarray(array, float)
+        if array.ndim == 0:
+            # A single number is of the file, as its version is.
+            continue
         if array.ndim == 1 or array.shape[1] == 1:
             columns[f"column:{name}"] = array.ravel()
         else:
