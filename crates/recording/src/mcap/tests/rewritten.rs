@@ -258,7 +258,7 @@ fn pieces_of_bytes_that_a_filter_left_out_are_told() {
 #[test]
 fn a_recording_of_a_newer_version_is_refused_with_its_name_and_both_versions() {
     let (bytes, _) = recording(3);
-    let newest = version_of(&LIBRARY[LIBRARY.rfind(' ').unwrap() + 1..]).unwrap();
+    let newest = echosplat_ply::version_of(&LIBRARY[LIBRARY.rfind(' ').unwrap() + 1..]).unwrap();
     let said = |version: &str| {
         let at = bytes
             .windows(LIBRARY.len())
