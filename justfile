@@ -24,9 +24,9 @@ test:
 e2e NAME:
     cargo test --release -p echosplat --test e2e {{NAME}} -- --nocapture
 
-# The fast loop: the tests of one crate, as `just fast mapper`.
+# The fast loop: the unit tests of one crate, as `just fast mapper`; a change is built in seconds.
 fast CRATE *ARGS:
-    cargo test --release -p echosplat-{{CRATE}} {{ARGS}}
+    cargo unit echosplat-{{CRATE}} {{ARGS}}
 
 # Format, and the linters.
 lint:

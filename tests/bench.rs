@@ -237,7 +237,7 @@ fn the_report_goes_on_where_it_was_and_gives_its_page() {
     let arguments = ["bench", "report", "--write-page", &page, "--from", &out];
     Program::echosplat(&arguments).wait_exit_code(0, LONG);
     let text = std::fs::read_to_string(&page).unwrap();
-    assert!(text.contains("| fence, survey, nominal | 1 |"), "{text}");
+    assert!(text.contains("|fence, survey, nominal|1|"), "{text}");
     for line in text.lines().filter(|line| line.starts_with("![")) {
         let (_, chart) = line.split_once("](").expect("a chart has its file");
         let chart = folder.path().join("docs").join(chart.trim_end_matches(')'));

@@ -212,12 +212,39 @@ mod tests {
         write_page(&at("docs/results.md"), &at("docs/results.json")).unwrap();
         let readme = std::fs::read_to_string(at("README.md")).unwrap();
         assert!(
-            readme.contains("| 0.020 m |") && !readme.contains("old"),
+            readme.contains("|0.020 m|") && !readme.contains("old"),
             "{readme}"
         );
         assert!(!at("docs/results/gone.svg").exists());
         assert!(at("docs/results/memory.svg").is_file());
         assert!(!at("docs/results.part").exists());
+    }
+
+    /// Every run made, as many moments as it has.
+    fn whole(plan: &Plan) -> crate::runs::Outcomes {
+        let specs = specs(plan, ReportPart::value_variants());
+        let outcome = |spec: &Spec| crate::runs::Outcome {
+            samples: echosplat_metrics::sample::run("", 1, 3.0, spec.moments).samples,
+            ..crate::runs::sample_outcome(0.123, 100)
+        };
+        let made = specs.iter().map(|spec| (spec.name(), Ok(outcome(spec))));
+        crate::runs::Outcomes(made.collect())
+    }
+
+    #[test]
+    fn the_page_of_the_whole_plan_is_short_enough_with_most_targets_missed() {
+        let parsed = crate::arguments::parsed("report", &[]);
+        let crate::arguments::Bench::Report(arguments) = parsed else {
+            panic!("it is a report");
+        };
+        let plan = Plan::new(false);
+        let found = results(&plan, &whole(&plan), facts(&arguments, Vec::new()));
+        let failed = found.targets.iter().filter(|row| row.verdict == "failed");
+        assert!(failed.count() >= 20 && found.live.len() == 30);
+        let page = Page::of(&serde_json::to_string(&found).unwrap(), "results").unwrap();
+        assert!(page.charts.len() >= 5, "{:?}", page.charts.len());
+        let words = page.text.split_whitespace().count();
+        assert!(words > 800, "{words}");
     }
 
     #[test]

@@ -116,7 +116,7 @@ fn introduction(results: &Results) -> String {
     format!(
         "# Results\n\n\
          Version {version}, commit {commit}, on {cores} × {processor}. Every figure is of [results.json](results.json), \
-         which one command makes in {minutes:.0} minutes, and goes on where it was when it is stopped:\n\n\
+         which one command makes in about {minutes:.0} min; stopped, it goes on where it was:\n\n\
          ```sh\n{}\nechosplat bench report --write-page docs/results.md --from docs/results.json\n```\n\n\
          Every dive is simulated. A survey lasts 240 s and has 9,600 pings of 600 bins over 10 m; \
          [The simulator's page](develop/simulator.md) describes the levels of noise. \

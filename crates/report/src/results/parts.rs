@@ -33,15 +33,18 @@ fn section(heading: &str, words: &str, header: &[&str], rows: &[Vec<String>]) ->
         return format!("## {heading}\n\n{NOT_RUN}");
     }
     let rule = "|---".repeat(header.len());
-    let lines: Vec<String> = rows
-        .iter()
-        .map(|row| format!("| {} |\n", row.join(" | ")))
-        .collect();
+    let lines: Vec<String> = rows.iter().map(|row| line(row)).collect();
     format!(
-        "## {heading}\n\n{words}\n\n| {} |\n{rule}|\n{}",
-        header.join(" | "),
+        "## {heading}\n\n{words}\n\n{}{rule}|\n{}",
+        line(header),
         lines.concat()
     )
+}
+
+/// Of a table. Without spaces around its cells, so that who counts words counts no lines between them.
+pub(super) fn line<T: AsRef<str>>(cells: &[T]) -> String {
+    let cells: Vec<&str> = cells.iter().map(AsRef::as_ref).collect();
+    format!("|{}|\n", cells.join("|"))
 }
 
 pub(super) fn accuracy(results: &Results) -> String {
@@ -138,30 +141,35 @@ pub(super) fn sigma(results: &Results) -> String {
 }
 
 pub(super) fn noise(results: &Results) -> String {
-    let row = |level: &super::data::Noise| {
-        let run = &level.run;
-        let cd = match run.confident {
-            0 => "nothing asserted".to_owned(),
-            _ => metres(run.cd_m),
+    let mut levels_db: Vec<f64> = results.noise.iter().map(|at| at.over_noise_db).collect();
+    levels_db.sort_by(|a, b| b.total_cmp(a));
+    levels_db.dedup();
+    let row = |pings: &str, what: &str, of: fn(&Run) -> String| {
+        let cell = |db: &f64| {
+            let mut own = results.noise.iter().filter(|at| at.pings == pings);
+            let found = own.find(|at| at.over_noise_db.total_cmp(db).is_eq());
+            found.map_or("–".to_owned(), |at| of(&at.run))
         };
-        vec![
-            level.pings.clone(),
-            format!("{:.0} dB", level.over_noise_db),
-            cd,
-            percent(run.false_share),
-            percent(run.recall_share),
-        ]
+        let cells = levels_db.iter().map(cell);
+        [format!("{pings}, {what}")]
+            .into_iter()
+            .chain(cells)
+            .collect()
     };
-    let rows: Vec<Vec<String>> = results.noise.iter().map(row).collect();
+    let cd = |run: &Run| match run.confident {
+        0 => "nothing".to_owned(),
+        _ => table::metres(run.cd_m),
+    };
+    let false_share = |run: &Run| format!("{:.1}", 100.0 * run.false_share);
+    let mut kinds: Vec<&str> = results.noise.iter().map(|at| at.pings.as_str()).collect();
+    kinds.dedup();
+    let of_kind = |pings: &&str| [row(pings, "CD m", cd), row(pings, "false %", false_share)];
+    let rows: Vec<Vec<String>> = kinds.iter().flat_map(of_kind).collect();
     let words = "One survey of the fence, its strongest echoes so far above the mean noise. What is lost must be \
-                 ambiguous or absent, never false.";
-    let header = [
-        "pings",
-        "echo over noise",
-        "CD",
-        "false",
-        "found within 0.10 m",
-    ];
+                 ambiguous or absent, never false; where nothing is asserted, there is no distance.";
+    let header: Vec<String> = levels_db.iter().map(|db| format!("{db:.0} dB")).collect();
+    let header = [&["pings".to_owned()], &header[..]].concat();
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
     section("Noise", words, &header, &rows)
 }
 

@@ -1,7 +1,7 @@
 //! The table of accuracy, which the page and the README share, and where it stands.
 
 use super::data::{Case, Results, Run};
-use super::parts::{median, metres, percent};
+use super::parts::{line, median, metres, percent};
 
 /// Before and after the table.
 pub const ACCURACY_MARK: &str = "<!-- accuracy table -->";
@@ -31,18 +31,16 @@ pub(super) fn accuracy_table(results: &Results) -> String {
             let cell = |case: &Option<&Case>| {
                 case.map_or("–".to_owned(), |case| show(median(&case.runs, of)))
             };
-            let cells: Vec<String> = cases.iter().map(cell).collect();
-            format!("| {what} | {} |\n", cells.join(" | "))
+            let cells = cases.iter().map(cell);
+            let cells: Vec<String> = [what.to_owned()].into_iter().chain(cells).collect();
+            line(&cells)
         };
         rows += &row(&format!("CD, {words}"), |run| run.cd_m, metres);
         rows += &row("false", |run| run.false_share, percent);
     }
     match rows.is_empty() {
         true => rows,
-        false => format!(
-            "| | {} |\n|---|---|---|---|---|\n{rows}",
-            SCENES.join(" | ")
-        ),
+        false => format!("||{}|\n|---|---|---|---|---|\n{rows}", SCENES.join("|")),
     }
 }
 

@@ -121,16 +121,17 @@ fn the_page_shows_medians_what_is_missed_and_what_was_thinned() {
     let Page { text, charts } = page(&sample()).unwrap();
     // The median of three seeds, and the worst.
     assert!(
-        text.contains("| fence, survey, nominal | 3 | 0.022 m | 0.023 m | 0.066 m | 0.220 m |"),
+        text.contains("|fence, survey, nominal|3|0.022 m|0.023 m|0.066 m|0.220 m|"),
         "{text}"
     );
     assert!(text.contains("Of 2 targets 1 are met, 1 are missed and 0 have runs"));
-    assert!(text.contains("| ≤ 0.030 | 0.045 | 0.050 | 1.50 times |"));
-    assert!(!text.contains("| HD | ≤"), "what is met is not listed");
+    assert!(text.contains("|≤ 0.030|0.045|0.050|1.50 times|"));
+    assert!(!text.contains("|HD|≤"), "what is met is not listed");
     assert!(text.contains("* Seeds 4 and 5.\n"));
     // A tenth of 300 Gaussians and more counts, two do not.
-    assert!(text.contains("0.50 to 1.50 | 5.0 points"));
-    assert!(text.contains("| fence, nominal | 0.10 s | 0.20 s | 200 | 0.3 |"));
+    assert!(text.contains("0.50 to 1.50|5.0 points"));
+    assert!(text.contains("|fence, nominal|0.10 s|0.20 s|200|0.3|"));
+    assert!(text.contains("|pings|14 dB|") && text.contains("|field, CD m|0.030|"));
     let names: Vec<&str> = charts.iter().map(|chart| chart.0.as_str()).collect();
     let expected = [
         "live.svg",
@@ -194,7 +195,7 @@ fn the_readme_has_the_pages_table_between_its_marks() {
     assert!(text.starts_with("# A\n") && text.ends_with("\n\nmore\n") && !text.contains("old"));
     let between = |text: &str| text.split(ACCURACY_MARK).nth(1).unwrap().to_owned();
     assert_eq!(between(&text), between(&page(&sample()).unwrap().text));
-    assert!(between(&text).contains("(`harsh`) | 0.050 m | – | – | – |"));
+    assert!(between(&text).contains("(`harsh`)|0.050 m|–|–|–|"));
     assert_eq!(with_accuracy(&text, &sample()).unwrap(), text);
     assert!(with_accuracy("# without\n", &sample()).is_none());
     assert!(with_accuracy(ACCURACY_MARK, &sample()).is_none());
