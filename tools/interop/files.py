@@ -169,6 +169,9 @@ def split(arrays):
     columns = {}
     for name, array in arrays.items():
         array = np.asarray(array)
+        if array.ndim == 0:
+            # A single number is of the file, as its version is.
+            continue
         if array.ndim == 1:
             columns[name] = array.astype(float)
         else:

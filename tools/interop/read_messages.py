@@ -5,12 +5,15 @@ import collections, contextlib, io, json, pathlib, subprocess, sys, tempfile
 
 
 def mcap(file):
-    """By the index, so that a file without one gives nothing; JSON is decoded, CDR is left as bytes."""
+    """By the index; JSON is decoded, CDR is left as bytes."""
     from mcap.reader import SeekingReader
 
     counts = collections.Counter()
     with open(file, "rb") as stream:
-        for _, channel, message in SeekingReader(stream).iter_messages():
+        reader = SeekingReader(stream)
+        # Without one it would read the file from its front, as others do not.
+        assert reader.get_summary().chunk_indexes, "no index"
+        for _, channel, message in reader.iter_messages():
             if channel.message_encoding == "json":
                 assert isinstance(json.loads(message.data), dict)
             counts[channel.topic] += 1

@@ -12,6 +12,9 @@ def columns_of(arrays):
     columns = {}
     for name, array in arrays.items():
         array = np.asarray(array, float)
+        if array.ndim == 0:
+            # A single number is of the file, as its version is.
+            continue
         if array.ndim == 1 or array.shape[1] == 1:
             columns[f"column:{name}"] = array.ravel()
         else:
@@ -25,7 +28,7 @@ def open3d(file, is_mesh):
     if is_mesh:
         mesh = open3d.t.io.read_triangle_mesh(file)
         found = {name: mesh.vertex[name].numpy() for name in mesh.vertex}
-        more = {"triangles": len(mesh.triangle.indices)}
+        more = {"triangles": len(mesh.triangle.indices) if "indices" in mesh.triangle else 0}
     else:
         cloud = open3d.t.io.read_point_cloud(file)
         found = {name: cloud.point[name].numpy() for name in cloud.point}
@@ -95,7 +98,7 @@ def trimesh(file, is_mesh):
     if is_mesh:
         return {"places": found.vertices, "triangles": len(found.faces), **columns_of(columns)}
     more = {}
-    if found.colors is not None and len(found.colors):
+    if getattr(found, "colors", None) is not None and len(found.colors):
         more["colour"] = np.asarray(found.colors)[:, :3] / 255.0
     return {"places": found.vertices, **more, **columns_of(columns)}
 

@@ -31,6 +31,7 @@ def read_mcap(path):
     found = collections.defaultdict(list)
     with open(path, "rb") as stream:
         reader = SeekingReader(stream, decoder_factories=[DecoderFactory()])
+        assert reader.get_summary().chunk_indexes, "no index: it would be read from its front, as others do not"
         channels = reader.get_summary().channels.values()
         assert {c.topic for c in channels} == CDR.keys() | JSON.keys(), channels
         assert all(c.schema_id for c in channels), "a channel has no schema"

@@ -374,7 +374,7 @@ mod tests {
         assert_eq!(file_and_topic(&topic), (file.clone(), Some("/odom")));
         assert_eq!(file_and_topic(&file), (file.clone(), None));
         let odd = path("b#2.mcap");
-        std::fs::write(&odd, "").unwrap();
+        fs::write(&odd, "").unwrap();
         assert_eq!(file_and_topic(&odd), (odd.clone(), None));
         let none = path("a.mcap#");
         assert_eq!(file_and_topic(&none), (none.clone(), None));

@@ -210,7 +210,7 @@ mod tests {
         let survey = survey_of_mcap(file.path()).unwrap().unwrap();
         assert_eq!(survey.written_by.library, "somebody's logger 2");
         assert_eq!(survey.written_by.profile, "robot");
-        let second = |seconds| Timestamp::from_nanos(seconds * 1_000_000_000);
+        let second = |seconds: i64| Timestamp::from_nanos(seconds * 1_000_000_000);
         let names = survey.topics.iter().map(|topic| topic.topic.as_str());
         let names: Vec<_> = names.collect();
         assert_eq!(names, ["/a/pose", "/battery", "/frame/pose", "/slam/pose"]);

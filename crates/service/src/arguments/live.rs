@@ -14,7 +14,7 @@ const SONAR_HELP: &str = "The sonar: tcp://HOST:PORT, udp://HOST:PORT, \
      serial:///DEVICE?baudrate=N, sim://SCENE or file://LOG.svlog";
 const POSE_HELP: &str = "The poses: zenoh://[KEY], mavlink+udp://HOST:PORT[?out], \
      mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
-     dvl://HOST, log://, tum://POSES.tum or none";
+     dvl://HOST, ros2:///TOPIC, log://, tum://POSES.tum or none";
 const PLACE_HELP: &str = "Try only there: tcp://HOST:PORT, udp://HOST:PORT or \
      serial:///DEVICE?baudrate=N; repeatable";
 const WEB_HELP: &str = "Serves the live page there: HOST:PORT, or a PORT of this machine alone, \
