@@ -64,9 +64,11 @@ fn make(arguments: &ReportBenchArguments) -> anyhow::Result<Finish> {
     }
 }
 
-/// Each once, of all these parts.
+/// Each once, of all these parts; the first seed of everything first, so that a report that is stopped tells of all parts.
 fn specs(plan: &Plan, parts: &[ReportPart]) -> Vec<Spec> {
-    runs::once(parts.iter().flat_map(|part| plan.specs(*part)).collect())
+    let mut specs = runs::once(parts.iter().flat_map(|part| plan.specs(*part)).collect());
+    specs.sort_by_key(|spec| spec.seed);
+    specs
 }
 
 /// Where runs are kept as soon as they are made: `results.cells/` for `results.json`.
