@@ -23,7 +23,7 @@ AMBIGUOUS = matplotlib.colors.to_rgba("#b9a3ea")
 SHOWN_S, RINGING_M = 90, 0.5
 # The size of a Gaussian of 1 m on the picture, in points.
 POINTS_PER_M = 44
-TYPES = {"float": "<f4", "double": "<f8"}
+TYPES = {"float": "<f4", "double": "<f8", "uchar": "u1"}
 
 
 def points(path):

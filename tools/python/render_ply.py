@@ -43,17 +43,21 @@ FWHM = 2.35482  # full width at half maximum of a Gaussian, in sigmas
 erf = np.frompyfunc(math.erf, 1, 1)
 
 
+# Numbers are floats, and bytes where they are colours.
+KINDS = {"float": "<f4", "uchar": "u1"}
+
+
 def read_ply(path):
-    """Rows of floats by name, and the header's origin and intensity unit."""
+    """Rows of numbers by name, and the header's origin and intensity unit."""
     data = pathlib.Path(path).read_bytes()
     end = data.index(b"end_header\n") + len(b"end_header\n")
     lines = [line.split() for line in data[:end].decode().splitlines()]
     assert ["format", "binary_little_endian", "1.0"] in lines, "not a map"
     names = [line[2] for line in lines if line[0] == "property"]
-    assert all(line[1] == "float" for line in lines if line[0] == "property")
+    types = [KINDS[line[1]] for line in lines if line[0] == "property"]
     notes = {line[1]: line[2:] for line in lines if line[0] == "comment"}
     count = next(int(line[2]) for line in lines if line[:2] == ["element", "vertex"])
-    rows = np.frombuffer(data, np.dtype([(name, "<f4") for name in names]), count, end)
+    rows = np.frombuffer(data, np.dtype(list(zip(names, types))), count, end)
     origin = np.array([float(x) for x in notes.get("origin_m", [0, 0, 0])])
     return rows, origin, float(notes.get("intensity_unit", [1])[0])
 
