@@ -19,6 +19,8 @@ use crate::python::python;
 const LONG: Duration = Duration::from_secs(120);
 /// Pings of the dive: ten seconds at sixteen a second.
 const PING_COUNT: u64 = 159;
+/// Of the second that a service ran.
+const LIVE_PING_COUNT: u64 = 40;
 /// Sums of rounded numbers differ by the order in which they are added.
 const ROUNDING: f64 = 1e-5;
 
@@ -162,12 +164,12 @@ fn trajectories_hold_what_was_written() {
 #[test]
 fn logs_hold_every_ping() {
     for written in versions() {
-        for name in ["dive.svlog", "live.svlog"] {
+        for (name, ping_count) in [("dive.svlog", PING_COUNT), ("live.svlog", LIVE_PING_COUNT)] {
             let mut log = SvlogReader::new(File::open(written.path(name)).unwrap()).unwrap();
             while log.next_piece().unwrap().is_some() {}
             assert_eq!(log.tail(), Some(Tail::Whole));
             // And the session's packet.
-            assert_eq!(log.frame_count(), PING_COUNT + 1, "{}", written.text(name));
+            assert_eq!(log.frame_count(), ping_count + 1, "{}", written.text(name));
         }
     }
 }
@@ -186,7 +188,6 @@ fn recordings_hold_bytes_poses_settings_and_what_happened() {
         }
         let settings = scan.settings.as_deref().unwrap_or_default();
         assert!(settings.contains("resolution_m = 0.1"), "{what}");
-        assert!(scan.counts.deltas > 0, "{what}");
         let status = scan.last_status.expect("there is one");
         assert_eq!(status["pings_received"], PING_COUNT, "{what}");
         assert_eq!(status["final"], true, "{what}");

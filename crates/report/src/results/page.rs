@@ -119,11 +119,11 @@ fn introduction(results: &Results) -> String {
          which one command makes in about {minutes:.0} min; stopped, it goes on where it was:\n\n\
          ```sh\n{}\nechosplat bench report --write-page docs/results.md --from docs/results.json\n```\n\n\
          Every dive is simulated. A survey lasts 240 s and has 9,600 pings of 600 bins over 10 m; \
-         [The simulator's page](develop/simulator.md) describes the levels of noise. \
+         [The simulator's page](../crates/simulator/README.md) describes the levels of noise. \
          *CD* is half the sum of the mean distances from map to truth and from seen truth to map, *99th percentile* and \
          *HD* the larger of the two directed 99th percentiles and maxima. *False* is the share of confident Gaussians beyond \
          0.25 m of truth. Nothing is aligned or cropped; where there is a seabed, figures are of the structure. \
-         Faults have [a page of their own](develop/reliability.md).\n",
+         Faults have [a page of their own](../crates/bench/README.md).\n",
         results.command
     )
 }
