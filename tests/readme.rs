@@ -15,8 +15,11 @@ const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
 /// The commands of a section, a list for each block of `sh`.
 fn blocks(section: &str) -> Vec<Vec<String>> {
-    let readme = fs::read_to_string(Path::new(ROOT).join("README.md")).unwrap();
-    let (_, rest) = readme.split_once(&format!("\n## {section}\n")).unwrap();
+    let readme =
+        fs::read_to_string(Path::new(ROOT).join("README.md")).expect("the README is there");
+    let (_, rest) = readme
+        .split_once(&format!("\n## {section}\n"))
+        .expect("it has this section");
     let text = rest.split("\n## ").next().unwrap_or_default();
     let blocks = text.split("```sh\n").skip(1);
     let lines = |block: &str| {
@@ -44,9 +47,11 @@ fn start(line: &str, folder: &Path) -> Program {
 
 /// The number behind these words.
 fn number_after(line: &str, words: &str) -> u16 {
-    let (_, rest) = line.split_once(words).unwrap();
+    let (_, rest) = line.split_once(words).expect("the line has these words");
     let digits = rest.split(|c: char| !c.is_ascii_digit()).next();
-    digits.and_then(|digits| digits.parse().ok()).unwrap()
+    digits
+        .and_then(|digits| digits.parse().ok())
+        .expect("a port")
 }
 
 #[test]
