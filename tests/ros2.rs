@@ -159,7 +159,9 @@ fn the_cloud_that_nodes_hear_is_what_the_map_asserts() {
         let found = tokens(&node, "MP");
         (found.len() == 3).then_some(found)
     });
-    assert_eq!(tokens(&node, "NN").len(), 1);
+    until("its node", || {
+        (tokens(&node, "NN").len() == 1).then_some(())
+    });
     service.wait_exit_code(0, LONG);
     until("their tokens are gone", || {
         tokens(&node, "*").is_empty().then_some(())

@@ -168,6 +168,7 @@ fn in_folder(folder: &Path, found: &mut Vec<Literal>) {
         let is_test = [
             "tests",
             "tests.rs",
+            "documents.rs",
             "end_to_end",
             "end_to_end.rs",
             "advised",

@@ -250,7 +250,7 @@ mod tests {
         // Its profile stands in the first record, behind its length.
         assert_eq!(out[21..25], *b"ros2");
         let log = folder.path().join("a.svlog");
-        std::fs::write(&log, b"BR").unwrap();
+        std::fs::write(&log, b"BR\x02\x00").unwrap();
         let arguments = RecoverArguments {
             file: log,
             ..arguments
