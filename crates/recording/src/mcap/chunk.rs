@@ -67,7 +67,8 @@ impl ChunkHead {
     pub(super) fn is_open(record: &[u8]) -> bool {
         let all_set = |at: usize| record.get(at..at + 8) == Some(&[0xff; 8]);
         let no_name = record.get(37..41) == Some(&[0; 4]);
-        // Length of the record, of the records in it and of the content.
+        // Length of the record, of the records in it and of the content, as the `mcap` library writes
+        // them before it knows them.
         all_set(1) && all_set(25) && no_name && all_set(41)
     }
 
