@@ -32,6 +32,7 @@ mod mavlink;
 mod mesh;
 mod notices;
 mod outputs;
+mod pages;
 mod pipes;
 mod pose_errors;
 mod poses;

@@ -30,8 +30,8 @@ fn blocks(section: &str) -> Vec<Vec<String>> {
 }
 
 /// Starts a line as a shell does in the repository's folder, with `echosplat` installed. What it writes goes into
-/// `folder`, where `tools` leads to the repository's.
-fn start(line: &str, folder: &Path) -> Program {
+/// `folder`, which is its home as well, where `tools` leads to the repository's.
+pub(crate) fn start(line: &str, folder: &Path) -> Program {
     let program = Path::new(env!("CARGO_BIN_EXE_echosplat"));
     let mut path = OsString::from(program.parent().unwrap_or(program));
     path.push(":");
@@ -40,6 +40,7 @@ fn start(line: &str, folder: &Path) -> Program {
     command
         .args(["-c", &format!("exec {line}")])
         .current_dir(folder)
+        .env("HOME", folder)
         .env("PATH", path)
         .env("PYTHONDONTWRITEBYTECODE", "1");
     Program::start(command)

@@ -1,0 +1,105 @@
+//! Commands of the pages in `docs/` that take seconds, run as they stand there, on the sample dive.
+
+use std::fs;
+use std::os::unix::fs::symlink;
+use std::path::Path;
+use std::time::Duration;
+
+use crate::harness::Program;
+use crate::readme::start;
+
+const LONG: Duration = Duration::from_secs(300);
+const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
+/// What the others need minutes, a sonar or a network for.
+const QUICK: [&str; 9] = [
+    "--version",
+    "check",
+    "completions",
+    "config",
+    "evaluate",
+    "export",
+    "info",
+    "recover",
+    "render",
+];
+
+/// A line in a block of `sh`, without what only a reader needs, and its page.
+fn quick_lines() -> Vec<(String, String)> {
+    let mut lines = Vec::new();
+    for folder in ["docs", "docs/develop", "examples/sample-dive"] {
+        let entries = fs::read_dir(Path::new(ROOT).join(folder)).expect("the folder can be read");
+        let paths = entries.map(|entry| entry.expect("it can be read").path());
+        let mut pages: Vec<_> = paths
+            .filter(|path| path.extension().is_some_and(|extension| extension == "md"))
+            .collect();
+        pages.sort();
+        for page in pages {
+            let text = fs::read_to_string(&page).expect("a page is text");
+            let name = format!("{folder}/{}", page.file_name().unwrap().display());
+            let blocks = text.split("```sh\n").skip(1);
+            let blocks = blocks.map(|block| block.split("\n```").next().unwrap_or_default());
+            for line in blocks.flat_map(str::lines).filter(|line| is_quick(line)) {
+                let (line, _comment) = line.split_once(" # ").unwrap_or((line, ""));
+                lines.push((name.clone(), line.trim().to_owned()));
+            }
+        }
+    }
+    lines
+}
+
+/// What writes outside a home is for a vehicle's computer.
+fn is_quick(line: &str) -> bool {
+    let mut words = line.split_whitespace();
+    match (words.next(), words.next()) {
+        (Some("echosplat"), Some(word)) => QUICK.contains(&word) && !line.contains("/etc/"),
+        (Some("mkdir"), Some("-p")) => line.contains("~/"),
+        _ => false,
+    }
+}
+
+/// The files that pages speak of: a dive, what was recorded of it, and a map that some pings were kept from.
+fn fill(folder: &Path) {
+    let dive = folder.join("dive");
+    fs::create_dir(&dive).unwrap();
+    symlink(Path::new(ROOT).join("examples"), folder.join("examples")).unwrap();
+    let sample = folder.join("examples/sample-dive");
+    for (name, of_sample) in [
+        ("dive.svlog", "dive.svlog"),
+        ("dive.tum", "poses.tum"),
+        ("truth", "truth"),
+    ] {
+        symlink(sample.join(of_sample), dive.join(name)).unwrap();
+    }
+    let run = |line: &str| start(line, folder).wait_exit_code(0, LONG);
+    run("echosplat config --basic > my.toml");
+    run(
+        "echosplat replay dive/dive.svlog --poses dive/dive.tum --rate 0 --no-publish --finished-only \
+         --hold-out 20 --map map.ply --record recordings",
+    );
+    let mut recorded = fs::read_dir(folder.join("recordings")).unwrap();
+    let recording = fs::read(recorded.next().unwrap().unwrap().path()).unwrap();
+    fs::write(folder.join("dive.mcap"), &recording).unwrap();
+    fs::write(folder.join("cut.mcap"), &recording[..recording.len() / 2]).unwrap();
+}
+
+fn faults(folder: &Path, page: &str, line: &str) -> Option<String> {
+    let mut program: Program = start(line, folder);
+    let code = program.wait_exit(LONG).code();
+    // What a cut recording lacks is told by the code.
+    let is_fine = code == Some(0) || code == Some(3) && line.contains("cut.mcap");
+    (!is_fine).then(|| format!("{page}: {}", program.account()))
+}
+
+#[test]
+fn quick_commands_of_the_pages_run_as_they_stand() {
+    let folder = tempfile::tempdir().unwrap();
+    let folder = folder.path();
+    fill(folder);
+    let lines = quick_lines();
+    assert!(lines.len() > 15, "{lines:#?}");
+    let found: Vec<String> = lines
+        .iter()
+        .filter_map(|(page, line)| faults(folder, page, line))
+        .collect();
+    assert!(found.is_empty(), "{}", found.join("\n"));
+}
