@@ -35,7 +35,10 @@ fn quick_lines() -> Vec<(String, String)> {
         pages.sort();
         for page in pages {
             let text = fs::read_to_string(&page).expect("a page is text");
-            let name = format!("{folder}/{}", page.file_name().unwrap().display());
+            let name = format!(
+                "{folder}/{}",
+                page.file_name().unwrap_or_default().display()
+            );
             let blocks = text.split("```sh\n").skip(1);
             let blocks = blocks.map(|block| block.split("\n```").next().unwrap_or_default());
             for line in blocks.flat_map(str::lines).filter(|line| is_quick(line)) {
@@ -60,15 +63,15 @@ fn is_quick(line: &str) -> bool {
 /// The files that pages speak of: a dive, what was recorded of it, and a map that some pings were kept from.
 fn fill(folder: &Path) {
     let dive = folder.join("dive");
-    fs::create_dir(&dive).unwrap();
-    symlink(Path::new(ROOT).join("examples"), folder.join("examples")).unwrap();
+    fs::create_dir(&dive).expect("the folder is new");
+    symlink(Path::new(ROOT).join("examples"), folder.join("examples")).expect("the folder is new");
     let sample = folder.join("examples/sample-dive");
     for (name, of_sample) in [
         ("dive.svlog", "dive.svlog"),
         ("dive.tum", "poses.tum"),
         ("truth", "truth"),
     ] {
-        symlink(sample.join(of_sample), dive.join(name)).unwrap();
+        symlink(sample.join(of_sample), dive.join(name)).expect("the folder is new");
     }
     let run = |line: &str| start(line, folder).wait_exit_code(0, LONG);
     run("echosplat config --basic > my.toml");
@@ -76,10 +79,12 @@ fn fill(folder: &Path) {
         "echosplat replay dive/dive.svlog --poses dive/dive.tum --rate 0 --no-publish --finished-only \
          --hold-out 20 --map map.ply --record recordings",
     );
-    let mut recorded = fs::read_dir(folder.join("recordings")).unwrap();
-    let recording = fs::read(recorded.next().unwrap().unwrap().path()).unwrap();
-    fs::write(folder.join("dive.mcap"), &recording).unwrap();
-    fs::write(folder.join("cut.mcap"), &recording[..recording.len() / 2]).unwrap();
+    let mut recorded = fs::read_dir(folder.join("recordings")).expect("the replay made it");
+    let recorded = recorded.next().expect("a recording").expect("its name");
+    let recording = fs::read(recorded.path()).expect("it can be read");
+    let half = &recording[..recording.len() / 2];
+    fs::write(folder.join("dive.mcap"), &recording).expect("there is room");
+    fs::write(folder.join("cut.mcap"), half).expect("there is room");
 }
 
 fn faults(folder: &Path, page: &str, line: &str) -> Option<String> {
