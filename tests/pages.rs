@@ -5,12 +5,11 @@ use std::os::unix::fs::symlink;
 use std::path::Path;
 use std::time::Duration;
 
-use crate::harness::Program;
-use crate::readme::start;
+use crate::readme::{blocks, start};
 
 const LONG: Duration = Duration::from_secs(300);
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
-/// What the others need minutes, a sonar or a network for.
+/// Subcommands that need no sonar, no network and less than 10 s.
 const QUICK: [&str; 9] = [
     "--version",
     "check",
@@ -23,34 +22,27 @@ const QUICK: [&str; 9] = [
     "render",
 ];
 
-/// A line in a block of `sh`, without what only a reader needs, and its page.
+/// Pages and their lines that are run, without comments.
 fn quick_lines() -> Vec<(String, String)> {
     let mut lines = Vec::new();
     for folder in ["docs", "docs/develop", "examples/sample-dive"] {
         let entries = fs::read_dir(Path::new(ROOT).join(folder)).expect("the folder can be read");
-        let paths = entries.map(|entry| entry.expect("it can be read").path());
-        let mut pages: Vec<_> = paths
-            .filter(|path| path.extension().is_some_and(|extension| extension == "md"))
-            .collect();
-        pages.sort();
-        for page in pages {
-            let text = fs::read_to_string(&page).expect("a page is text");
-            let name = format!(
-                "{folder}/{}",
-                page.file_name().unwrap_or_default().display()
-            );
-            let blocks = text.split("```sh\n").skip(1);
-            let blocks = blocks.map(|block| block.split("\n```").next().unwrap_or_default());
-            for line in blocks.flat_map(str::lines).filter(|line| is_quick(line)) {
+        let names = entries.map(|entry| entry.expect("it can be read").file_name());
+        let mut names: Vec<String> = names.filter_map(|name| name.into_string().ok()).collect();
+        names.retain(|name| name.ends_with(".md"));
+        names.sort();
+        for page in names.iter().map(|name| format!("{folder}/{name}")) {
+            let text = fs::read_to_string(Path::new(ROOT).join(&page)).expect("a page is text");
+            for line in blocks(&text).concat().iter().filter(|line| is_quick(line)) {
                 let (line, _comment) = line.split_once(" # ").unwrap_or((line, ""));
-                lines.push((name.clone(), line.trim().to_owned()));
+                lines.push((page.clone(), line.trim().to_owned()));
             }
         }
     }
     lines
 }
 
-/// What writes outside a home is for a vehicle's computer.
+/// Whether a line is run: lines that write to `/etc` are for a vehicle's computer.
 fn is_quick(line: &str) -> bool {
     let mut words = line.split_whitespace();
     match (words.next(), words.next()) {
@@ -60,7 +52,7 @@ fn is_quick(line: &str) -> bool {
     }
 }
 
-/// The files that pages speak of: a dive, what was recorded of it, and a map that some pings were kept from.
+/// Makes the files that pages speak of: a dive, its recording, whole and cut, and a map that some pings were kept from.
 fn fill(folder: &Path) {
     let dive = folder.join("dive");
     fs::create_dir(&dive).expect("the folder is new");
@@ -87,8 +79,9 @@ fn fill(folder: &Path) {
     fs::write(folder.join("cut.mcap"), half).expect("there is room");
 }
 
-fn faults(folder: &Path, page: &str, line: &str) -> Option<String> {
-    let mut program: Program = start(line, folder);
+/// What went wrong with a line, if anything did.
+fn fault(folder: &Path, page: &str, line: &str) -> Option<String> {
+    let mut program = start(line, folder);
     let code = program.wait_exit(LONG).code();
     // What a cut recording lacks is told by the code.
     let is_fine = code == Some(0) || code == Some(3) && line.contains("cut.mcap");
@@ -102,9 +95,8 @@ fn quick_commands_of_the_pages_run_as_they_stand() {
     fill(folder);
     let lines = quick_lines();
     assert!(lines.len() > 15, "{lines:#?}");
-    let found: Vec<String> = lines
-        .iter()
-        .filter_map(|(page, line)| faults(folder, page, line))
-        .collect();
+    let found = lines.iter();
+    let found = found.filter_map(|(page, line)| fault(folder, page, line));
+    let found: Vec<String> = found.collect();
     assert!(found.is_empty(), "{}", found.join("\n"));
 }

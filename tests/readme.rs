@@ -13,20 +13,25 @@ use crate::web_client::ask;
 const LONG: Duration = Duration::from_secs(180);
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 
-/// The commands of a section, a list for each block of `sh`.
-fn blocks(section: &str) -> Vec<Vec<String>> {
-    let readme =
-        fs::read_to_string(Path::new(ROOT).join("README.md")).expect("the README is there");
-    let (_, rest) = readme
-        .split_once(&format!("\n## {section}\n"))
-        .expect("it has this section");
-    let text = rest.split("\n## ").next().unwrap_or_default();
+/// The commands of a text in Markdown, a list for each block of `sh`; what goes on in the next line is one.
+pub(crate) fn blocks(text: &str) -> Vec<Vec<String>> {
     let blocks = text.split("```sh\n").skip(1);
     let lines = |block: &str| {
         let block = block.split("\n```").next().unwrap_or_default();
+        let block = block.replace("\\\n", " ");
         block.lines().map(str::to_owned).collect()
     };
     blocks.map(lines).collect()
+}
+
+/// A section of the README.
+fn section(name: &str) -> String {
+    let readme =
+        fs::read_to_string(Path::new(ROOT).join("README.md")).expect("the README is there");
+    let (_, rest) = readme
+        .split_once(&format!("\n## {name}\n"))
+        .expect("it has this section");
+    rest.split("\n## ").next().unwrap_or_default().to_owned()
 }
 
 /// Starts a line as a shell does in the repository's folder, with `echosplat` installed. What it writes goes into
@@ -60,7 +65,7 @@ fn the_four_commands_of_the_readme_map_a_dive_without_a_sonar() {
     let folder = tempfile::tempdir().unwrap();
     let folder = folder.path();
     std::os::unix::fs::symlink(Path::new(ROOT).join("tools"), folder.join("tools")).unwrap();
-    let blocks = blocks("Try it without a sonar");
+    let blocks = blocks(&section("Try it without a sonar"));
     let [once, four] = &blocks[..] else {
         panic!("two blocks: {blocks:?}");
     };
