@@ -59,12 +59,13 @@
 //! ```
 
 mod beam;
+pub mod heard;
 pub mod lanes;
 pub mod online;
-pub mod packed;
 mod parameters;
 mod ping_view;
 mod projector;
+pub mod pulse;
 mod real;
 pub mod reference;
 #[cfg(any(test, feature = "sample"))]

@@ -2,10 +2,11 @@
 
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x8, mask32x8};
+use glam::Vec3;
 
 use crate::PingGeometry;
 use crate::lanes;
-use crate::online::constants::{NEAREST_M, SIDEWAYS};
+use crate::online::constants::{BEAM_REACH_SIGMAS, NEAREST_M, SIDEWAYS};
 use crate::triple::{Triple, dot, weighted};
 
 /// A ping's geometry as single numbers, worked out once per ping.
@@ -43,6 +44,24 @@ pub(crate) struct Place<S: Simd> {
     pub(crate) by_range: f32x8<S>,
 }
 
+/// What lies between two planes along the beam.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Slab {
+    left: [f32; 3],
+    position_m: [f32; 3],
+    middle_m: f32,
+    half_m: f32,
+}
+
+impl Slab {
+    #[inline(always)]
+    pub(crate) fn holds<S: Simd>(&self, [mx, my, mz]: Triple<S>) -> mask32x8<S> {
+        let [px, py, pz] = self.position_m;
+        let side_m = weighted([mx - px, my - py, mz - pz], self.left);
+        (side_m - self.middle_m).abs().simd_le(self.half_m)
+    }
+}
+
 impl PingView {
     pub(crate) fn new(geometry: &PingGeometry) -> Self {
         let sigma_b = geometry.beam.azimuth_sigma_rad();
@@ -58,6 +77,27 @@ impl PingView {
             range_start_m: geometry.range_start_m,
             bin_length_m: geometry.bin_length_m,
             bin_count: geometry.bin_count as f32,
+        }
+    }
+
+    /// The slab about the beam's middle that holds all that it can hear of what lies in a ball; `sigma_m` is the widest there.
+    pub(crate) fn slab(&self, center_m: Vec3, radius_m: f32, sigma_m: f32) -> Slab {
+        let [along, left, up] = self.axes.map(Vec3::from_array);
+        let position_m = Vec3::from_array(self.position_m);
+        let still = center_m - position_m;
+        let (still_m, [side, turn, roll]) = (still.length(), self.drift_per_m);
+        let rate = along.dot(still) * turn - up.dot(still) * roll + side;
+        let late_m = still_m - self.reference_range_m;
+        let far_m = still_m + radius_m;
+        let widest_m2 = (far_m * far_m).mul_add(self.beam_variance, sigma_m * sigma_m);
+        // What the sensor drifts differs from the ball's middle to its edge by this at most.
+        let turned = turn.abs() + roll.abs();
+        let drift_m = radius_m * (rate.abs() + turned * (late_m.abs() + radius_m));
+        Slab {
+            left: left.to_array(),
+            position_m: self.position_m,
+            middle_m: late_m * rate,
+            half_m: (BEAM_REACH_SIGMAS * widest_m2.sqrt() + drift_m) * (1.0 + 1e-4) + 1e-4,
         }
     }
 

@@ -1,7 +1,7 @@
 //! (14) to (19) for one ping, and the splat that the `online` measurement makes of a Gaussian.
 
 use echosplat_model::glam::{Mat3, Vec3};
-use fearless_simd::{Simd, dispatch};
+use fearless_simd::dispatch;
 
 use crate::online::constants::{
     BEAM_REACH_SIGMAS, LEAST_FAN, LEAST_VARIANCE_M2, NEAREST_M, RANGE_REACH_SIGMAS, SIDEWAYS,
@@ -245,20 +245,6 @@ impl PingGeometry {
     /// `energy · [Φ((r_{b+1}−r′)/s) − Φ((r_b−r′)/s)]`.
     pub fn spread(&self, splat: &Splat, bins: std::ops::Range<usize>, energies: &mut Vec<f32>) {
         dispatch!(simd_level::level(), simd => online::spread::append(simd, self, splat, bins, energies));
-    }
-
-    /// [`Self::spread`] inside a kernel, in place: `energies` and `sums` begin at the first of `bins` and go on to a multiple of
-    /// [`LANES`](crate::lanes::LANES). Energies are written, 0 beyond the last bin, and added to `sums` times `strength`.
-    #[inline(always)]
-    pub fn spread_into<S: Simd>(
-        &self,
-        simd: S,
-        splat: &Splat,
-        bins: std::ops::Range<usize>,
-        strength: f32,
-        into: (&mut [f32], &mut [f32]),
-    ) {
-        online::spread::store(simd, self, splat, bins, strength, into);
     }
 }
 

@@ -9,9 +9,6 @@ pub(crate) const NEAREST_M: f32 = 0.05;
 pub(crate) const SIDEWAYS: f32 = 0.25;
 /// Sensitivity of the fan, at least; assumed.
 pub(crate) const LEAST_FAN: f32 = 1e-3;
-/// Half-widths, derived: there the fan is at [`LEAST_FAN`].
-/// Elevation over the fan's half-width at which its sensitivity has fallen to [`LEAST_FAN`].
-pub(crate) const FAN_REACH: f32 = 1.333;
 /// Square metres, assumed: (0.1 mm)².
 /// Floor of the variance in range: a tenth of a millimetre.
 pub(crate) const LEAST_VARIANCE_M2: f32 = 1e-8;

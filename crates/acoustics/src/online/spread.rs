@@ -125,63 +125,11 @@ pub(crate) fn append<S: Simd>(
     energies: &mut Vec<f32>,
 ) {
     let (from, count) = (energies.len(), bins.len());
-    let padded = count.next_multiple_of(LANES);
-    energies.resize(from + padded, 0.0);
-    let into = (&mut energies[from..], &mut vec![0.0; padded][..]);
-    store(simd, geometry, splat, bins, 0.0, into);
+    energies.resize(from + count + PADDING, 0.0);
+    let (mean_m, by_sigma) = ([splat.range_m, 0.0], 1.0 / splat.range_sigma_m);
+    let edges = Edges::new(simd, geometry, bins, mean_m, by_sigma);
+    add_shares(&edges, splat.energy, &mut energies[from..]);
     energies.truncate(from + count);
-}
-
-/// Writes the energy of a splat in each of `bins` to `energies`, and 0 beyond the last bin; adds the same times `strength` to
-/// `sums`. Both slices begin at the first of `bins` and end with a whole eight.
-#[inline(always)]
-pub(crate) fn store<S: Simd>(
-    simd: S,
-    geometry: &PingGeometry,
-    splat: &Splat,
-    bins: Range<usize>,
-    strength: f32,
-    (energies, sums): (&mut [f32], &mut [f32]),
-) {
-    let mean_m = [splat.range_m, 0.0];
-    let edges = Edges::new(simd, geometry, bins, mean_m, 1.0 / splat.range_sigma_m);
-    let numbers = lanes::lane_numbers(simd);
-    let eights = energies
-        .chunks_exact_mut(LANES)
-        .zip(sums.chunks_exact_mut(LANES));
-    if edges.are_close() {
-        let mut from = 0;
-        for (energies, sums) in eights.take(edges.eights()) {
-            let (z, density) = edges.middle(numbers, from);
-            let energy = close_share(edges.step, z) * density * splat.energy;
-            put(energy, strength, energies, sums);
-            from += LANES;
-        }
-        return;
-    }
-    let mut below = lanes::normal_cdf(edges.at(numbers, 0));
-    let mut left = edges.last as usize;
-    let mut from = LANES;
-    for (energies, sums) in eights {
-        // The row's last edge is among the last eight's, and repeated in its last lane.
-        let above = match left >= LANES {
-            true => lanes::normal_cdf(edges.at(numbers, from)),
-            false => below.reverse(),
-        };
-        let energy = (below.slide::<1>(above) - below) * splat.energy;
-        put(energy, strength, energies, sums);
-        if left <= LANES {
-            return;
-        }
-        (below, left, from) = (above, left - LANES, from + LANES);
-    }
-}
-
-#[inline(always)]
-fn put<S: Simd>(energy: f32x8<S>, strength: f32, energies: &mut [f32], sums: &mut [f32]) {
-    energy.store_slice(energies);
-    let before = f32x8::from_slice(energy.simd, sums);
-    energy.mul_add(strength, before).store_slice(sums);
 }
 
 /// Appends the energies of a row's bins for αρ = 1.

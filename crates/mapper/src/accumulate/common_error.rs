@@ -39,9 +39,14 @@ impl CommonError {
         }
     }
 
+    /// Adds other observations: [`Self::add_faded`].
+    pub(crate) fn add(&mut self, other: &Self) {
+        self.add_faded(other, &mut Faded::default());
+    }
+
     /// Adds other observations. They were made before these or after; where the times overlap, they count as made at
     /// the same moments.
-    pub(crate) fn add(&mut self, other: &Self) {
+    pub(crate) fn add_faded(&mut self, other: &Self, faded: &mut Faded) {
         if other.weight == 0.0 {
             return;
         }
@@ -56,17 +61,18 @@ impl CommonError {
         };
         let (early_fraction, late_fraction) = (early.weight / weight, late.weight / weight);
         let last = early.last.max(late.last);
-        let (of_early, of_late) = (left_after(early.last, last), left_after(late.last, last));
+        let (of_early, of_late) = (faded.to(early.last, last), faded.to(late.last, last));
         let between = if late.first < early.last {
             (early.shared * late.shared).sqrt()
         } else {
             // Of a single observation that comes after the others it is the same.
             let gap = match late.first < last {
-                true => left_after(early.last, late.first),
+                true => faded.to(early.last, late.first),
                 false => of_early,
             };
             early.shared_with_last * late.shared_with_first * gap
         };
+        let of_first = faded.since_first(early.first, late.first);
         let mut weighted_m2 = self.weighted_m2;
         add(&mut weighted_m2, &other.weighted_m2);
         *self = Self {
@@ -78,7 +84,7 @@ impl CommonError {
                 + late_fraction.powi(2) * late.shared
                 + 2.0 * early_fraction * late_fraction * between,
             shared_with_first: early_fraction * early.shared_with_first
-                + late_fraction * late.shared_with_first * left_after(early.first, late.first),
+                + late_fraction * late.shared_with_first * of_first,
             shared_with_last: early_fraction * early.shared_with_last * of_early
                 + late_fraction * late.shared_with_last * of_late,
         };
@@ -98,6 +104,39 @@ impl CommonError {
         match self.weight == 0.0 {
             true => SymmetricMat3::default(),
             false => times(self.weighted_m2, self.shared / self.weight),
+        }
+    }
+}
+
+/// What is left of errors between some times, as it was asked for last: observations of one ping mostly ask alike.
+#[derive(Debug, Default)]
+pub(crate) struct Faded {
+    /// Bits of both times, and what is left.
+    last: Option<([u64; 2], f32)>,
+    first: Option<([u64; 2], f32)>,
+}
+
+impl Faded {
+    fn to(&mut self, from: f64, to: f64) -> f32 {
+        remembered(&mut self.last, from, to)
+    }
+
+    fn since_first(&mut self, from: f64, to: f64) -> f32 {
+        remembered(&mut self.first, from, to)
+    }
+}
+
+fn remembered(known: &mut Option<([u64; 2], f32)>, from: f64, to: f64) -> f32 {
+    if !(from < to) {
+        return 1.0;
+    }
+    let times = [from.to_bits(), to.to_bits()];
+    match known {
+        Some((of, left)) if *of == times => *left,
+        _ => {
+            let left = left_after(from, to);
+            *known = Some((times, left));
+            left
         }
     }
 }

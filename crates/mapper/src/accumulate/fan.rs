@@ -1,7 +1,10 @@
 //! Which parts of space a ping can see.
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_acoustics::lanes::LANES;
+use echosplat_acoustics::{PingGeometry, simd_level};
 use echosplat_model::glam::Vec3;
+use fearless_simd::prelude::*;
+use fearless_simd::{dispatch, f32x8};
 
 /// The volume of one ping, a thin slice of a fan, for coarse tests against spheres.
 #[derive(Debug, Clone, Copy)]
@@ -16,6 +19,7 @@ pub(crate) struct Fan {
     spread: f32,
     elevation_cos: f32,
     elevation_sin: f32,
+    half_tangent: f32,
 }
 
 impl Fan {
@@ -39,7 +43,13 @@ impl Fan {
             spread: sigmas * azimuth + turned,
             elevation_cos: elevation.cos(),
             elevation_sin: elevation.sin(),
+            half_tangent: geometry.beam.elevation_half_width_rad().tan(),
         }
+    }
+
+    /// Tangent of the elevation at which the fan is half as sensitive.
+    pub(crate) fn half_tangent(&self) -> f32 {
+        self.half_tangent
     }
 
     /// Whether a sphere may reach into the slice; errs only towards yes.
@@ -61,6 +71,68 @@ impl Fan {
         let lever_m = (x * x + y * y).sqrt();
         let outside = z.abs() * self.elevation_cos - lever_m * self.elevation_sin;
         outside < radius_m
+    }
+}
+
+/// Pings looked for together; layout.
+/// Pings in a row that are looked for together, a bit each.
+pub(crate) const GROUP_PINGS: usize = 64;
+
+/// How far to the side of each of some pings a place lies, eight at a time: most lie beside most.
+#[derive(Debug)]
+pub(crate) struct Sides {
+    /// Unit vectors to the left, and how far along them the sensors are.
+    left: [[f32; GROUP_PINGS]; 3],
+    offset_m: [f32; GROUP_PINGS],
+    /// Half a slice's thickness where it is thickest, negative where there is no ping, and the same over range.
+    half_m: [f32; GROUP_PINGS],
+    spread: [f32; GROUP_PINGS],
+}
+
+impl Default for Sides {
+    fn default() -> Self {
+        Self {
+            left: [[0.0; GROUP_PINGS]; 3],
+            offset_m: [0.0; GROUP_PINGS],
+            half_m: [f32::NEG_INFINITY; GROUP_PINGS],
+            spread: [0.0; GROUP_PINGS],
+        }
+    }
+}
+
+impl Sides {
+    pub(crate) fn set(&mut self, at: usize, fan: &Fan) {
+        for (left, axis) in self.left.iter_mut().zip(fan.left.to_array()) {
+            left[at] = axis;
+        }
+        self.offset_m[at] = fan.left.dot(fan.position_m);
+        self.half_m[at] = fan.spread * fan.range_max_m;
+        self.spread[at] = fan.spread;
+    }
+
+    /// Those into whose slice a sphere may reach, a bit each; errs only towards yes.
+    pub(crate) fn near(&self, center_m: Vec3, radius_m: f32) -> u64 {
+        // What single precision rounds away, wherever it is.
+        let slack_m = radius_m + 1e-3 + 1e-6 * center_m.abs().max_element();
+        dispatch!(simd_level::level(), simd => {
+            let mut near = 0;
+            for from in (0..GROUP_PINGS).step_by(LANES) {
+                let eight = from..from + LANES;
+                let [x, y, z] = &self.left;
+                let aside_m = f32x8::from_slice(simd, &x[eight.clone()]).mul_add(
+                    center_m.x,
+                    f32x8::from_slice(simd, &y[eight.clone()]) * center_m.y,
+                );
+                let aside_m = f32x8::from_slice(simd, &z[eight.clone()])
+                    .mul_add(center_m.z, aside_m)
+                    - f32x8::from_slice(simd, &self.offset_m[eight.clone()]);
+                let spread = f32x8::from_slice(simd, &self.spread[eight.clone()]);
+                let half_m = f32x8::from_slice(simd, &self.half_m[eight]);
+                let is_near = aside_m.abs().simd_le(spread.mul_add(radius_m, half_m) + slack_m);
+                near |= is_near.to_bitmask() << from;
+            }
+            near
+        })
     }
 }
 
@@ -133,6 +205,22 @@ mod tests {
                 );
             }
         }
+        // Nor does any place that it touches lie beside it, and most others do.
+        let mut sides = Sides::default();
+        sides.set(63, &fan);
+        let mut beside = 0;
+        for x in -30..30 {
+            for y in -30..30 {
+                let at_m = Vec3::new(0.5 * x as f32, 0.1 * y as f32, 1.0);
+                let near = sides.near(at_m, 0.1);
+                assert!(
+                    near == 1 << 63 || near == 0 && !fan.touches(at_m, 0.1),
+                    "{at_m}"
+                );
+                beside += u32::from(near == 0);
+            }
+        }
+        assert!(beside > 2000, "{beside}");
         assert!(reach.touches(Vec3::X * 10.0, 0.1) && !reach.touches(Vec3::X * 10.2, 0.1));
         assert!(!Reach::of([]).touches(Vec3::ZERO, 1e6));
     }

@@ -3,7 +3,7 @@
 use echosplat_acoustics::SymmetricMat3;
 use echosplat_model::glam::Vec3;
 
-use super::common_error::CommonError;
+use super::common_error::{CommonError, Faded};
 use crate::refine::expectation::Score;
 
 /// View statistics: sums over all lit observations of one Gaussian.
@@ -71,12 +71,18 @@ pub(crate) struct Finding {
 impl Finding {
     /// Adds one observation with this score, at a time in time constants of its pose's error, which makes `pose_m2` of the
     /// place.
-    pub(crate) fn add_observation(&mut self, score: &Score, pose_m2: SymmetricMat3, at: f64) {
+    pub(crate) fn add_observation(
+        &mut self,
+        score: &Score,
+        pose_m2: SymmetricMat3,
+        at: f64,
+        faded: &mut Faded,
+    ) {
         let weight = score.information.diagonal.element_sum();
         add(&mut self.information, &score.information);
         self.nearer += score.nearer;
         self.of_poses
-            .add(&CommonError::of_observation(weight, pose_m2, at));
+            .add_faded(&CommonError::of_observation(weight, pose_m2, at), faded);
     }
 
     pub(crate) fn add(&mut self, other: &Self) {

@@ -8,7 +8,7 @@ use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
 
 use crate::MapperConfig;
-use crate::accumulate::fan::{Fan, Reach};
+use crate::accumulate::fan::{Fan, GROUP_PINGS, Reach, Sides};
 use crate::detect::profile::Profile;
 
 /// Sigmas of the beam, derived: it is at 1 %.
@@ -18,10 +18,6 @@ pub(crate) const FAN_SIGMAS: f32 = 3.0;
 /// Pings let go at once; bounds latency.
 /// Most pings that are let go at once: with 15,000 pairs each, looked at twice, below 0.1 s.
 const MOST_AT_ONCE: usize = 256;
-
-/// Pings looked for together; layout.
-/// Pings in a row that are looked for together.
-const GROUP_PINGS: usize = 64;
 
 /// One remembered ping.
 #[derive(Debug, Clone)]
@@ -55,13 +51,20 @@ impl Keyframe {
     }
 }
 
+/// Pings in a row, and what is asked of all of them at once.
+#[derive(Debug)]
+struct Group {
+    reach: Reach,
+    sides: Sides,
+}
+
 /// Pings in order of arrival. When full, the oldest go: what they told stays in the map.
 #[derive(Debug)]
 pub(crate) struct History {
     pings: Vec<Arc<Keyframe>>,
     /// What each [`GROUP_PINGS`] can see, counted from the first ping ever; of pings let go at most those of one group
     /// are still in it.
-    groups: VecDeque<Reach>,
+    groups: VecDeque<Group>,
     capacity: usize,
     forgotten: u64,
 }
@@ -78,9 +81,15 @@ impl History {
 
     pub(crate) fn push(&mut self, keyframe: Keyframe) {
         let in_group = (self.first_in_group() + self.pings.len()) % GROUP_PINGS;
-        match self.groups.back_mut() {
-            Some(group) if in_group > 0 => group.add(&keyframe.fan),
-            _ => self.groups.push_back(Reach::of([&keyframe.fan])),
+        if in_group == 0 || self.groups.is_empty() {
+            self.groups.push_back(Group {
+                reach: Reach::of([]),
+                sides: Sides::default(),
+            });
+        }
+        if let Some(group) = self.groups.back_mut() {
+            group.reach.add(&keyframe.fan);
+            group.sides.set(in_group, &keyframe.fan);
         }
         self.pings.push(Arc::new(keyframe));
     }
@@ -126,7 +135,21 @@ impl History {
         center_m: Vec3,
         radius_m: f32,
     ) -> impl Iterator<Item = &Arc<Keyframe>> {
-        self.within_reach(count, move |reach| reach.touches(center_m, radius_m))
+        let (pings, before) = (&self.pings[..count], self.first_in_group());
+        let groups = self.groups.iter().enumerate();
+        let near = groups.filter(move |(_, group)| group.reach.touches(center_m, radius_m));
+        near.flat_map(move |(index, group)| {
+            let first = index * GROUP_PINGS;
+            let mut beside = group.sides.near(center_m, radius_m);
+            let next = move || {
+                let in_group = beside.trailing_zeros() as usize;
+                // Without its lowest bit; none is left of none.
+                beside &= beside.wrapping_sub(1);
+                (in_group < GROUP_PINGS).then_some(first + in_group)
+            };
+            let of_group = std::iter::from_fn(next);
+            of_group.filter_map(move |place| pings.get(place.checked_sub(before)?))
+        })
     }
 
     /// The first `count` pings in order, without groups of them that do not reach what is asked for.
@@ -139,7 +162,7 @@ impl History {
         let at = move |group: usize| (group * GROUP_PINGS).saturating_sub(before).min(count);
         let groups = self.groups.iter().enumerate();
         groups
-            .filter(move |(_, reach)| reaches(reach))
+            .filter(move |(_, group)| reaches(&group.reach))
             .flat_map(move |(index, _)| &pings[at(index)..at(index + 1)])
     }
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use echosplat_acoustics::heard::Detail;
 use echosplat_model::Standing;
 use echosplat_model::glam::{Mat3, Vec3};
 use rayon::prelude::*;
@@ -141,7 +142,7 @@ fn predictions(moving: &[Moving], scene: Scene<'_>) -> Vec<Vec<f32>> {
     let field = Field::of(scene.evidence, scene.gaussians);
     let of_ping = |sight: &mut Sight, moving: &Moving| {
         let keyframe = &moving.keyframe;
-        sight.observe(keyframe, scene, &field);
+        sight.observe(keyframe, scene, &field, Detail::Strength);
         let bins = sight
             .predicted
             .iter()

@@ -2,14 +2,18 @@
 //! fix its position; else it is ambiguous, or explained away by others.
 
 use std::f32::consts::PI;
+use std::ops::Range;
 
-use echosplat_acoustics::packed::MatrixRow;
+use echosplat_acoustics::heard::Rows;
+use echosplat_acoustics::simd_level;
 use echosplat_model::Standing;
 use echosplat_model::glam::IVec3;
+use fearless_simd::dispatch;
 use foldhash::{HashMap, HashMapExt};
 use rayon::prelude::*;
 
 use crate::MapperConfig;
+use crate::accumulate::common_error::Faded;
 use crate::accumulate::finding::{Finding, ViewStatistics};
 use crate::accumulate::history::Keyframe;
 use crate::classify::certainty;
@@ -19,7 +23,7 @@ use crate::refine::expectation::{Explained, Score, Sum};
 use crate::refine::scene::Scene;
 use crate::refine::shape::least_eigenvalue;
 use crate::refine::tally::Tally;
-use crate::refine::visibility::{Moments, Sight};
+use crate::refine::visibility::Sight;
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::neighbours::Neighbours;
 use crate::spawn::split::CHILD_SHARE;
@@ -90,6 +94,8 @@ const LEAST_STRENGTH: f32 = 0.12;
 /// How far around.
 const PEAK_VOXELS: f32 = 2.5;
 
+/// Bins at a time; layout.
+const TOGETHER: usize = 32;
 /// Half-widths, derived: the fan's edge.
 /// Arcs go on beyond the fan's edges by this factor; what lies further out counts as their ends.
 const FAN_REACH: f32 = 1.3;
@@ -209,18 +215,24 @@ pub(crate) fn findings_of_ping(
     tally: &mut Tally<Finding>,
     desk: &mut Desk,
     keyframe: &Keyframe,
-    sight: &Sight,
+    sight: &mut Sight,
     gaussians: &Gaussians,
     rule: Rule,
 ) {
+    sight.find_moments();
     desk.enter(tally, keyframe, sight, gaussians, rule);
-    sight.moments(&keyframe.geometry, &mut desk.moments);
     let at = keyframe.time.as_secs_f64() / rule.pose_error_time_s;
-    for (row, moments) in sight.rows().iter().zip(&desk.moments) {
-        let mut score = Score::default();
-        score.add(row, moments, keyframe.weight);
-        let pose_m2 = certainty::of_pose(row, keyframe.pose_error);
-        tally.of(row.slot).add_observation(&score, pose_m2, at);
+    let rows = sight.rows();
+    let mut faded = Faded::default();
+    for run in sight.runs() {
+        let findings = tally.of(run.block, run.count);
+        for row in sight.heard_of(run) {
+            let mut score = Score::default();
+            score.add(rows, row, &sight.moments(row), keyframe.weight);
+            let pose_m2 = certainty::of_pose(rows, row, keyframe.pose_error);
+            let finding = &mut findings[run.within(rows.place[row])];
+            finding.add_observation(&score, pose_m2, at, &mut faded);
+        }
     }
 }
 
@@ -388,7 +400,6 @@ impl Rule {
 pub(crate) struct Desk {
     arcs: Arcs,
     occlusion: Occlusion,
-    moments: Vec<Moments>,
 }
 
 impl Desk {
@@ -402,98 +413,141 @@ impl Desk {
         gaussians: &Gaussians,
         rule: Rule,
     ) {
-        let Self {
-            arcs, occlusion, ..
-        } = self;
+        let Self { arcs, occlusion } = self;
+        let (rows, geometry) = (sight.rows(), &keyframe.geometry);
         arcs.fill(sight, keyframe, rule.radius_m / AROUND_STEPS as f32);
-        let solid = |row: &MatrixRow| match gaussians.verdict[row.slot as usize] {
-            CONFIDENT => gaussians.layers(row.slot as usize),
-            Verdict::Published(_) => (row.strength / rule.whole_strength).min(1.0),
+        let solid = |row: usize| match gaussians.verdict[sight.slot(row)] {
+            CONFIDENT => gaussians.layers(sight.slot(row)),
+            Verdict::Published(_) => {
+                (rows.echo[row] / rows.energy[row] / rule.whole_strength).min(1.0)
+            }
             _ => 0.0,
         };
         if rule.occlusion {
-            occlusion.fill(
-                &keyframe.geometry,
-                sight.rows().iter().map(|row| (row, solid(row))),
-            );
+            occlusion.fill(geometry, rows, sight.heard().map(|row| (row, solid(row))));
         }
-        for row in sight.rows() {
-            let splat = &row.splat;
-            let off = splat.azimuth_rad * splat.azimuth_rad / splat.azimuth_variance_rad2;
-            let range_bins =
-                (splat.range_m - keyframe.geometry.range_start_m) / keyframe.geometry.bin_length_m;
-            let bin = range_bins as usize;
-            if !(off < 1.5 && bin < keyframe.geometry.bin_count as usize) {
-                continue;
+        for run in sight.runs() {
+            let findings = tally.of(run.block, run.count);
+            for row in sight.heard_of(run) {
+                let (range_m, azimuth_rad) = (rows.range_m[row], rows.azimuth_rad[row]);
+                let off = azimuth_rad * azimuth_rad / rows.azimuth_variance_rad2[row];
+                let range_bins = (range_m - geometry.range_start_m) / geometry.bin_length_m;
+                let bin = range_bins as usize;
+                if !(off < 1.5 && bin < geometry.bin_count as usize) {
+                    continue;
+                }
+                let observations = keyframe.weight * (1.0 - off / 1.5);
+                let step = arcs.step_of(rows, row);
+                let near = arcs.around(bin, step);
+                let finding = &mut findings[run.within(rows.place[row])];
+                finding.statistics.odds += observations * sight.odds(bin, near);
+                if !keyframe.profile.is_lit(bin) {
+                    continue;
+                }
+                let below_m = 2.0 * range_m * rows.elevation_rad[row].sin();
+                let mirror_m = geometry.pose.axes.z_axis * -below_m;
+                let if_so = |so: bool| if so { observations } else { 0.0 };
+                finding.statistics.add(&ViewStatistics {
+                    observations,
+                    hidden_observations: if_so(rule.occlusion && occlusion.hides(rows, row)),
+                    clear_observations: if_so(near > rule.clear_share * sight.predicted[bin]),
+                    odds: 0.0,
+                    compactness: observations * arcs.within(bin, step, MIDDLE_STEPS)
+                        / near.max(f32::MIN_POSITIVE),
+                    explained_ratio: observations * near / arcs.best(bin).max(f32::MIN_POSITIVE),
+                    mirror_m: mirror_m * observations,
+                    mirror_m2: mirror_m.length_squared() * observations,
+                });
             }
-            let observations = keyframe.weight * (1.0 - off / 1.5);
-            let step = arcs.step_of(row);
-            let near = arcs.around(bin, step);
-            tally.of(row.slot).statistics.odds += observations * sight.odds(bin, near);
-            if !keyframe.profile.is_lit(bin) {
-                continue;
-            }
-            let below_m = 2.0 * splat.range_m * splat.elevation_rad.sin();
-            let mirror_m = keyframe.geometry.pose.axes.z_axis * -below_m;
-            let if_so = |so: bool| if so { observations } else { 0.0 };
-            tally.of(row.slot).statistics.add(&ViewStatistics {
-                observations,
-                hidden_observations: if_so(rule.occlusion && occlusion.hides(row)),
-                clear_observations: if_so(near > rule.clear_share * sight.predicted[bin]),
-                odds: 0.0,
-                compactness: observations * arcs.within(bin, step, MIDDLE_STEPS)
-                    / near.max(f32::MIN_POSITIVE),
-                explained_ratio: observations * near / arcs.best(bin).max(f32::MIN_POSITIVE),
-                mirror_m: mirror_m * observations,
-                mirror_m2: mirror_m.length_squared() * observations,
-            });
         }
     }
 }
 
-/// Predicted energy per bin and step along its arc. Reused from ping to ping.
+/// Predicted energy per step along the arcs and bin, as far as there is any. Reused from ping to ping.
 #[derive(Debug, Default)]
 struct Arcs {
+    /// Shape `[steps][bins]`, of those in `bins` and `steps`.
     energy: Vec<f32>,
-    /// The most energy around any step of a bin, worked out when asked for; negative until then.
+    bins: Range<usize>,
+    steps: Range<usize>,
+    /// The most energy around any step of a bin, shape `[bins]`.
     best: Vec<f32>,
-    steps: usize,
+    /// Steps of the arc of the farthest bin as far as the fan reaches.
+    all_steps: usize,
     steps_per_m: f32,
 }
 
 impl Arcs {
-    /// Steps of `step_m` over the arc of the farthest bin as far as the fan reaches.
+    /// With steps of `step_m`.
     fn fill(&mut self, sight: &Sight, keyframe: &Keyframe, step_m: f32) {
         let geometry = &keyframe.geometry;
         let end_m = geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
         self.steps_per_m = step_m.recip();
         let width_rad = 2.0 * FAN_REACH * geometry.beam.elevation_half_width_rad();
-        self.steps = (width_rad.min(PI) * end_m * self.steps_per_m) as usize + 2 * AROUND_STEPS + 1;
+        self.all_steps =
+            (width_rad.min(PI) * end_m * self.steps_per_m) as usize + 2 * AROUND_STEPS + 1;
+        let rows = sight.rows();
+        (self.bins, self.steps) = (geometry.bin_count as usize..0, self.all_steps..0);
+        for row in sight.heard() {
+            let (bins, step) = (sight.pulses().echo_of(rows, row).0, self.step_of(rows, row));
+            self.bins = self.bins.start.min(bins.start)..self.bins.end.max(bins.end);
+            self.steps = self.steps.start.min(step)..self.steps.end.max(step + 1);
+        }
+        let width = self.bins.len();
         self.energy.clear();
-        self.energy
-            .resize(self.steps * geometry.bin_count as usize, 0.0);
+        self.energy.resize(self.steps.len() * width, 0.0);
+        for row in sight.heard() {
+            let step = self.step_of(rows, row) - self.steps.start;
+            let (bins, shares) = sight.pulses().echo_of(rows, row);
+            let first = step * width + bins.start - self.bins.start;
+            let energies = &mut self.energy[first..first + bins.len()];
+            for (energy, share) in energies.iter_mut().zip(shares) {
+                *energy += rows.echo[row] * share;
+            }
+        }
+        dispatch!(simd_level::level(), _simd => self.find_best());
+    }
+
+    /// Steps around one, counted from the first that holds energy, as far as they do.
+    fn around_step(&self, step: usize, reach: usize) -> Range<usize> {
+        let held = |step: usize| step.clamp(self.steps.start, self.steps.end) - self.steps.start;
+        held(step.saturating_sub(reach))..held(step + reach + 1)
+    }
+
+    #[inline(always)]
+    fn find_best(&mut self) {
+        let width = self.bins.len();
         self.best.clear();
-        self.best.resize(geometry.bin_count as usize, -1.0);
-        for row in sight.rows() {
-            let step = self.step_of(row);
-            for (bin, energy) in row.bins.clone().zip(sight.energies(row)) {
-                self.energy[bin as usize * self.steps + step] += row.strength * energy;
+        self.best.resize(width, 0.0);
+        for step in self.steps.clone() {
+            let around = self.around_step(step, AROUND_STEPS);
+            for (part, best) in self.best.chunks_mut(TOGETHER).enumerate() {
+                let mut sums = [0.0; TOGETHER];
+                for near in around.clone() {
+                    let energies = &self.energy[near * width + part * TOGETHER..][..best.len()];
+                    for (sum, energy) in sums.iter_mut().zip(energies) {
+                        *sum += energy;
+                    }
+                }
+                for (best, sum) in best.iter_mut().zip(sums) {
+                    *best = best.max(sum);
+                }
             }
         }
     }
 
-    fn step_of(&self, row: &MatrixRow) -> usize {
-        let along_m = row.splat.elevation_rad * row.splat.range_m;
-        let step = along_m * self.steps_per_m + 0.5 * self.steps as f32;
-        (step.max(0.0) as usize).min(self.steps - 1)
+    /// The most energy around any step of a bin.
+    fn best(&self, bin: usize) -> f32 {
+        let bin = bin.checked_sub(self.bins.start);
+        bin.and_then(|bin| self.best.get(bin))
+            .copied()
+            .unwrap_or(0.0)
     }
 
-    fn best(&mut self, bin: usize) -> f32 {
-        if self.best[bin] < 0.0 {
-            let sums = (0..self.steps).map(|step| self.around(bin, step));
-            self.best[bin] = sums.fold(0.0, f32::max);
-        }
-        self.best[bin]
+    fn step_of(&self, rows: &Rows, row: usize) -> usize {
+        let along_m = rows.elevation_rad[row] * rows.range_m[row];
+        let step = along_m * self.steps_per_m + 0.5 * self.all_steps as f32;
+        (step.max(0.0) as usize).min(self.all_steps - 1)
     }
 
     /// Energy in a bin from the surroundings of `step`.
@@ -503,10 +557,12 @@ impl Arcs {
 
     /// Energy in a bin from up to `reach` steps away from `step`.
     fn within(&self, bin: usize, step: usize, reach: usize) -> f32 {
-        let first = step.saturating_sub(reach);
-        let last = (step + reach + 1).min(self.steps);
-        let from = bin * self.steps;
-        self.energy[from + first..from + last].iter().sum()
+        if !self.bins.contains(&bin) {
+            return 0.0;
+        }
+        let (steps, width) = (self.around_step(step, reach), self.bins.len());
+        let energies = self.energy[steps.start * width..steps.end * width].iter();
+        energies.skip(bin - self.bins.start).step_by(width).sum()
     }
 }
 
@@ -537,7 +593,6 @@ mod tests {
     use super::*;
     use crate::features::{Cues, Features, MapCues, decide};
     use crate::refine::expectation::StepSums;
-    use crate::spawn::directional_reflectivity::DirectionalReflectivity;
     use crate::spawn::gaussians::Stage;
 
     #[test]
@@ -554,11 +609,7 @@ mod tests {
             [1e-3, 0.0, 1e-3, 5.0, 0.0, 0.0],
             [1e-3, 0.0, 0.0, 0.0, 5.0, 0.0],
         ] {
-            let sums = weights.map(|weight| {
-                let mut sums = StepSums::default();
-                sums.weight = DirectionalReflectivity::even(weight);
-                sums
-            });
+            let sums = weights.map(StepSums::of_weight);
             explained.add(&gaussians, &sums, 2.0);
         }
         assert_eq!(explained.mean(5), None);
@@ -606,7 +657,8 @@ mod tests {
     fn an_even_spread_is_compact_and_what_stands_beside_a_surface_is_not() {
         let arcs = |energy: &[f32]| Arcs {
             energy: energy.to_vec(),
-            steps: energy.len(),
+            bins: 0..1,
+            steps: 0..energy.len(),
             ..Arcs::default()
         };
         let fraction =

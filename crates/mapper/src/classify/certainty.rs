@@ -6,7 +6,7 @@
 //! surer than their poses. Those that come later are off otherwise.
 
 use echosplat_acoustics::SymmetricMat3;
-use echosplat_acoustics::packed::MatrixRow;
+use echosplat_acoustics::heard::Rows;
 use echosplat_model::Standing;
 use echosplat_model::glam::{DMat3, DVec3, Mat3};
 use rayon::prelude::*;
@@ -64,8 +64,8 @@ const LEAST_M2: f32 = 1e-12;
 
 /// What an error of the sensor's pose makes of a place, square metres: of its position alike in all directions, of its
 /// attitude across the line of sight.
-pub(super) fn of_pose(row: &MatrixRow, error: PoseBlur) -> SymmetricMat3 {
-    let (away, range_m) = (row.splat.range_axis, row.splat.range_m);
+pub(super) fn of_pose(rows: &Rows, row: usize, error: PoseBlur) -> SymmetricMat3 {
+    let (away, range_m) = (rows.range_axis_of(row), rows.range_m[row]);
     let turned_m2 = error.azimuth_variance_rad2 * range_m * range_m;
     let across = Mat3::IDENTITY - Mat3::from_cols(away * away.x, away * away.y, away * away.z);
     SymmetricMat3::of(Mat3::IDENTITY * error.range_variance_m2 + across * turned_m2)
@@ -235,6 +235,7 @@ fn of_odds(odds: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::accumulate::common_error::Faded;
     use crate::refine::expectation::Score;
     use echosplat_model::glam::Vec3;
 
@@ -246,7 +247,8 @@ mod tests {
             ..Score::default()
         };
         let mut finding = Finding::default();
-        finding.add_observation(&score, SymmetricMat3::isotropic(pose_m2.sqrt()), 0.0);
+        let pose_m2 = SymmetricMat3::isotropic(pose_m2.sqrt());
+        finding.add_observation(&score, pose_m2, 0.0, &mut Faded::default());
         finding
     }
 
@@ -261,7 +263,8 @@ mod tests {
                 nearer: -away * weight,
                 ..Score::default()
             };
-            finding.add_observation(&score, SymmetricMat3::default(), 0.0);
+            let pose_m2 = SymmetricMat3::default();
+            finding.add_observation(&score, pose_m2, 0.0, &mut Faded::default());
         }
         finding
     }

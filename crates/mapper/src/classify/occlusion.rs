@@ -3,7 +3,7 @@
 //! Cost: one addition for each confident Gaussian in the ping and a sum over 64 × shells.
 
 use echosplat_acoustics::PingGeometry;
-use echosplat_acoustics::packed::MatrixRow;
+use echosplat_acoustics::heard::Rows;
 
 /// Steps of elevation; grid.
 /// Steps of elevation over the fan and its soft edge.
@@ -33,10 +33,11 @@ pub(crate) struct Occlusion {
 
 impl Occlusion {
     /// Takes in rows, each with the fraction of it that is there.
-    pub(crate) fn fill<'a>(
+    pub(crate) fn fill(
         &mut self,
         geometry: &PingGeometry,
-        surfaces: impl Iterator<Item = (&'a MatrixRow, f32)>,
+        rows: &Rows,
+        surfaces: impl Iterator<Item = (usize, f32)>,
     ) {
         let end_m = geometry.range_start_m + geometry.bin_length_m * geometry.bin_count as f32;
         self.shells = (end_m / SHELL_M) as usize + 1;
@@ -47,9 +48,9 @@ impl Occlusion {
         let whole =
             std::f32::consts::TAU.sqrt() * geometry.beam.azimuth_sigma_rad() * self.cell_rad;
         for (row, fraction) in surfaces {
-            let shell = ((row.splat.range_m / SHELL_M) as usize).min(self.shells - 1);
-            let cell = self.cell_of(row);
-            self.cover[cell * self.shells + shell] += fraction * row.splat.energy / whole;
+            let shell = ((rows.range_m[row] / SHELL_M) as usize).min(self.shells - 1);
+            let cell = self.cell_of(rows, row);
+            self.cover[cell * self.shells + shell] += fraction * rows.energy[row] / whole;
         }
         self.hidden_from_m.clear();
         for cell in self.cover.chunks_exact(self.shells) {
@@ -65,13 +66,13 @@ impl Occlusion {
         }
     }
 
-    fn cell_of(&self, row: &MatrixRow) -> usize {
-        let cell = (row.splat.elevation_rad - self.lowest_rad) / self.cell_rad;
+    fn cell_of(&self, rows: &Rows, row: usize) -> usize {
+        let cell = (rows.elevation_rad[row] - self.lowest_rad) / self.cell_rad;
         (cell.max(0.0) as usize).min(CELLS - 1)
     }
 
     /// Whether a surface in front hides it.
-    pub(crate) fn hides(&self, row: &MatrixRow) -> bool {
-        row.splat.range_m > self.hidden_from_m[self.cell_of(row)]
+    pub(crate) fn hides(&self, rows: &Rows, row: usize) -> bool {
+        rows.range_m[row] > self.hidden_from_m[self.cell_of(rows, row)]
     }
 }

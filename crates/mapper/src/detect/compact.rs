@@ -95,6 +95,17 @@ impl States {
         u32::from_le_bytes(four)
     }
 
+    /// Appends for each bin what its state stands for.
+    pub(crate) fn expand(&self, meanings: [f32; 4], expanded: &mut Vec<f32>) {
+        let end = expanded.len() + self.count;
+        for &four in &self.packed {
+            let of = |bin: u32| meanings[usize::from(four >> (2 * bin) & 3)];
+            expanded.extend_from_slice(&[of(0), of(1), of(2), of(3)]);
+        }
+        expanded.truncate(end);
+    }
+
+    #[cfg(test)]
     pub(crate) fn iter(&self) -> impl Iterator<Item = BinState> + '_ {
         (0..self.count).map(|bin| self.at(bin))
     }

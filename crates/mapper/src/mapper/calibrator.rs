@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use echosplat_acoustics::heard::Detail;
 use echosplat_model::Switch;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -262,7 +263,7 @@ impl Mapped {
         let field = Field::of(&world.evidence, &self.map.gaussians);
         let (_, held) = split(&self.moving);
         let of_ping = |sight: &mut Sight, moving: &Moving| {
-            sight.observe(&moving.keyframe, scene, &field);
+            sight.observe(&moving.keyframe, scene, &field, Detail::Strength);
             (moving.block, sight.log_likelihood())
         };
         let likelihoods: Vec<(u32, f64)> = held

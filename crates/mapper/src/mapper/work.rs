@@ -424,7 +424,11 @@ mod tests {
         assert!(fine.len() > 20);
         let is_near = |at_m: &Vec3| other.iter().any(|m| m.distance(*at_m) < late.voxel_m);
         let near = fine.iter().filter(|at_m| is_near(at_m)).count();
-        assert!(10 * near >= 9 * fine.len(), "{near} of {}", fine.len());
+        // Which places at the rod's ends are asserted is decided by a hair.
+        assert!(4 * near >= 3 * fine.len(), "{near} of {}", fine.len());
+        let is_on_rod = |at_m: &&Vec3| (at_m.x - 4.0).hypot(at_m.z) < 0.15;
+        let on_rod = fine.iter().filter(is_on_rod).count();
+        assert!(20 * on_rod >= 19 * fine.len(), "{on_rod} of {}", fine.len());
     }
 
     #[test]

@@ -1,71 +1,76 @@
-//! Sums per Gaussian over a few pings, which see a small part of the map.
+//! Sums per Gaussian over a few pings, which hear a small part of the map: blocks of Gaussians that lie together.
 
 use std::cell::RefCell;
 
 thread_local! {
-    /// Room for [`Tally::place`], all 0: as long as the map, and needed thousands of times.
+    /// Room for [`Tally::starts`], all 0: one for each block of the map, and needed thousands of times.
     static ROOM: RefCell<Vec<u32>> = const { RefCell::new(Vec::new()) };
 }
 
-/// A sum for each slot that was asked for, in order of first asking.
+/// Sums of the Gaussians of each block that was asked for, in order of first asking.
 #[derive(Debug)]
 pub(crate) struct Tally<T> {
-    /// Where a slot's sum is, plus one; 0 for none.
-    place: Vec<u32>,
+    /// Where a block's sums begin, plus one; 0 for none.
+    starts: Vec<u32>,
     sums: Sums<T>,
 }
 
-/// What was summed, with the slots it belongs to.
+/// What was summed, and of which blocks.
 #[derive(Debug)]
 pub(crate) struct Sums<T> {
-    slots: Vec<u32>,
+    /// Block, and where its sums begin.
+    blocks: Vec<(u32, u32)>,
     sums: Vec<T>,
 }
 
-impl<T: Default> Tally<T> {
-    /// For slots below `slot_count`, with room for sums of `expected` of them.
-    pub(crate) fn new(slot_count: usize, expected: usize) -> Self {
-        let mut place = ROOM.take();
-        place.resize(place.len().max(slot_count), 0);
+impl<T: Default + Clone> Tally<T> {
+    /// For blocks below `block_count`, with room for so many sums.
+    pub(crate) fn new(block_count: usize, expected: usize) -> Self {
+        let mut starts = ROOM.take();
+        starts.resize(starts.len().max(block_count), 0);
         Self {
-            place,
+            starts,
             sums: Sums {
-                slots: Vec::with_capacity(expected),
+                blocks: Vec::new(),
                 sums: Vec::with_capacity(expected),
             },
         }
     }
 
-    /// The sum of a slot, from nothing if it has none yet.
-    pub(crate) fn of(&mut self, slot: u32) -> &mut T {
-        let place = &mut self.place[slot as usize];
-        let Sums { slots, sums } = &mut self.sums;
-        if *place == 0 {
-            slots.push(slot);
-            sums.push(T::default());
-            *place = slots.len() as u32;
+    /// The sums of a block of so many, from nothing if it has none yet.
+    #[inline(always)]
+    pub(crate) fn of(&mut self, block: u32, count: usize) -> &mut [T] {
+        let start = &mut self.starts[block as usize];
+        let Sums { blocks, sums } = &mut self.sums;
+        if *start == 0 {
+            blocks.push((block, sums.len() as u32));
+            *start = sums.len() as u32 + 1;
+            sums.resize(sums.len() + count, T::default());
         }
-        &mut sums[*place as usize - 1]
+        let start = *start as usize - 1;
+        &mut sums[start..start + count]
     }
 
     /// The sums alone, which are small.
     pub(crate) fn finish(self) -> Sums<T> {
-        let Self { mut place, sums } = self;
-        for &slot in &sums.slots {
-            place[slot as usize] = 0;
+        let Self { mut starts, sums } = self;
+        for &(block, _) in &sums.blocks {
+            starts[block as usize] = 0;
         }
-        ROOM.set(place);
+        ROOM.set(starts);
         sums
     }
 }
 
 impl<T> Sums<T> {
-    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, &T)> {
-        self.slots.iter().map(|&slot| slot as usize).zip(&self.sums)
+    /// Blocks and their sums, which a block's last is followed by those of others.
+    pub(crate) fn iter(&self) -> impl Iterator<Item = (usize, &[T])> {
+        let blocks = self.blocks.iter();
+        blocks.map(|&(block, start)| (block as usize, &self.sums[start as usize..]))
     }
 
     pub(crate) fn len(&self) -> usize {
-        self.slots.len()
+        self.sums.len()
     }
 }
 
@@ -76,18 +81,20 @@ mod tests {
     #[test]
     fn what_was_never_asked_for_takes_no_part() {
         let mut tally: Tally<f32> = Tally::new(10, 2);
-        *tally.of(7) += 2.0;
-        *tally.of(3) += 1.0;
-        *tally.of(7) += 0.5;
+        tally.of(7, 2)[1] += 2.0;
+        tally.of(3, 1)[0] += 1.0;
+        tally.of(7, 2)[1] += 0.5;
         let listed = |sums: &Sums<f32>| -> Vec<(usize, f32)> {
-            sums.iter().map(|(slot, &sum)| (slot, sum)).collect()
+            sums.iter().map(|(block, sums)| (block, sums[0])).collect()
         };
-        assert_eq!(listed(&tally.finish()), [(7, 2.5), (3, 1.0)]);
-        // The next one begins with nothing, however many slots there are then.
-        for slot in [7, 19] {
-            let mut next: Tally<f32> = Tally::new(slot as usize + 1, 0);
-            *next.of(slot) += 1.0;
-            assert_eq!(listed(&next.finish()), [(slot as usize, 1.0)]);
+        let sums = tally.finish();
+        assert_eq!(listed(&sums), [(7, 0.0), (3, 1.0)]);
+        assert_eq!((sums.len(), sums.iter().next().unwrap().1[1]), (3, 2.5));
+        // The next one begins with nothing, however many blocks there are then.
+        for block in [7, 19] {
+            let mut next: Tally<f32> = Tally::new(block as usize + 1, 0);
+            next.of(block, 1)[0] += 1.0;
+            assert_eq!(listed(&next.finish()), [(block as usize, 1.0)]);
         }
     }
 }

@@ -1,14 +1,13 @@
-//! Which Gaussians a ping sees, and how much of each falls into which bin: its rows of the
-//! system matrix A of the measurement.
+//! Which Gaussians a ping hears, where and how strongly, and what its bins say of each.
 //!
-//! Cost of a ping: one test for each Gaussian of the blocks in its fan, four for one seen; all in all 60 ns a Gaussian seen
-//! and 3 ns a pair, on one core of a shared server.
+//! Cost of a ping: one test for each Gaussian of the blocks in its fan, four for one heard; a sum and a look-up for each heard,
+//! and convolutions of its bins.
 
 use std::ops::Range;
 
-use echosplat_acoustics::PingGeometry;
-use echosplat_acoustics::lanes::{self, LANES};
-use echosplat_acoustics::packed::{self, MatrixRow, View};
+use echosplat_acoustics::heard::{self, Detail, Pulses, Rows, View};
+use echosplat_acoustics::lanes::LANES;
+use echosplat_acoustics::pulse::{GROUP, Weighted};
 use echosplat_acoustics::simd_level;
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x8};
@@ -19,15 +18,19 @@ use crate::features::Extent;
 use crate::refine::field::Field;
 use crate::refine::scene::Scene;
 
-/// Everything one ping sees, and what it should measure. Reused from ping to ping.
+/// Everything one ping hears, and what it should measure. Reused from ping to ping.
 #[derive(Debug, Default)]
 pub(crate) struct Sight {
-    near: Vec<Range<usize>>,
-    places: Vec<u32>,
-    rows: Vec<MatrixRow>,
-    /// Per row and bin; each row's are filled up with zeros to eights.
-    energies: Vec<f32>,
-    pair_count: u64,
+    /// Blocks that it may hear.
+    near: Vec<u32>,
+    /// Places by size, those with shapes last.
+    places: Vec<Vec<u32>>,
+    /// Rows of each block, in order of size.
+    runs: Vec<Run>,
+    rows: Rows,
+    pulses: Pulses,
+    /// Slots of the rows, in full detail.
+    slots: Vec<u32>,
     /// Predicted intensity per bin, noise included; it goes on beyond the last bin.
     pub(crate) predicted: Vec<f32>,
     measured: Vec<f32>,
@@ -35,9 +38,64 @@ pub(crate) struct Sight {
     background: f32,
     /// What each bin counts: 0 in the blanking, little in a shadow, 0 beyond the last.
     pub(crate) bin_weight: Vec<f32>,
-    /// `w/Î` and `w·I/Î²` per bin, as counts `w` and `w·I/Î`: what a row's energies are summed with.
-    share: Vec<f32>,
-    numerator: Vec<f32>,
+    /// Numbers per bin, and what echoes find of them at their places.
+    of_bins: Vec<f32>,
+    gathered: [Vec<f32>; 5],
+}
+
+/// Rows of one block.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Run {
+    size: usize,
+    /// The block, where its Gaussians' places begin, and how many they are.
+    pub(crate) block: u32,
+    first_place: u32,
+    pub(crate) count: usize,
+    first_row: usize,
+    end_row: usize,
+}
+
+impl Run {
+    pub(crate) fn rows(&self) -> Range<usize> {
+        self.first_row..self.end_row
+    }
+
+    /// Which of the block's Gaussians the one at this place is.
+    #[inline(always)]
+    pub(crate) fn within(&self, place: u32) -> usize {
+        (place - self.first_place) as usize
+    }
+}
+
+/// What is summed up of bins.
+#[derive(Debug, Clone, Copy)]
+enum Told {
+    /// `w/Î`.
+    Share,
+    /// `w·I/Î²`.
+    Numerator,
+    /// `w`: as counts.
+    CountsShare,
+    /// `w·I/Î`.
+    CountsNumerator,
+    /// `w/Î²`.
+    Square,
+    /// `w·ε/Î`, ε held within −1 to 3: one wild bin must not carry a Gaussian away.
+    Residual,
+}
+
+impl Told {
+    #[inline(always)]
+    fn of<S: Simd>(self, predicted: f32x8<S>, weight: f32x8<S>, measured: f32x8<S>) -> f32x8<S> {
+        match self {
+            Self::Share => weight / predicted,
+            Self::Numerator => weight / predicted * measured / predicted,
+            Self::CountsShare => weight,
+            Self::CountsNumerator => weight * measured / predicted,
+            Self::Square => weight / (predicted * predicted),
+            Self::Residual => (measured / predicted - 1.0).max(-1.0).min(3.0) * weight / predicted,
+        }
+    }
 }
 
 /// Nats; found.
@@ -52,13 +110,6 @@ const MOST_OVER: f32 = 30.0;
 /// Darkness behind an echo may be its shadow and counts this little.
 const SHADOWED_WEIGHT: f32 = 0.15;
 
-/// `Σ A·w/Î` and `Σ A·w·I/Î²` over the bins of a row.
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Against {
-    pub(crate) share: f32,
-    pub(crate) numerator: f32,
-}
-
 /// Sums over the bins of a row, with `e = Î_row/Î` the row's fraction of a bin, `z` the bin's middle in sigmas
 /// from the row's mean, and `ε` what was measured over what was predicted, less 1.
 #[derive(Debug, Clone, Copy, Default)]
@@ -70,8 +121,14 @@ pub(crate) struct Moments {
 }
 
 impl Sight {
-    /// Fills in what `keyframe` sees of the scene.
-    pub(crate) fn observe(&mut self, keyframe: &Keyframe, scene: Scene<'_>, field: &Field) {
+    /// Fills in what `keyframe` hears of the scene.
+    pub(crate) fn observe(
+        &mut self,
+        keyframe: &Keyframe,
+        scene: Scene<'_>,
+        field: &Field,
+        detail: Detail,
+    ) {
         let geometry = match scene.is_blurred {
             true => keyframe.blurred_geometry(),
             false => keyframe.geometry,
@@ -80,16 +137,15 @@ impl Sight {
         let view = View::of(&geometry, scene.at_work.elevation);
         field.in_fan(&keyframe.fan, &mut self.near);
         dispatch!(simd_level::level(), simd => {
-            self.find(simd, &view, field);
-            self.spread(simd, &geometry);
-            self.compare(simd, scene.at_work.speckle);
+            self.find(simd, &view, field, detail);
+            self.pulses.spread(simd, &self.rows, &mut self.predicted);
         });
     }
 
     /// What the ping measured, and the noise it has to be told from.
     fn listen(&mut self, keyframe: &Keyframe, scene: Scene<'_>) {
         let profile = &keyframe.profile;
-        let padded = (profile.intensity.len() + LANES).next_multiple_of(LANES);
+        let padded = (profile.intensity.len() + LANES).next_multiple_of(GROUP);
         self.predicted.clear();
         self.background = profile.background;
         self.predicted.resize(padded, self.background);
@@ -104,161 +160,154 @@ impl Sight {
             Extent::None => 0.0,
             _ => 1.0,
         };
-        let weights = profile.state.iter().map(|state| weight_of(state, dark));
-        self.bin_weight.extend(weights);
+        let weights = [0, 1, 2, 3].map(|bits| weight_of(BinState::of_bits(bits), dark));
+        profile.state.expand(weights, &mut self.bin_weight);
         self.bin_weight.resize(padded, 0.0);
     }
 
     #[inline(always)]
-    fn find<S: Simd>(&mut self, simd: S, view: &View, field: &Field) {
-        let (numbers, slots) = (field.numbers(), field.slots());
-        self.places.clear();
-        self.rows.clear();
-        for members in &self.near {
-            packed::cull(simd, view, numbers, members.clone(), &mut self.places);
+    fn find<S: Simd>(&mut self, simd: S, view: &View, field: &Field, detail: Detail) {
+        let (numbers, sizes_m) = (field.numbers(), field.sizes_m());
+        self.places.resize_with(sizes_m.len() + 1, Vec::new);
+        self.places.iter_mut().for_each(Vec::clear);
+        self.runs.clear();
+        for &block in &self.near {
+            let (members, size) = field.block(block);
+            let places = &mut self.places[size];
+            let first_row = places.len();
+            heard::cull(simd, view, numbers, members, places);
+            if places.len() > first_row {
+                self.runs.push(Run {
+                    size,
+                    block,
+                    first_place: members.places.start as u32,
+                    count: members.places.len(),
+                    first_row,
+                    end_row: places.len(),
+                });
+            }
         }
-        packed::project(simd, view, numbers, slots, &self.places, &mut self.rows);
+        let mut first_row = 0;
+        for (size, places) in self.places.iter().enumerate() {
+            for run in self.runs.iter_mut().filter(|run| run.size == size) {
+                run.first_row += first_row;
+                run.end_row += first_row;
+            }
+            first_row += places.len();
+        }
+        let count = self.places.iter().map(Vec::len).sum();
+        heard::begin(view, count, detail, &mut self.rows, &mut self.pulses);
+        for (size, places) in self.places.iter().enumerate() {
+            let into = (&mut self.rows, &mut self.pulses);
+            match sizes_m.get(size) {
+                Some(&sigma_m) => {
+                    heard::project_round(simd, view, numbers, sigma_m, places, detail, into);
+                }
+                None => heard::project_shaped(simd, view, numbers, places, detail, into),
+            }
+        }
+        if detail == Detail::Full {
+            let places = self.rows.place[..self.rows.len()].iter();
+            self.slots.clear();
+            self.slots
+                .extend(places.map(|&place| field.slots()[place as usize]));
+        }
     }
 
-    /// Energies of all rows, and their sum.
-    #[inline(always)]
-    fn spread<S: Simd>(&mut self, simd: S, geometry: &PingGeometry) {
-        let mut end = 0;
-        self.pair_count = 0;
-        for row in &mut self.rows {
-            row.energies_from = end as u32;
-            end += row.bins.len().next_multiple_of(LANES);
-            self.pair_count += row.bins.len() as u64;
-        }
-        // What is left of the ping before is written over.
-        self.energies.resize(end, 0.0);
-        for row in &self.rows {
-            let bins = row.bins.start as usize..row.bins.end as usize;
-            let padded = bins.len().next_multiple_of(LANES);
-            let from = row.energies_from as usize;
-            let into = (
-                &mut self.energies[from..from + padded],
-                &mut self.predicted[bins.start..bins.start + padded],
-            );
-            geometry.spread_into(simd, &row.splat, bins, row.strength, into);
-        }
+    pub(crate) fn rows(&self) -> &Rows {
+        &self.rows
     }
 
+    /// Rows of each block.
+    pub(crate) fn runs(&self) -> &[Run] {
+        &self.runs
+    }
+
+    /// Of a row, in full detail.
+    pub(crate) fn slot(&self, row: usize) -> usize {
+        self.slots[row] as usize
+    }
+
+    /// Of a run those that the ping hears.
+    pub(crate) fn heard_of(&self, run: &Run) -> impl Iterator<Item = usize> + '_ {
+        run.rows().filter(|&row| self.rows.energy[row] > 0.0)
+    }
+
+    /// Those that the ping hears.
+    pub(crate) fn heard(&self) -> impl Iterator<Item = usize> + '_ {
+        let rows = 0..self.rows.len();
+        rows.filter(|&row| self.rows.energy[row] > 0.0)
+    }
+
+    pub(crate) fn pulses(&self) -> &Pulses {
+        &self.pulses
+    }
+
+    /// `w/Î` and `w·I/Î²` of the bins around each place of an echo, as counts `w` and `w·I/Î`: with the row's energy
+    /// its denominator and its numerator.
+    pub(crate) fn against_prediction(&mut self, is_speckled: bool) {
+        dispatch!(simd_level::level(), simd => match is_speckled {
+            true => {
+                self.compare(simd, Told::Share, &[(Weighted::Energy, 0)]);
+                self.compare(simd, Told::Numerator, &[(Weighted::Energy, 1)]);
+            }
+            false => {
+                self.compare(simd, Told::CountsShare, &[(Weighted::Energy, 0)]);
+                self.compare(simd, Told::CountsNumerator, &[(Weighted::Energy, 1)]);
+            }
+        });
+    }
+
+    /// What [`Self::against_prediction`] found, by place of an echo.
+    pub(crate) fn against(&self) -> [&[f32]; 2] {
+        let [share, numerator, ..] = &self.gathered;
+        [share, numerator]
+    }
+
+    /// Sums up what is told of each bin around each place of an echo, weighted in one way or more.
     #[inline(always)]
-    fn compare<S: Simd>(&mut self, simd: S, is_speckled: bool) {
-        let count = self.predicted.len();
-        self.share.resize(count, 0.0);
-        self.numerator.resize(count, 0.0);
-        let outputs = self
-            .share
-            .chunks_exact_mut(LANES)
-            .zip(self.numerator.chunks_exact_mut(LANES));
+    fn compare<S: Simd>(&mut self, simd: S, told: Told, ways: &[(Weighted, usize)]) {
+        self.of_bins.resize(self.predicted.len(), 0.0);
         let inputs = self
             .predicted
             .chunks_exact(LANES)
             .zip(self.bin_weight.chunks_exact(LANES));
         let inputs = inputs.zip(self.measured.chunks_exact(LANES));
-        for ((share, numerator), ((predicted, weight), measured)) in outputs.zip(inputs) {
+        let outputs = self.of_bins.chunks_exact_mut(LANES);
+        for (output, ((predicted, weight), measured)) in outputs.zip(inputs) {
             let predicted = f32x8::from_slice(simd, predicted);
             let weight = f32x8::from_slice(simd, weight);
-            let weighted = match is_speckled {
-                true => weight / predicted,
-                false => weight,
-            };
-            weighted.store_slice(share);
-            let ratio = weighted * f32x8::from_slice(simd, measured) / predicted;
-            ratio.store_slice(numerator);
+            let measured = f32x8::from_slice(simd, measured);
+            told.of(predicted, weight, measured).store_slice(output);
+        }
+        for &(weighted, which) in ways {
+            let gathered = &mut self.gathered[which];
+            self.pulses.gather(simd, weighted, &self.of_bins, gathered);
         }
     }
 
-    pub(crate) fn rows(&self) -> &[MatrixRow] {
-        &self.rows
-    }
-
-    /// Energy of a row per bin of `row.bins`, for strength 1.
-    pub(crate) fn energies(&self, row: &MatrixRow) -> &[f32] {
-        let from = row.energies_from as usize;
-        &self.energies[from..from + row.bins.len()]
-    }
-
-    /// Each row against what the ping measured, in the rows' order.
-    pub(crate) fn against_prediction(&self, against: &mut Vec<Against>) {
-        against.clear();
-        dispatch!(simd_level::level(), simd => self.against(simd, against));
-    }
-
-    #[inline(always)]
-    fn against<S: Simd>(&self, simd: S, against: &mut Vec<Against>) {
-        for row in &self.rows {
-            let zero = f32x8::splat(simd, 0.0);
-            let (mut share, mut numerator) = (zero, zero);
-            let (energies, bins) = self.eights(row);
-            let shares = self.share[bins.clone()].chunks_exact(LANES);
-            let numerators = self.numerator[bins].chunks_exact(LANES);
-            for (energy, (shares, numerators)) in
-                energies.chunks_exact(LANES).zip(shares.zip(numerators))
-            {
-                let energy = f32x8::from_slice(simd, energy);
-                share = energy.mul_add(f32x8::from_slice(simd, shares), share);
-                numerator = energy.mul_add(f32x8::from_slice(simd, numerators), numerator);
-            }
-            against.push(Against {
-                share: share.reduce_sum(),
-                numerator: numerator.reduce_sum(),
-            });
-        }
-    }
-
-    /// Energies of a row filled up to eights, and as many bins.
-    #[inline(always)]
-    fn eights(&self, row: &MatrixRow) -> (&[f32], Range<usize>) {
-        let padded = row.bins.len().next_multiple_of(LANES);
-        let (from, first) = (row.energies_from as usize, row.bins.start as usize);
-        (&self.energies[from..from + padded], first..first + padded)
-    }
-
-    /// Each row's moments, in the rows' order; `geometry` is any of the ping.
-    pub(crate) fn moments(&self, geometry: &PingGeometry, moments: &mut Vec<Moments>) {
-        moments.clear();
+    /// Readies the moments of all rows.
+    pub(crate) fn find_moments(&mut self) {
+        let squares = [
+            (Weighted::Square, 0),
+            (Weighted::SquareTilt, 1),
+            (Weighted::SquareBend, 2),
+        ];
+        let residuals = [(Weighted::Energy, 3), (Weighted::Slope, 4)];
         dispatch!(simd_level::level(), simd => {
-            for row in &self.rows {
-                moments.push(self.moments_of(simd, geometry, row));
-            }
+            self.compare(simd, Told::Square, &squares);
+            self.compare(simd, Told::Residual, &residuals);
         });
     }
 
-    #[inline(always)]
-    fn moments_of<S: Simd>(&self, simd: S, geometry: &PingGeometry, row: &MatrixRow) -> Moments {
-        let numbers = lanes::lane_numbers(simd);
-        let zero = f32x8::splat(simd, 0.0);
-        let [mut flat, mut tilt, mut bend, mut residual, mut slope] = [zero; 5];
-        let (energies, bins) = self.eights(row);
-        let by_sigma = 1.0 / row.splat.range_sigma_m;
-        let middle_m = geometry.range_start_m + geometry.bin_length_m * (bins.start as f32 + 0.5);
-        let mut first_z = (middle_m - row.splat.range_m) * by_sigma;
-        let step = geometry.bin_length_m * by_sigma;
-        let predicted = self.predicted[bins.clone()].chunks_exact(LANES);
-        let weights = self.bin_weight[bins.clone()].chunks_exact(LANES);
-        let measured = self.measured[bins].chunks_exact(LANES);
-        let bins = predicted.zip(weights.zip(measured));
-        for (energy, (predicted, (weight, measured))) in energies.chunks_exact(LANES).zip(bins) {
-            let predicted = f32x8::from_slice(simd, predicted);
-            let weight = f32x8::from_slice(simd, weight);
-            let z = numbers.mul_add(step, f32x8::splat(simd, first_z));
-            let part = f32x8::from_slice(simd, energy) * row.strength / predicted;
-            let off = f32x8::from_slice(simd, measured) / predicted - 1.0;
-            let off = off.max(-1.0).min(3.0) * part * weight;
-            let square = part * part * weight;
-            flat += square;
-            tilt = square.mul_add(z, tilt);
-            bend = (square * z).mul_add(z, bend);
-            residual += off;
-            slope = off.mul_add(z, slope);
-            first_z += step * LANES as f32;
-        }
+    /// Of a row, once they are found.
+    pub(crate) fn moments(&self, row: usize) -> Moments {
+        let echo = self.rows.echo[row];
+        let found = |of: &Vec<f32>| self.rows.found(row, of);
+        let [flat, tilt, bend, residual, slope] = &self.gathered;
         Moments {
-            square: [flat.reduce_sum(), tilt.reduce_sum(), bend.reduce_sum()],
-            residual: [residual.reduce_sum(), slope.reduce_sum()],
+            square: [flat, tilt, bend].map(|sum| found(sum) * echo * echo),
+            residual: [residual, slope].map(|sum| found(sum) * echo),
         }
     }
 
@@ -286,7 +335,7 @@ impl Sight {
 
     /// Gaussian–bin pairs in this ping: the unit of work.
     pub(crate) fn pair_count(&self) -> u64 {
-        self.pair_count
+        self.pulses.pair_count()
     }
 }
 

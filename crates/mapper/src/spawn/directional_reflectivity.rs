@@ -39,14 +39,6 @@ impl DirectionalReflectivity {
         ahead.max(behind).max_element()
     }
 
-    /// Adds `amount` to the faces turned along `towards`, by what each counts.
-    pub(crate) fn add_facing(&mut self, towards: Vec3, amount: f32) {
-        let counts = towards * towards * amount;
-        let ahead = towards.cmpge(Vec3::ZERO);
-        self.ahead += Vec3::select(ahead, counts, Vec3::ZERO);
-        self.behind += Vec3::select(ahead, Vec3::ZERO, counts);
-    }
-
     /// Adds face by face.
     pub(crate) fn add(&mut self, other: &Self) {
         self.ahead += other.ahead;

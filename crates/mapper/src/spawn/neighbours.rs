@@ -9,6 +9,9 @@ use rayon::prelude::*;
 
 use crate::spawn::gaussians::Gaussians;
 
+/// Cells that one thread looks around at a time; layout.
+const CELLS_AT_ONCE: usize = 128;
+
 /// Some of the Gaussians, sorted by cell.
 #[derive(Debug)]
 pub(crate) struct Neighbours {
@@ -116,29 +119,32 @@ impl Neighbours {
         asked: impl Fn(usize) -> bool + Sync,
         each: impl Fn(Surroundings<'_>) -> T + Sync,
     ) -> Vec<(usize, T)> {
-        let of_cell = |near: &mut Vec<Place>, cell: &Cell| {
-            let members = self.members(cell).iter();
-            let members: Vec<&Place> = members.filter(|place| asked(place.slot as usize)).collect();
-            if members.is_empty() {
-                return Vec::new();
+        let of_cells = |near: &mut Vec<Place>, cells: &[Cell]| {
+            let mut found = Vec::new();
+            for cell in cells {
+                let members = self.members(cell);
+                if !members.iter().any(|place| asked(place.slot as usize)) {
+                    continue;
+                }
+                near.clear();
+                for beside in self.around(cell.at) {
+                    near.extend_from_slice(self.members(beside));
+                }
+                for place in members.iter().filter(|place| asked(place.slot as usize)) {
+                    let around = Surroundings {
+                        slot: place.slot as usize,
+                        center_m: place.mean_m,
+                        reach_m: self.cell_m,
+                        near,
+                    };
+                    found.push((place.slot as usize, each(around)));
+                }
             }
-            near.clear();
-            for beside in self.around(cell.at) {
-                near.extend_from_slice(self.members(beside));
-            }
-            let found = members.into_iter().map(|place| {
-                let around = Surroundings {
-                    slot: place.slot as usize,
-                    center_m: place.mean_m,
-                    reach_m: self.cell_m,
-                    near,
-                };
-                (place.slot as usize, each(around))
-            });
-            found.collect::<Vec<_>>()
+            found
         };
-        let found = self.cells.par_iter().map_init(Vec::new, of_cell);
-        found.flatten_iter().collect()
+        let parts = self.cells.par_chunks(CELLS_AT_ONCE);
+        let parts: Vec<Vec<(usize, T)>> = parts.map_init(Vec::new, of_cells).collect();
+        parts.into_iter().flatten().collect()
     }
 
     /// Whether something within reach is so strong that they are at most `fraction` of it, of those Gaussians held that are
@@ -148,30 +154,30 @@ impl Neighbours {
         fraction: f32,
         asked: impl Fn(usize) -> bool + Sync,
     ) -> Vec<(usize, bool)> {
-        let of_cell = |cell: &Cell| {
-            let is_asked = |place: &&Place| asked(place.slot as usize);
-            let members: Vec<&Place> = self.members(cell).iter().filter(is_asked).collect();
-            if members.is_empty() {
-                return Vec::new();
+        let of_cells = |cells: &[Cell]| {
+            let (mut found, mut beside) = (Vec::new(), Vec::new());
+            for cell in cells {
+                let is_asked = |place: &&Place| asked(place.slot as usize);
+                let members = || self.members(cell).iter().filter(is_asked);
+                let strengths = members().map(|place| place.strength);
+                let Some(weakest) = strengths.reduce(f32::min) else {
+                    continue;
+                };
+                // Most cells hold nothing that is strong enough.
+                let around = self.around(cell.at);
+                beside.clear();
+                beside.extend(around.filter(|cell| outshines(cell.strongest, weakest, fraction)));
+                let is_outshone = |place: &Place| {
+                    let mut beside = beside.iter();
+                    beside.any(|cell| self.outshine(cell, place, fraction))
+                };
+                found.extend(members().map(|place| (place.slot as usize, is_outshone(place))));
             }
-            let strengths = members.iter().map(|place| place.strength);
-            let weakest = strengths.fold(f32::INFINITY, f32::min);
-            // Most cells hold nothing that is strong enough.
-            let around = self.around(cell.at);
-            let beside: Vec<&Cell> = around
-                .filter(|cell| outshines(cell.strongest, weakest, fraction))
-                .collect();
-            let is_outshone = |place: &Place| {
-                beside
-                    .iter()
-                    .any(|cell| self.outshine(cell, place, fraction))
-            };
-            let found = members
-                .into_iter()
-                .map(|place| (place.slot as usize, is_outshone(place)));
-            found.collect::<Vec<_>>()
+            found
         };
-        self.cells.par_iter().map(of_cell).flatten_iter().collect()
+        let parts = self.cells.par_chunks(CELLS_AT_ONCE);
+        let parts: Vec<Vec<(usize, bool)>> = parts.map(of_cells).collect();
+        parts.into_iter().flatten().collect()
     }
 
     /// Whether the cell has something within reach that outshines the place.

@@ -62,6 +62,8 @@ impl Arcs {
 struct Observations {
     all: [u8; BLOCKS],
     lit: [u8; BLOCKS],
+    /// Sums over all blocks.
+    all_blocks: [u16; 2],
 }
 
 /// One of them.
@@ -77,17 +79,20 @@ impl Observations {
         if let Some(all) = self.all[observation.block].checked_add(1) {
             self.all[observation.block] = all;
             self.lit[observation.block] += u8::from(observation.is_lit);
+            let [all, lit] = &mut self.all_blocks;
+            *all += 1;
+            *lit += u16::from(observation.is_lit);
         }
     }
 
     /// All observations and those that were lit, of the blocks that may tell of `block`.
     fn told(&self, block: usize) -> (f32, f32) {
-        let told = |observations: &[u8; BLOCKS]| {
-            let sum =
-                |observations: &[u8]| observations.iter().copied().map(u32::from).sum::<u32>();
-            (sum(observations) - sum(&observations[left_out(block)])) as f32
+        let told = |observations: &[u8; BLOCKS], of_all: u16| {
+            let left_out = observations[left_out(block)].iter().copied();
+            f32::from(of_all - left_out.map(u16::from).sum::<u16>())
         };
-        (told(&self.all), told(&self.lit))
+        let [all, lit] = self.all_blocks;
+        (told(&self.all, all), told(&self.lit, lit))
     }
 }
 
@@ -255,10 +260,11 @@ impl Rays {
     /// The voxel that a sample lies in; `None` too far off.
     fn voxel(&self, [ahead_m, up_m]: [f64; 2]) -> Option<IVec3> {
         let place = self.position + self.ahead * ahead_m + self.up * up_m;
-        let voxel = place.floor().as_ivec3();
-        let is_near =
-            voxel.cmpge(IVec3::splat(-MOST_VOXELS)) & voxel.cmplt(IVec3::splat(MOST_VOXELS));
-        is_near.all().then_some(voxel)
+        // Positive, so that cutting off rounds down; what is no number, or far off, saturates.
+        let from_edge = (place + f64::from(MOST_VOXELS)).as_ivec3();
+        let is_near = place.cmpge(DVec3::splat(-f64::from(MOST_VOXELS))).all()
+            && from_edge.cmplt(IVec3::splat(2 * MOST_VOXELS)).all();
+        is_near.then_some(from_edge - MOST_VOXELS)
     }
 }
 

@@ -36,9 +36,6 @@ const ROW_MARGIN_VOXELS: f32 = 0.7;
 /// Squared sigmas off the axis; found.
 /// Beyond this many sigma from the axis an observation says nothing clear.
 const OBSERVATION_SIGMAS_SQUARED: f32 = 1.4;
-/// Half-widths, derived: the fan's edge.
-/// Of the fan's half-width, beyond which an observation says nothing.
-const FAN_SHARE: f32 = 1.0;
 /// Ratio of variance; found.
 /// Places are found although the heading is off by this factor of variance: what a surface with specular
 /// returns shows but once must not be lost to one bad pose.
@@ -263,7 +260,7 @@ struct Glance<'a> {
     /// From voxel to voxel along each of the block's axes.
     steps_m: [Vec3; 3],
     voxel_m: f32,
-    /// Squared tangent of elevation at [`FAN_SHARE`].
+    /// Squared tangent of elevation where the fan is half as sensitive: beyond, an observation says nothing.
     edge: f32,
     beam_variance: f32,
     /// What each state says.
@@ -281,9 +278,7 @@ impl<'a> Glance<'a> {
             first_m: into_beam * (first_m - geometry.pose.position_m),
             steps_m: [into_beam.x_axis, into_beam.y_axis, into_beam.z_axis].map(|a| a * voxel_m),
             voxel_m,
-            edge: (FAN_SHARE * geometry.beam.elevation_half_width_rad())
-                .tan()
-                .powi(2),
+            edge: keyframe.fan.half_tangent() * keyframe.fan.half_tangent(),
             beam_variance: sigma * sigma
                 + geometry.azimuth_variance_rad2
                 + POSE_DOUBT * keyframe.blur.azimuth_variance_rad2,
@@ -309,13 +304,23 @@ impl<'a> Glance<'a> {
         let margin_m = 3.5 * step.y.abs() + ROW_MARGIN_VOXELS * self.voxel_m;
         let reach = (OBSERVATION_SIGMAS_SQUARED * self.beam_variance).sqrt();
         let (mut work, mut most) = (0, none);
+        let mut rows = [0_u32; BLOCK_EDGE as usize];
+        for (x, rows) in rows.iter_mut().enumerate() {
+            let first = self.first_m + along_x * x as f32 + step * 3.5;
+            let ahead_m = numbers.mul_add(along_y.x, f32x8::splat(simd, first.x));
+            let aside_m = numbers.mul_add(along_y.y, f32x8::splat(simd, first.y));
+            let lever_m = ahead_m.abs() + 3.5 * self.voxel_m;
+            let is_in_beam = aside_m
+                .abs()
+                .simd_le(lever_m.mul_add(reach, none + margin_m))
+                & ahead_m.simd_ge(-4.0 * self.voxel_m);
+            *rows = is_in_beam.to_bitmask() as u32;
+        }
         for (row, sums) in sums.chunks_exact_mut(LANES).enumerate() {
-            let start = self.first_m + along_x * (row / 8) as f32 + along_y * (row % 8) as f32;
-            let middle = start + step * 3.5;
-            let lever_m = middle.x.abs() + 3.5 * self.voxel_m;
-            if middle.y.abs() > margin_m + reach * lever_m || middle.x < -4.0 * self.voxel_m {
+            if rows[row / 8] >> (row % 8) & 1 == 0 {
                 continue;
             }
+            let start = self.first_m + along_x * (row / 8) as f32 + along_y * (row % 8) as f32;
             work += LANES as u64;
             let (x, y, z) = (across_x + start.x, across_y + start.y, across_z + start.z);
             let lever2 = x.mul_add(x, y * y);
@@ -447,7 +452,7 @@ mod tests {
             + POSE_DOUBT * keyframe.blur.azimuth_variance_rad2;
         let variance_m2 = lever2 * beam + voxel_m * voxel_m / 12.0;
         let off = across_m * across_m / (variance_m2 * OBSERVATION_SIGMAS_SQUARED);
-        let half_width = FAN_SHARE * geometry.beam.elevation_half_width_rad();
+        let half_width = geometry.beam.elevation_half_width_rad();
         let bin = (q.length() - geometry.range_start_m) / geometry.bin_length_m;
         if q.x <= 0.0 || off >= 1.0 || q.z.abs() >= lever2.sqrt() * half_width.tan() || bin < 0.0 {
             return 0.0;

@@ -2,10 +2,13 @@
 
 use std::sync::Arc;
 
+use echosplat_acoustics::heard::Detail;
+
 use super::Terms;
 use crate::accumulate::history::Keyframe;
 use crate::classify::assess::{Desk, Rule, VerdictThresholds, findings_of_ping};
 use crate::refine::expectation::{Pass, strengths_of_ping};
+use crate::refine::field::Field;
 use crate::refine::inherit::{area_of, whole_area};
 use crate::refine::scene::Scene;
 use crate::spawn::gaussians::{Gaussians, Stage};
@@ -30,30 +33,34 @@ pub(crate) fn keep(
         at_work: terms.at_work,
     };
     let count = pings.len();
-    let mut pass = Pass::over(pings.to_vec(), &world.evidence, seen);
-    pass.advance(scene(seen, false), count, strengths_of_ping);
-    let (sums, pairs, _) = pass.finish();
+    let mut pass = Pass::over(pings.to_vec(), Field::of(&world.evidence, seen));
+    let each = |tally: &mut _, (): &mut (), keyframe: &_, sight: &mut _| {
+        strengths_of_ping(tally, keyframe, sight, terms.at_work);
+    };
+    pass.advance(scene(seen, false), count, Detail::Strength, each);
+    let (sums, done) = pass.finish(seen.slot_count());
+    let pairs = done.pairs;
     let rule = Rule::of(
         &scene(map, true),
         VerdictThresholds::of(terms.config, terms.at_work),
     );
-    let mut pass = Pass::over(pings.to_vec(), &world.evidence, seen);
-    let each = |tally: &mut _, desk: &mut Desk, keyframe: &_, sight: &_| {
+    let mut pass = Pass::over(pings.to_vec(), done.field);
+    let each = |tally: &mut _, desk: &mut Desk, keyframe: &_, sight: &mut _| {
         findings_of_ping(tally, desk, keyframe, sight, seen, rule);
     };
-    pass.advance(scene(seen, true), count, each);
-    let (findings, more_pairs, _) = pass.finish();
+    pass.advance(scene(seen, true), count, Detail::Full, each);
+    let (findings, done) = pass.finish(seen.slot_count());
     let whole = whole_area(world.evidence.voxel_m());
     for ((slot, sums), finding) in slots.into_iter().zip(&sums).zip(&findings) {
         let slot = slot as usize;
-        let is_told = sums.weight.sum() > 0.0 || finding.statistics.observations > 0.0;
+        let is_told = sums.weight().sum() > 0.0 || finding.statistics.observations > 0.0;
         if map.stage[slot] == Stage::Worked && is_told {
             let (area, child_share) = (area_of(map, slot) / whole, map.child_share[slot]);
             let kept = map.kept[slot].get_or_insert_default();
-            kept.add(sums.weight, finding, area, child_share);
+            kept.add(sums.weight(), finding, area, child_share);
         }
     }
-    pairs + more_pairs
+    pairs + done.pairs
 }
 
 fn copies(map: &Gaussians, slots: &[u32]) -> Gaussians {

@@ -14,6 +14,7 @@ mod placing;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
+use echosplat_acoustics::heard::Detail;
 use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 
@@ -29,8 +30,10 @@ use crate::classify::certainty;
 use crate::features::{AtWork, Extent, LeftOut};
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::refine::expectation::{
-    Explained, Pace, Pass, Score, StepSums, localise, maximise, scores_of_ping, strengths_of_ping,
+    Done, Explained, Pace, Pass, Score, StepSums, localise, maximise, scores_of_ping,
+    strengths_of_ping,
 };
+use crate::refine::field::Field;
 use crate::refine::inherit::inherit;
 use crate::refine::refill::{Candidate, refill};
 use crate::refine::scene::Scene;
@@ -145,6 +148,10 @@ pub(crate) struct Workout {
     candidates: Vec<Candidate>,
     pings: Vec<Arc<Keyframe>>,
     draft: Gaussians,
+    /// Of the draft as it was in the last pass; none where Gaussians came or changed their shapes since.
+    field: Option<Field>,
+    /// Whether any moved since.
+    has_moved: bool,
     at_work: AtWork,
     thresholds: VerdictThresholds,
     most_pairs: f64,
@@ -219,6 +226,8 @@ impl Workout {
             blocks: Vec::new(),
             candidates: Vec::new(),
             draft: Gaussians::default(),
+            field: None,
+            has_moved: false,
             at_work: terms.at_work,
             thresholds: VerdictThresholds::of(terms.config, terms.at_work),
             most_pairs: most_pairs(terms.config, is_live, pings.len()),
@@ -262,8 +271,13 @@ impl Workout {
             .map(Arc::clone)
             .collect();
         let count = sample.len();
-        let mut pass = Pass::<StepSums>::over(sample, &world.evidence, &self.draft);
-        let pairs = pass.advance(self.scene(world, false), count, |_, (): &mut (), _, _| ());
+        let mut pass = Pass::<StepSums>::over(sample, self.field(world));
+        let pairs = pass.advance(
+            self.scene(world, false),
+            count,
+            Detail::Strength,
+            |_, (): &mut (), _, _| (),
+        );
         self.pairs_per_ping = pairs as f64 / count.max(1) as f64;
         self.is_hurried =
             self.thinning_factor(self.most_pairs) > self.thinning_factor(self.most_pairs_in_full);
@@ -371,7 +385,6 @@ impl Workout {
     }
 
     fn begin_action(&mut self, action: Action, world: &World) {
-        let over = |offset: f64, stride: f64| every(&self.pings, offset, stride);
         match action {
             Action::Strengthen {
                 step,
@@ -380,14 +393,18 @@ impl Workout {
             } => {
                 let interleave = interleave * self.thinning_factor(self.most_pairs);
                 // A stride through the offsets keeps neighbouring steps on different sweeps.
-                let pings = over((step as f64 * OFFSET_STRIDE) % interleave, interleave);
-                let pass = Pass::over(pings, &world.evidence, &self.draft);
+                let pings = every(
+                    &self.pings,
+                    (step as f64 * OFFSET_STRIDE) % interleave,
+                    interleave,
+                );
+                let pass = Pass::over(pings, self.field(world));
                 self.doing = Some(Doing::Strengthen(pass, interleave as f32, pace));
             }
             Action::Localise => {
                 let stride = (2.0 * self.thinning_factor(self.most_pairs)).max(1.0);
-                let pings = over(0.0, stride);
-                let pass = Pass::over(pings, &world.evidence, &self.draft);
+                let pings = every(&self.pings, 0.0, stride);
+                let pass = Pass::over(pings, self.field(world));
                 self.doing = Some(Doing::Localise(pass));
             }
             Action::Assess { stride } => {
@@ -396,7 +413,8 @@ impl Workout {
                     false => self.thinning_factor(self.most_pairs).max(1.0),
                 };
                 let stride = stride * thinning_factor;
-                let pass = Pass::over(over(0.0, stride), &world.evidence, &self.draft);
+                let pings = every(&self.pings, 0.0, stride);
+                let pass = Pass::over(pings, self.field(world));
                 let rule = Rule::of(&self.scene(world, true), self.thresholds);
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
             }
@@ -412,10 +430,17 @@ impl Workout {
             }
             Action::Refill => {
                 let candidates = std::mem::take(&mut self.candidates);
+                self.field = None;
                 self.change(|draft, voxel_m| refill(draft, &candidates, voxel_m));
             }
-            Action::Split => split_confident(&mut self.draft, self.voxel_m),
-            Action::Align => align(&mut self.draft, self.voxel_m),
+            Action::Split => {
+                self.field = None;
+                split_confident(&mut self.draft, self.voxel_m);
+            }
+            Action::Align => {
+                self.field = None;
+                align(&mut self.draft, self.voxel_m);
+            }
         }
     }
 
@@ -434,10 +459,14 @@ impl Workout {
                 Effort::default()
             }
             Doing::Strengthen(mut pass, stride, pace) => {
-                let pairs = pass.advance(self.scene(world, false), count, strengths_of_ping);
+                let (scene, at_work) = (self.scene(world, false), self.at_work);
+                let each = |tally: &mut _, (): &mut (), keyframe: &_, sight: &mut _| {
+                    strengths_of_ping(tally, keyframe, sight, at_work);
+                };
+                let pairs = pass.advance(scene, count, Detail::Strength, each);
                 if pass.is_done() {
-                    let (sums, all, pings) = pass.finish();
-                    self.worked(all, pings);
+                    let (sums, done) = pass.finish(self.draft.slot_count());
+                    self.worked(done);
                     self.explained.add(&self.draft, &sums, stride);
                     maximise(&mut self.draft, &sums, stride, pace, self.at_work);
                     self.iterations += 1;
@@ -447,10 +476,14 @@ impl Workout {
                 Effort::of(pairs)
             }
             Doing::Localise(mut pass) => {
-                let pairs = pass.advance(self.scene(world, false), count, scores_of_ping);
+                let each = |tally: &mut _, (): &mut (), keyframe: &_, sight: &mut _| {
+                    scores_of_ping(tally, keyframe, sight);
+                };
+                let pairs = pass.advance(self.scene(world, false), count, Detail::Full, each);
                 if pass.is_done() {
-                    let (scores, all, pings) = pass.finish();
-                    self.worked(all, pings);
+                    let (scores, done) = pass.finish(self.draft.slot_count());
+                    self.worked(done);
+                    self.has_moved = true;
                     localise(&mut self.draft, &scores, 0.5 * self.voxel_m, self.voxel_m);
                 } else {
                     self.doing = Some(Doing::Localise(pass));
@@ -459,13 +492,17 @@ impl Workout {
             }
             Doing::Assess(mut pass, rule, stride) => {
                 let draft = &self.draft;
-                let each = |tally: &mut _, desk: &mut Desk, keyframe: &_, sight: &_| {
+                let each = |tally: &mut _, desk: &mut Desk, keyframe: &_, sight: &mut _| {
                     findings_of_ping(tally, desk, keyframe, sight, draft, rule);
                 };
                 let count = count.div_ceil(PAIRS_OF_A_FINDING as usize);
-                let pairs = pass.advance(self.scene(world, true), count, each);
+                let pairs = pass.advance(self.scene(world, true), count, Detail::Full, each);
                 self.doing = Some(match pass.is_done() {
-                    true => Doing::Judge(pass.finish().0, stride),
+                    true => {
+                        let (findings, done) = pass.finish(draft.slot_count());
+                        self.field = Some(done.field);
+                        Doing::Judge(findings, stride)
+                    }
                     false => Doing::Assess(pass, rule, stride),
                 });
                 Effort {
@@ -486,9 +523,22 @@ impl Workout {
         }
     }
 
-    fn worked(&mut self, pairs: u64, pings: usize) {
-        if pings > 0 {
-            self.pairs_per_ping = pairs as f64 / pings as f64;
+    fn worked(&mut self, done: Done) {
+        if done.pings > 0 {
+            self.pairs_per_ping = done.pairs as f64 / done.pings as f64;
+        }
+        self.field = Some(done.field);
+    }
+
+    /// Of the draft as it is now.
+    fn field(&mut self, world: &World) -> Field {
+        let has_moved = std::mem::take(&mut self.has_moved);
+        match self.field.take() {
+            Some(mut field) => {
+                field.renew(&world.evidence, &self.draft, has_moved);
+                field
+            }
+            None => Field::of(&world.evidence, &self.draft),
         }
     }
 

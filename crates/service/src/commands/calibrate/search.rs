@@ -75,7 +75,7 @@ pub(super) fn search(dive: &Dive, parameter: Parameter, from: &Trial) -> anyhow:
     Ok(Found {
         best: best.clone(),
         verdict,
-        sigma: sigma(&tried, best_index, from),
+        sigma: sigma(&tried, best_index, from, 0.5 * step),
     })
 }
 
@@ -112,11 +112,14 @@ fn gains(now: &Likelihoods, before: &Likelihoods) -> Vec<f64> {
     gains.collect()
 }
 
-/// Standard error of the top of the parabola through the best and those beside it, by leaving out each block of
-/// pings in turn.
-fn sigma(tried: &[(f64, Trial)], best: usize, from: &Trial) -> Option<f64> {
-    let beside = best.checked_sub(1)?..(best + 2);
-    let tried = tried.get(beside)?;
+/// Standard error of the top of the parabola through the best and those beside it that are at least `apart` from it, by
+/// leaving out each block of pings in turn. Between nearer ones maps differ by chance.
+fn sigma(tried: &[(f64, Trial)], best: usize, from: &Trial, apart: f64) -> Option<f64> {
+    let is_apart = |(shift, _): &&(f64, Trial)| (shift - tried[best].0).abs() >= apart;
+    let (below, above) = (&tried[..best], &tried[best + 1..]);
+    let below = below.iter().rev().find(is_apart).or(below.first())?;
+    let above = above.iter().find(is_apart).or(above.last())?;
+    let tried = [below, &tried[best], above];
     let of_each: Vec<Vec<f64>> = tried
         .iter()
         .map(|(_, trial)| gains(&trial.held_out, &from.held_out))
@@ -203,12 +206,24 @@ mod tests {
         };
         let sigma_of = |apart: f64| {
             let tried = [-1.0, 0.1, 1.0].map(|shift| at(shift, apart));
-            sigma(&tried, 1, &from).unwrap()
+            sigma(&tried, 1, &from, 0.5).unwrap()
         };
         assert!(sigma_of(0.0) < 1e-9);
         let expected = 0.3 / (BLOCKS as f64).sqrt();
         assert!((sigma_of(0.3) - expected).abs() < 0.2 * expected);
+        // One beside the best that is as good but for chance tells nothing.
+        let mut tried = [-1.0, 0.1, 1.0].map(|shift| at(shift, 0.3)).to_vec();
+        let by_chance = |&(i, likelihood): &(u64, f64)| (i, likelihood - 1e-3 * (i / 10) as f64);
+        let beside = tried[1]
+            .1
+            .held_out
+            .iter()
+            .map(by_chance)
+            .collect::<Vec<_>>();
+        tried.insert(2, (0.101, trial(&beside)));
+        let near = sigma(&tried, 1, &from, 0.5).unwrap();
+        assert!((near - expected).abs() < 0.2 * expected, "{near}");
         let tried = [0.0, 1.0].map(|shift| at(shift, 0.0));
-        assert_eq!(sigma(&tried, 0, &from), None);
+        assert_eq!(sigma(&tried, 0, &from, 0.5), None);
     }
 }
