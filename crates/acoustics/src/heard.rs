@@ -308,7 +308,7 @@ struct Extent<S: Simd> {
     mean_range_m: f32x8<S>,
 }
 
-/// Everything of a ping that is worked with: rows, their energies by steps of a bin, and the pulses that spread them.
+/// Energies of a ping's echoes by steps of a bin, and the pulses that spread them. Reused from ping to ping.
 #[derive(Debug, Default)]
 pub struct Pulses {
     pulses: Vec<Pulse>,
@@ -320,7 +320,7 @@ pub struct Pulses {
     by_width: Vec<(i32, usize)>,
     energies: Vec<f32>,
     pair_count: u64,
-    /// Bins with room around, and what is summed up of them, as `energies` stand.
+    /// Numbers per bin, each once for each step of it, with room around.
     padded: Vec<f32>,
 }
 

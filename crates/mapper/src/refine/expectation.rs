@@ -270,7 +270,7 @@ pub(crate) fn strengths_of_ping(
     let rows = sight.rows();
     for run in sight.runs() {
         let sums = tally.of(run.block, run.count);
-        for row in run.rows() {
+        for row in sight.heard_of(run) {
             let energy = keyframe.weight * rows.energy[row];
             let [numerator, weight] = [numerators, shares].map(|of| energy * rows.found(row, of));
             let sums = &mut sums[run.within(rows.place[row])];

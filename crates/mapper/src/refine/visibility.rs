@@ -1,7 +1,7 @@
 //! Which Gaussians a ping hears, where and how strongly, and what its bins say of each.
 //!
-//! Cost of a ping: one test for each Gaussian of the blocks in its fan, four for one heard; a sum and a look-up for each heard,
-//! and convolutions of its bins.
+//! Cost of a ping: one test for each Gaussian of the blocks in its fan, four for one heard; two sums and two look-ups for each
+//! heard, and convolutions of its bins.
 
 use std::ops::Range;
 
