@@ -155,6 +155,40 @@ const ONE_SPHERE: &str = r#"(async () => {
   return lit / (Math.PI * radius * radius);
 })()"#;
 
+/// Two Gaussians behind one another, and what clicks on them and beside them tell: [on them, beside them].
+const CLICKS: &str = r#"(async () => {
+  const e = echosplat;
+  const { Tile } = await import("./map.js");
+  const tile = new Tile("0_0_0");
+  const point = (x, confident) => {
+    const floats = new Float32Array([x, 0, 0, 0, 0, 1, 0.1, 0.1, 0.1, 1, 0, 0, 0, 0.5, 0.25, 0]);
+    new Uint32Array(floats.buffer)[15] = confident;
+    return floats;
+  };
+  tile.put(1, point(9, 1), 0, 0);
+  tile.put(2, point(-1, 1), 0, 0, [2, 12, 40]);
+  tile.put(3, point(1, 0), 0, 0, [6, 3, 7]);
+  tile.remove(1);
+  e.past.moments = [{ diveS: 0, tiles: [tile], originM: [100, 0, -2] }];
+  Object.assign(e.camera, { targetM: [0, 0, 0], yaw: 0, pitch: 0, distanceM: 10, goal: null });
+  const canvas = document.getElementById("view");
+  const click = (x, y, toX = x) => {
+    const box = canvas.getBoundingClientRect();
+    for (const [kind, at] of [["pointerdown", x], ["pointerup", toX]]) {
+      canvas.dispatchEvent(new PointerEvent(kind, { clientX: box.left + at, clientY: box.top + y, button: 0, isPrimary: true, pointerId: 1, bubbles: true }));
+    }
+    const told = document.getElementById("picked");
+    return told.hidden ? "nothing" : told.innerText;
+  };
+  canvas.setPointerCapture = () => {};
+  const [x, y] = [canvas.clientWidth / 2, canvas.clientHeight / 2];
+  const beside = click(x + 200, y);
+  const dragged = click(x, y, x + 40);
+  const front = click(x, y);
+  e.state.shows.ambiguous = false;
+  return { beside, dragged, front, behind: click(x, y) };
+})()"#;
+
 /// So many Gaussians of 2 cm over a quay of 60 by 12 m; then pictures while the camera turns.
 const MANY: &str = r#"(async () => {
   const e = echosplat;
@@ -266,6 +300,26 @@ fn the_page_draws_and_follows_in_a_browser() {
         (area - 1.0).abs() < 0.03,
         "a sphere covers {area} of its disc"
     );
+    let clicks = browser.evaluate(CLICKS);
+    assert_eq!(
+        (&clicks["beside"], &clicks["dragged"]),
+        (&json!("nothing"), &json!("nothing"))
+    );
+    let front = clicks["front"].as_str().unwrap();
+    assert!(
+        front.starts_with("Ambiguous at 101.00, 0.00, −2.00 m, sigma 0.25 m"),
+        "{front}"
+    );
+    assert!(
+        front.contains("only 3 observations are clear") && front.contains("only 7 nats"),
+        "{front}"
+    );
+    let behind = clicks["behind"].as_str().unwrap();
+    assert!(
+        behind.starts_with("Confident at 99.00") && behind.contains("12, 40 % of all"),
+        "{behind}"
+    );
+    browser.evaluate("echosplat.state.shows.ambiguous = true");
     let many = browser.evaluate(MANY);
     say(&format!("200,000 Gaussians: {many}"));
     assert_eq!(many["drawn"], 200_000);

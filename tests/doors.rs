@@ -28,6 +28,7 @@ fn sound(id: u32) -> Gaussian {
         position_covariance_m2: Gaussian::known_alike_m2(0.05),
         probability: 1.0,
         standing: Standing::Confident,
+        why: echosplat_model::Why::default(),
     }
 }
 

@@ -23,7 +23,7 @@ import numpy as np
 PROPERTIES = ("x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 "
               "rot_0 rot_1 rot_2 rot_3 reflectivity sigma cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz "
               "probability").split()
-COLORS = "red green blue".split()
+COLORS = "red green blue reason clear measured".split()
 
 def rows(path):
     header, _, body = open(path, "rb").read().partition(b"end_header\n")
@@ -74,6 +74,7 @@ fn gaussian(index: u16, standing: Standing) -> Gaussian {
         position_covariance_m2: [4e-4, 1e-5 * step, -1e-5, 9e-4, 2e-5, 25e-4],
         probability: 0.005 * step,
         standing,
+        why: echosplat_model::Why::default(),
     }
 }
 

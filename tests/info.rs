@@ -4,6 +4,7 @@ use std::fs;
 use std::path::Path;
 use std::time::Duration;
 
+use echosplat_model::{Gaussian, Standing, Why};
 use serde_json::Value;
 
 use crate::dive::{file, replay};
@@ -288,3 +289,46 @@ const GOOD_MAP: &[u8] = b"ply\nformat ascii 1.0\nelement vertex 1\nproperty floa
     property float z\nproperty float opacity\nproperty float scale_0\nproperty float scale_1\nproperty float scale_2\n\
     property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\nend_header\n\
     1 2 0 0 -3 -3 -3 1 0 0 0\n";
+
+#[test]
+fn why_a_place_is_sure_or_not_can_be_asked_of_a_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let map = folder.path().join("map.ply").display().to_string();
+    Program::echosplat(&replay(&["--map", &map])).wait_exit_code(0, LONG);
+    let found = echosplat_recording::ply::read_map(Path::new(&map)).unwrap();
+    for standing in [Standing::Confident, Standing::Ambiguous] {
+        let of_standing = |gaussian: &&Gaussian| gaussian.standing == standing;
+        let one = found
+            .gaussians
+            .iter()
+            .find(of_standing)
+            .expect("the dive has both");
+        assert_ne!(one.why, Why::default());
+        let place_m = found.origin_m + one.mean_m.as_dvec3();
+        let asked = format!("--why={},{},{}", place_m.x, place_m.y, place_m.z);
+        let told = info_json(&[&map, &asked]);
+        assert!(
+            told["gaussians"].is_u64() && told["why"]["lack"].is_null(),
+            "{told}"
+        );
+        let nearest = &told["why"]["gaussians"][0];
+        assert_eq!(nearest["reason"], one.why.reason.name(), "{told}");
+        assert_eq!(nearest["words"], one.why.to_string());
+        assert_eq!(nearest["standing"], serde_json::to_value(standing).unwrap());
+        let text = info(&[&map, &asked]).stdout();
+        assert!(text.contains(&one.why.to_string()), "{text}");
+    }
+    let far = info(&[&map, "--why", "-500,0,0"]).stdout();
+    assert!(
+        far.contains("no Gaussian within 0.30 m of -500 0 0"),
+        "{far}"
+    );
+    for (file, why, words) in [
+        (&*file("dive.tum"), "0,0,0", "--why asks a map"),
+        (&*map, "0,0", "three numbers"),
+    ] {
+        let mut refused = Program::echosplat(&["info", file, "--why", why]);
+        refused.wait_exit_code(2, LONG);
+        assert!(refused.stderr().contains(words), "{}", refused.account());
+    }
+}

@@ -43,6 +43,7 @@ fn write_wall(path: &Path, origin_m: DVec3) {
                 true => Standing::Confident,
                 false => Standing::Ambiguous,
             },
+            why: echosplat_model::Why::default(),
         }
     });
     let wall: Vec<Gaussian> = wall.collect();

@@ -151,6 +151,7 @@ fn one_of_each() -> Vec<Record> {
         position_covariance_m2: Gaussian::known_alike_m2(f32::INFINITY),
         probability: 1.0,
         standing: Standing::Confident,
+        why: echosplat_model::Why::default(),
     };
     let pose = StampedPose {
         time: Timestamp::from_millis(1_700_000_000_000),

@@ -311,8 +311,21 @@ fn programs_can_ask_how_it_is() {
         assert!(began.elapsed() < LONG, "{}", service.account());
         std::thread::sleep(Duration::from_millis(50));
     }
-    let metrics = ask(port, "GET", "/metrics", &[]).text();
+    let has_begun = |metrics: &str| {
+        let wanted = ["effort_evidence_ns_per_voxel_look ", "mapper_reasons_"];
+        wanted.into_iter().all(|name| metrics.contains(name))
+    };
+    let mut metrics = ask(port, "GET", "/metrics", &[]).text();
+    while !has_begun(&metrics) {
+        assert!(began.elapsed() < LONG, "{metrics}");
+        std::thread::sleep(Duration::from_millis(50));
+        metrics = ask(port, "GET", "/metrics", &[]).text();
+    }
     for name in [
+        "echosplat_effort_detect_visits ",
+        "echosplat_effort_detect_thread_s ",
+        "echosplat_effort_evidence_voxel_looks ",
+        "echosplat_mapper_reasons_",
         "echosplat_pings_received ",
         "echosplat_ledger_mapped ",
         "echosplat_link_state{is=\"",
@@ -325,6 +338,34 @@ fn programs_can_ask_how_it_is() {
     assert_eq!(about["name"], "EchoSplat");
     service.interrupt();
     service.wait_exit(LONG);
+    // What was counted is all that was done, and no time is longer than the run.
+    let told = service.only_json();
+    let effort = &told["effort"];
+    let of_mapper = || {
+        let all = effort.as_object().unwrap().iter();
+        all.filter(|(name, _)| !["calibrate", "frame_check"].contains(&&***name))
+    };
+    let sum = |what: &str| -> u64 {
+        let counts = of_mapper().filter_map(|(_, took)| took[what].as_u64());
+        counts.sum()
+    };
+    assert_eq!(
+        Some(sum("voxel_looks")),
+        told["mapper"]["voxel_looks"].as_u64()
+    );
+    let sampled = effort["begin"]["pairs"].as_u64().unwrap_or(0);
+    assert_eq!(
+        Some(sum("pairs") - sampled),
+        told["pairs"].as_u64(),
+        "{effort}"
+    );
+    let times = of_mapper().filter_map(|(_, took)| took["thread_s"].as_f64());
+    let thread_s: f64 = times.sum();
+    let wall_s = told["wall_s"].as_f64().unwrap();
+    assert!(
+        0.0 < thread_s && thread_s < wall_s,
+        "{thread_s} of {wall_s} s"
+    );
 }
 
 /// As xorshift64 has it.

@@ -8,28 +8,17 @@ and elevation φ = atan2(z, ρ), ρ = √(x² + y²), with covariance C = J S J�
 (r, θ, φ) by (x, y, z). With the beam's pattern exp(−θ²/2σb²) across and g(φ) = 2^−(φ/φh)⁸ along,
 σb = width/2.35482, φh half the fan's width, bin b between r_b and r_b+1 receives
 
-    I_b = U T ρ α Ω g(φ) σb/√V exp(−θ²/2V) [Φ((r_b+1 − r′)/s) − Φ((r_b − r′)/s)]
+    I_b = U ρ α Ω g(φ) σb/√V exp(−θ²/2V) [Φ((r_b+1 − r′)/s) − Φ((r_b − r′)/s)]
     Ω   = 2π cos φ √det C_θφ
     V   = σb² + σa² + C_θθ
     r′  = r − θ C_rθ/V
     s²  = C_rr + σp² − C_rθ²/V
 
-where U is the map's intensity unit, α the opacity (at most 0.999), ρ the reflectivity, σa one sigma
-of the sensor's attitude, and σp² the variance of the pulse (as wide at half its height as it is
-long, c·duration/2) and of the sensor's position. Left out are Gaussians nearer than 5 cm, with
-x ≤ r/4, with |y| > 2.8 √((σb² + σa²) ρ² + trace S), or with g ≤ 0.001; and of each the bins that lie
-wholly further than 3 s from r′.
-
-T is what gets through. Directions are cut into cells: 8 columns across ±2.8 √(σb² + σa²), and rows
-of 0.5° up to ±1.3 φh, rounded up. In a cell of size δθ × δφ whose centre lies d from (θ, φ), a
-Gaussian covers the fraction
-
-    f = √(det C_θφ / det B) exp(−½ dᵀ B⁻¹ d),  B = C_θφ + diag(½δθ, ½δφ)²
-
-or nothing beyond 3.5 sigmas of B. From near to far (by r, then by number), a cell lets
-t = Π (1 − min(α f, 0.999)) of the nearer ones through to the next, or nothing once t < 10⁻⁴; and
-T = Σ w f t / Σ w f over the cells, w = exp(−½θ²/(σb² + σa²)) g(φ) at their centres. A Gaussian that
-covers no cell has T = 1.
+where U is the map's intensity unit, α the opacity, ρ the reflectivity, σa one sigma of the
+sensor's attitude, and σp² the variance of the pulse (as wide at half its height as it is long,
+c·duration/2) and of the sensor's position. Left out are Gaussians nearer than 5 cm, with x ≤ r/4,
+with θ² > 2.8² V, or with g ≤ 0.001; and of each the bins that lie wholly further than 3 s from r′.
+Nothing hides anything, as in the mapper's own model.
 """
 
 import argparse
@@ -74,7 +63,7 @@ def rotation(w, x, y, z):
 
 
 def load(path):
-    """Means in the world, covariances, opacity and strength of a map with its ambiguous part."""
+    """Means in the world, covariances and strengths of a map with its ambiguous part."""
     path = pathlib.Path(path)
     beside = path.with_name(path.stem + ".ambiguous.ply")
     parts = []
@@ -84,10 +73,10 @@ def load(path):
         stack = lambda *names: np.stack([column[name] for name in names], axis=-1)
         axes = rotation(*(column[f"rot_{k}"] for k in range(4)))
         scaled = axes * np.exp(stack("scale_0", "scale_1", "scale_2"))[:, None, :]
-        opacity = np.minimum(1 / (1 + np.exp(-column["opacity"])), 0.999)
+        opacity = 1 / (1 + np.exp(-column["opacity"]))
         strength = opacity * column["reflectivity"] * unit
         covariance = scaled @ np.swapaxes(scaled, 1, 2)
-        parts.append((stack("x", "y", "z") + origin, covariance, opacity, strength))
+        parts.append((stack("x", "y", "z") + origin, covariance, strength))
     return [np.concatenate(column) for column in zip(*parts)]
 
 
@@ -104,32 +93,9 @@ def project(q, S):
     return r, np.arctan2(y, x), np.arctan2(z, rho), J @ S @ np.swapaxes(J, 1, 2)
 
 
-def transmittance(r, theta, phi, C, opacity, sigma, fan_half):
-    """What gets through to each Gaussian."""
-    d_theta, d_phi = 2 * 2.8 * sigma / 8, math.radians(0.5)
-    rows = math.ceil(round(2 * 1.3 * fan_half / d_phi, 9))
-    columns = (np.arange(8) - 3.5) * d_theta
-    theta_c, phi_c = np.meshgrid(columns, (np.arange(rows) - 0.5 * (rows - 1)) * d_phi)
-    w = np.exp(-0.5 * (theta_c / sigma) ** 2) * 2.0 ** -((phi_c / fan_half) ** 8)
-    log_t, T = np.zeros_like(w), np.ones_like(r)
-    for i in np.argsort(r, kind="stable"):
-        own = C[i, 1:, 1:]
-        B = own + np.diag([0.25 * d_theta**2, 0.25 * d_phi**2])
-        d = np.stack([theta_c - theta[i], phi_c - phi[i]], axis=-1)
-        far2 = np.einsum("...i,ij,...j", d, np.linalg.inv(B), d)
-        f = math.sqrt(max(np.linalg.det(own), 0) / np.linalg.det(B)) * np.exp(-0.5 * far2)
-        f[far2 > 3.5**2] = 0
-        t = np.exp(log_t)
-        t[t < 1e-4] = 0
-        if (covered := np.sum(w * f)) > 1e-20:
-            T[i] = np.sum(w * f * t) / covered
-        log_t += np.log1p(-np.minimum(opacity[i] * f, 0.999))
-    return T
-
-
 def render(gaussians, position, orientation_xyzw, o):
     """Intensity per bin of one ping."""
-    mean, covariance, opacity, strength = gaussians
+    mean, covariance, strength = gaussians
     x, y, z, w = (np.array([number]) for number in orientation_xyzw)
     axes = rotation(w, x, y, z)[0]
     q, S = (mean - position) @ axes, axes.T @ covariance @ axes
@@ -140,19 +106,15 @@ def render(gaussians, position, orientation_xyzw, o):
 
     r, rho = np.linalg.norm(q, axis=1), np.hypot(q[:, 0], q[:, 1])
     seen = (r > 0.05) & (q[:, 0] > 0.25 * r)
-    reach2 = sigma**2 * rho**2 + np.trace(S, axis1=1, axis2=2)
-    seen &= q[:, 1] ** 2 <= 2.8**2 * reach2
     seen &= 2.0 ** -((np.arctan2(q[:, 2], rho) / fan_half) ** 8) > 1e-3
-    q, S, opacity, strength = q[seen], S[seen], opacity[seen], strength[seen]
+    q, S, strength = q[seen], S[seen], strength[seen]
 
     r, theta, phi, C = project(q, S)
-    T = np.ones_like(r)
-    if not o.no_occlusion:
-        T = transmittance(r, theta, phi, C, opacity, sigma, fan_half)
     V = sigma**2 + C[:, 1, 1]
     omega = 2 * math.pi * np.cos(phi) * np.sqrt(np.maximum(np.linalg.det(C[:, 1:, 1:]), 0))
     g = 2.0 ** -((phi / fan_half) ** 8)
-    energy = T * strength * omega * g * sigma_b / np.sqrt(V) * np.exp(-0.5 * theta**2 / V)
+    energy = strength * omega * g * sigma_b / np.sqrt(V) * np.exp(-0.5 * theta**2 / V)
+    energy[theta**2 > 2.8**2 * V] = 0
     middle = r - theta * C[:, 0, 1] / V
     s = np.sqrt(C[:, 0, 0] + sigma_p2 - C[:, 0, 1] ** 2 / V)
     edges = np.linspace(o.start_m, o.range_m, o.bins + 1)
@@ -176,7 +138,6 @@ def main():
     parser.add_argument("--attitude-sigma-deg", type=float, default=0.0)
     parser.add_argument("--beam-deg", type=float, default=0.8)
     parser.add_argument("--fan-deg", type=float, default=50.0)
-    parser.add_argument("--no-occlusion", action="store_true")
     options = parser.parse_args()
     lines = pathlib.Path(options.poses).read_text().splitlines()
     poses = [line.split() for line in lines if line.strip() and not line.startswith("#")]

@@ -16,7 +16,7 @@ pub struct BenchArguments {
 pub(crate) enum Bench {
     /// Gaussian–bin pairs per second and core of the rendering kernels
     Kernels(BenchOptions),
-    /// Stiff and extreme cases: the program against f64 and against naive f32
+    /// Stiff and extreme cases: the program against f64
     Stability(BenchOptions),
     /// The paper's method on the paper's two cases, beside the figures it prints
     Paper(PaperBenchArguments),

@@ -24,6 +24,8 @@
 //! | 84 | `probability` | f32 | 1 | that there is surface within 0.10 m of it, 0 to 1 |
 //! | 88 | `confident` | u32 | | 1 asserted as surface, 0 ambiguous |
 //!
+//! Which test gave it its verdict is in the attachment ([`crate::map_message`]).
+//!
 //! A point beyond what a Gaussian can be ([`Gaussian::check`]) is not written, and left out when read.
 //!
 //! In numpy, with `data` the message's bytes field:
@@ -36,7 +38,7 @@
 //!     ("confident", "<u4")])
 //! ```
 
-use echosplat_model::{Gaussian, GaussianId, Standing, Timestamp, Unsound};
+use echosplat_model::{Gaussian, GaussianId, Standing, Timestamp, Unsound, Why};
 use echosplat_ros::point_cloud2::{self, FLOAT32, UINT32};
 use glam::{Quat, Vec3};
 
@@ -193,6 +195,14 @@ fn point_of(gaussian: &Gaussian) -> [u8; POINT_BYTES] {
 /// # Errors
 /// If the bytes are no such message. Points that are unsound are counted and left out.
 pub fn decode(bytes: &[u8]) -> Result<PointCloud, PointCloudError> {
+    decode_with(bytes, |_| Why::default())
+}
+
+/// The same, with the reason that each point's number, from 0, has.
+pub(crate) fn decode_with(
+    bytes: &[u8],
+    why_of: impl Fn(usize) -> Why,
+) -> Result<PointCloud, PointCloudError> {
     let mut reader = CdrReader::new(bytes)?;
     let header = Header::read(&mut reader)?;
     let height = reader.u32("height")?;
@@ -223,23 +233,18 @@ pub fn decode(bytes: &[u8]) -> Result<PointCloud, PointCloudError> {
         });
     }
     let points = data.chunks_exact(point_step as usize);
-    read_points(points, &offsets, &header)
-}
-
-fn read_points<'a>(
-    points: impl ExactSizeIterator<Item = &'a [u8]>,
-    offsets: &Offsets,
-    header: &Header<'_>,
-) -> Result<PointCloud, PointCloudError> {
     let mut cloud = PointCloud {
         stamp: header.stamp,
         frame_id: header.frame_id.to_owned(),
         gaussians: Vec::with_capacity(points.len()),
         unsound: Vec::new(),
     };
-    for point in points {
-        match gaussian_of(point, offsets)? {
-            Ok(gaussian) => cloud.gaussians.push(gaussian),
+    for (number, point) in points.enumerate() {
+        match gaussian_of(point, &offsets)? {
+            Ok(gaussian) => cloud.gaussians.push(Gaussian {
+                why: why_of(number),
+                ..gaussian
+            }),
             Err(unsound) => cloud.unsound.push(unsound),
         }
     }
@@ -292,6 +297,7 @@ fn gaussian_of(point: &[u8], offsets: &Offsets) -> Result<Admitted, PointCloudEr
         position_covariance_m2: std::array::from_fn(|i| value(15 + i)),
         probability: value(21),
         standing,
+        why: Why::default(),
     };
     Ok(gaussian.admitted().map_err(|why| (id, why)))
 }
@@ -357,7 +363,8 @@ mod tests {
         odd.sigma_m = f32::INFINITY;
         odd.standing = Standing::Ambiguous;
         let sent = [gaussian(0), odd, gaussian(7)];
-        let cloud = decode(&encode(&sent, stamp(), "sea/map")).unwrap();
+        let payload = encode(&sent, stamp(), "sea/map");
+        let cloud = decode_with(&payload, |number| sent[number].why).unwrap();
         assert_eq!(cloud.stamp, stamp());
         assert_eq!(cloud.frame_id, "sea/map");
         assert_eq!(cloud.unsound, []);
@@ -373,7 +380,8 @@ mod tests {
         let mut turned_by_nothing = gaussian(4);
         turned_by_nothing.rotation = Quat::from_xyzw(0.0, 0.0, 0.0, 0.0);
         let sent = [nan, gaussian(3), flat, turned_by_nothing];
-        let cloud = decode(&encode(&sent, stamp(), "")).unwrap();
+        let payload = encode(&sent, stamp(), "");
+        let cloud = decode_with(&payload, |number| sent[number].why).unwrap();
         let unsound = [
             (1, Unsound::Place),
             (2, Unsound::Scale),

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use echosplat_model::{Gaussian, Snapshot, Standing, Timestamp};
+use echosplat_model::{Gaussian, Snapshot, Standing, Timestamp, Why};
 use glam::{DVec3, Quat, Vec3};
 
 pub(crate) use crate::delta::bits;
@@ -26,6 +26,7 @@ pub(crate) fn gaussian(id: u32) -> Gaussian {
             1 => Standing::Ambiguous,
             _ => Standing::Confident,
         },
+        why: Why::of_bytes([(id % 18 + 1) as u8, (id % 251) as u8, (id % 255) as u8]),
     }
 }
 

@@ -1,6 +1,6 @@
 //! What can be set, with defaults that hold for any scene.
 
-use echosplat_acoustics::{Beam, BeamError};
+use echosplat_measurement::{Beam, BeamError};
 use serde::{Deserialize, Serialize};
 
 use crate::Features;

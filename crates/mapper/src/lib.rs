@@ -52,6 +52,7 @@ mod calibrate;
 mod classify;
 mod config;
 mod detect;
+mod effort;
 mod features;
 mod mapper;
 mod progress;
@@ -63,6 +64,9 @@ mod world;
 pub use accumulate::history::geometry_of;
 pub use calibrate::{Calibration, Estimate};
 pub use config::{ConfigError, MapperConfig};
+pub use effort::{Counted, Task, TaskCounts, TaskEnd};
 pub use features::{Features, LeftOut};
-pub use mapper::{Calibrator, InsertReport, Mapper, MapperStatus};
+pub use mapper::{
+    Calibrator, Foretold, InsertReport, Mapper, MapperStatus, Questions, ReasonCounts,
+};
 pub use refine::step::damped_step;

@@ -234,6 +234,7 @@ mod tests {
                 position_covariance_m2: Gaussian::known_alike_m2(0.1),
                 probability: 1.0,
                 standing: Standing::Confident,
+                why: echosplat_model::Why::default(),
             };
             let expected_m = origin_m + world.heading * inside.mean_m.as_dvec3();
             let told_m = world.published_origin_m + world.leave(inside).mean_m.as_dvec3();

@@ -248,6 +248,7 @@ mod tests {
             position_covariance_m2: [across_m2, 0.0, 0.0, along_m2, 0.0, along_m2],
             probability,
             standing: Standing::Confident,
+            why: echosplat_model::Why::default(),
         }
     }
 

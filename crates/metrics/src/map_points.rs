@@ -117,6 +117,7 @@ mod tests {
             position_covariance_m2: Gaussian::known_alike_m2(0.1),
             probability: 1.0,
             standing,
+            why: echosplat_model::Why::default(),
         }
     }
 

@@ -3,6 +3,8 @@
 use glam::{Mat3, Quat, Vec3};
 use serde::{Deserialize, Serialize};
 
+use crate::Why;
+
 /// Stable name of a Gaussian within one epoch of a map; never used twice.
 pub type GaussianId = u32;
 
@@ -41,6 +43,9 @@ pub struct Gaussian {
     pub probability: f32,
     /// Surface or one of several explanations.
     pub standing: Standing,
+    /// Which test said so.
+    #[serde(default)]
+    pub why: Why,
 }
 
 impl Gaussian {
@@ -77,6 +82,7 @@ mod tests {
             position_covariance_m2: Gaussian::known_alike_m2(f32::INFINITY),
             probability: 1.0,
             standing: Standing::Ambiguous,
+            why: Why::default(),
         };
         let covariance = gaussian.covariance_m2();
         let expected = Mat3::from_diagonal(Vec3::new(1.0, 4.0, 0.25));

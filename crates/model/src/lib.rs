@@ -11,6 +11,7 @@ mod gaussian;
 mod ping;
 mod pose;
 mod rate_limit;
+mod reason;
 mod smoothing;
 mod snapshot;
 mod soundness;
@@ -25,6 +26,7 @@ pub use pose::{
     HALF_TURN_ABOUT_X, Pose, Twist, enu_from_flu, enu_from_ned, flu_from_flu, flu_from_frd,
 };
 pub use rate_limit::RateLimit;
+pub use reason::{Reason, Unit, Why};
 pub use smoothing::LEFT_OF_JITTER;
 pub use snapshot::{Delta, Snapshot, TileKey};
 pub use soundness::{

@@ -155,6 +155,7 @@ mod tests {
             position_covariance_m2: [4e-4, 1e-5, -1e-5, 9e-4, 2e-5, 25e-4],
             probability: 0.75,
             standing: Standing::Confident,
+            why: crate::Why::default(),
         }
     }
 

@@ -6,6 +6,7 @@ import { wake } from "./frames.js";
 import "./incoming.js";
 import { nextMode, readPalette, setMode, showLegend } from "./legend.js";
 import { clamp, rotated } from "./math.js";
+import { picked } from "./pick.js";
 import { showErrors } from "./plots.js";
 import { $, canvas, model, panels, past, pings, scene, state } from "./state.js";
 import { lookAt } from "./time.js";
@@ -39,7 +40,10 @@ const KEYS = {
   g: () => flip("shows-grid"), l: () => flip("lighting"),
   c: nextMode,
   " ": () => lookAt(state.at === null ? state.diveS : null),
-  escape: () => panels.toggle(false),
+  escape: () => {
+    panels.toggle(false);
+    $("picked").hidden = true;
+  },
 };
 addEventListener("keydown", (event) => {
   const isTyping = event.target.closest("input:not([type=range]):not([type=checkbox]), select, textarea");
@@ -85,5 +89,6 @@ window.echosplat = {
   },
   draw,
   lit,
+  picked,
   wake,
 };

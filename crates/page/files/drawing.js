@@ -40,7 +40,8 @@ canvas.addEventListener("webglcontextrestored", () => {
   wake();
 });
 
-function shownTiles() {
+/// What is looked at: now, or a moment before.
+export function shownTiles() {
   if (state.at === null) return { tiles: [...model.tiles.values()], originM: model.originM, pose: state.pose };
   const { moment, pose } = past.at(state.at);
   return { tiles: moment?.tiles ?? [], originM: moment?.originM ?? model.originM, pose: pose ?? state.pose };

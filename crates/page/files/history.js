@@ -34,6 +34,7 @@ export class History {
           version: tile.version,
           count: tile.count,
           floats: tile.floats.slice(0, tile.count * 16),
+          whys: tile.whys.slice(0, tile.count * 3),
           low: [...tile.low],
           high: [...tile.high],
           reachM: tile.reachM,

@@ -46,6 +46,7 @@ function hello(message) {
   scene.fanDeg = message.fan_deg;
   scene.setTrack(message.track);
   state.tileEdgeM = message.tile_edge_m;
+  state.reasons = message.reasons;
   state.firstTimeNs = message.first_time_ns ?? state.firstTimeNs;
   state.errors = message.errors;
   showErrors();

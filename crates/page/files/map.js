@@ -1,6 +1,6 @@
 // The map as the service has it: tiles of Gaussians, kept up by deltas, begun by a snapshot.
 
-import { FIELD, POINT_FLOATS, points } from "./wire.js";
+import { FIELD, POINT_FLOATS, points, WHY_BYTES } from "./wire.js";
 
 const FIRST_CAPACITY = 64;
 
@@ -13,6 +13,7 @@ export class Tile {
     this.slots = new Map();
     this.floats = new Float32Array(FIRST_CAPACITY * POINT_FLOATS);
     this.ids = new Uint32Array(this.floats.buffer);
+    this.whys = new Uint8Array(FIRST_CAPACITY * WHY_BYTES);
     this.count = 0;
     this.version = 0;
     this.dirty = null;
@@ -22,7 +23,8 @@ export class Tile {
     this.reachM = 0;
   }
 
-  put(id, source, at, changed) {
+  /// `why` are the bytes of its reason, if they are known.
+  put(id, source, at, changed, why = null) {
     let slot = this.slots.get(id);
     if (slot === undefined) {
       slot = this.count;
@@ -32,6 +34,8 @@ export class Tile {
     }
     const to = slot * POINT_FLOATS;
     this.floats.set(source.subarray(at, at + POINT_FLOATS), to);
+    if (why) this.whys.set(why, slot * WHY_BYTES);
+    else this.whys.fill(0, slot * WHY_BYTES, (slot + 1) * WHY_BYTES);
     this.#finish(slot, source, at, changed);
   }
 
@@ -43,6 +47,7 @@ export class Tile {
     if (slot !== last) {
       const from = last * POINT_FLOATS;
       this.floats.copyWithin(slot * POINT_FLOATS, from, from + POINT_FLOATS);
+      this.whys.copyWithin(slot * WHY_BYTES, last * WHY_BYTES, (last + 1) * WHY_BYTES);
       this.slots.set(this.ids[slot * POINT_FLOATS + FIELD.id], slot);
       this.#touch(slot);
     }
@@ -76,6 +81,9 @@ export class Tile {
     floats.set(this.floats);
     this.floats = floats;
     this.ids = new Uint32Array(floats.buffer);
+    const whys = new Uint8Array(this.whys.length * 2);
+    whys.set(this.whys);
+    this.whys = whys;
     this.dirty = [0, this.count];
   }
 }
@@ -118,7 +126,7 @@ export class MapModel {
       this.parts = null;
       return LOST_THREAD;
     }
-    this.parts.push({ header, points: points(payload) });
+    this.parts.push({ header, points: points(payload, header) });
     if (this.parts.length < header.parts) return APPLIED;
     const parts = this.parts;
     this.reset();
@@ -143,7 +151,7 @@ export class MapModel {
     if (!isNext) return LOST_THREAD;
     const tile = this.tiles.get(header.tile);
     if (tile) for (const id of header.removed) tile.remove(id);
-    const cloud = points(payload);
+    const cloud = points(payload, header);
     if (cloud.count) this.#put(header.tile, cloud, changed);
     this.#stand(header);
     this.chunk = header.chunk + 1 < header.chunks ? header.chunk + 1 : 0;
@@ -158,7 +166,8 @@ export class MapModel {
     }
     for (let i = 0; i < cloud.count; i += 1) {
       const at = i * POINT_FLOATS;
-      tile.put(cloud.ids[at + FIELD.id], cloud.floats, at, changed);
+      const why = cloud.whys?.subarray(i * WHY_BYTES, (i + 1) * WHY_BYTES);
+      tile.put(cloud.ids[at + FIELD.id], cloud.floats, at, changed, why);
     }
   }
 

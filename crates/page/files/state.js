@@ -30,6 +30,8 @@ export const state = {
   summaryAt: 0,
   errors: [],
   tileEdgeM: 4,
+  /// Name, words and unit of each reason of a verdict, by its number.
+  reasons: [],
   needsPicture: true,
   frames: [],
   frameMs: 16,

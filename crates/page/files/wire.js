@@ -8,6 +8,8 @@ const SENT_BYTES = 92;
 const SENT_WORDS = SENT_BYTES / 4;
 export const POINT_BYTES = 64;
 export const POINT_FLOATS = 16;
+/// Beside each point: number of the reason of its verdict, clear observations, what the test measured.
+export const WHY_BYTES = 3;
 
 /// Where the numbers of a point that is kept are, in words of four bytes: as they come, but for the last.
 export const FIELD = {
@@ -33,8 +35,9 @@ export function parse(buffer) {
   };
 }
 
-/// The points of a cloud as words: { count, floats, ids } over the same bytes.
-export function points(cdr) {
+/// The points of a cloud as words: { count, floats, ids } over the same bytes, and `whys` beside them as the header has
+/// them, null if it has none.
+export function points(cdr, header = {}) {
   const reader = new CdrReader(cdr);
   reader.u32(); // seconds
   reader.u32(); // nanoseconds
@@ -63,7 +66,14 @@ export function points(cdr) {
     kept.set(sent.subarray(from, from + FIELD.confident), i * POINT_FLOATS);
     kept[i * POINT_FLOATS + FIELD.confident] = sent[from + SENT_WORDS - 1];
   }
-  return { count, floats: new Float32Array(kept.buffer), ids: kept };
+  return { count, floats: new Float32Array(kept.buffer), ids: kept, whys: whysOf(header, count) };
+}
+
+function whysOf({ why }, count) {
+  if (!why) return null;
+  const text = atob(why);
+  if (text.length !== count * WHY_BYTES) return null;
+  return Uint8Array.from(text, (c) => c.charCodeAt(0));
 }
 
 /// Little-endian CDR behind four bytes of encapsulation, from whose end alignment counts.

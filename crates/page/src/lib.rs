@@ -23,7 +23,7 @@ macro_rules! files {
 }
 
 /// Every file of the live page.
-pub const FILES: [PageFile; 27] = files![
+pub const FILES: [PageFile; 28] = files![
     "index.html",
     "style.css",
     "icon.svg",
@@ -42,6 +42,7 @@ pub const FILES: [PageFile; 27] = files![
     "math.js",
     "notices.js",
     "panels.js",
+    "pick.js",
     "picture.js",
     "plots.js",
     "renderer.js",

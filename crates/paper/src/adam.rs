@@ -2,7 +2,7 @@
 
 use std::sync::LazyLock;
 
-use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
+use crate::parameters::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
 
 use crate::retain::retain;
 

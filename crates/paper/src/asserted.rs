@@ -1,6 +1,6 @@
 //! What the map asserts, in the project's own vocabulary.
 
-use echosplat_acoustics::{GaussianArrays, opacity_of};
+use crate::parameters::{GaussianArrays, opacity_of};
 use echosplat_model::glam::{Quat, Vec3};
 use echosplat_model::{Gaussian, GaussianId, Standing};
 
@@ -24,6 +24,7 @@ pub(crate) fn asserted(
             position_covariance_m2: Gaussian::known_alike_m2(f32::INFINITY),
             probability: 1.0,
             standing: Standing::Confident,
+            why: echosplat_model::Why::default(),
         };
         (gaussian.opacity > least_opacity && gaussian.is_sound()).then_some(gaussian)
     };

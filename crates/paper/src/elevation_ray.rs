@@ -5,7 +5,7 @@
 //! image, and the variance (39) through that and the range itself. With counts in the tens the
 //! softmax (36) saturates and the entropy's gradient is close to zero; both are as printed.
 
-use echosplat_acoustics::{GaussianArrays, GradientArrays};
+use crate::parameters::{GaussianArrays, GradientArrays};
 use glam::Vec3;
 use rayon::prelude::*;
 

@@ -34,8 +34,10 @@ mod grid;
 mod images;
 mod loss;
 mod method;
+mod parameters;
 mod pruning;
 mod random;
+mod real;
 mod regularisers;
 pub mod rendering;
 mod retain;
@@ -51,5 +53,10 @@ pub use candidates::CandidateCounts;
 pub use choices::{ASSERTED_IN_FENCE_FIGURE, ASSERTED_IN_TRUSS_FIGURE, Choice, Choices, Shadowing};
 pub use images::{Image, ImageError, Images};
 pub use method::{EpochReport, PaperMethod};
+pub use parameters::{
+    GaussianArrays, GradientArrays, OPACITY_MAX, PARAMETER_COUNT, Parameters, opacity_of,
+    opacity_slope,
+};
 pub use pruning::Pruned;
+pub use real::Real;
 pub use support::{Support, support};

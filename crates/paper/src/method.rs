@@ -1,8 +1,8 @@
 //! The method in the paper's order.
 
+use crate::parameters::{GaussianArrays, GradientArrays, opacity_of, opacity_slope};
 use crate::rendering::PaperRenderer;
 use crate::retain::retain;
-use echosplat_acoustics::{GaussianArrays, GradientArrays, opacity_of, opacity_slope};
 use echosplat_model::{Gaussian, GaussianId, Snapshot};
 use glam::Vec3;
 

@@ -1,6 +1,6 @@
 //! The two plain terms of (42): `λ_α ‖α‖²` and `λ_s ‖S‖²`.
 
-use echosplat_acoustics::{GaussianArrays, GradientArrays, opacity_of, opacity_slope};
+use crate::parameters::{GaussianArrays, GradientArrays, opacity_of, opacity_slope};
 
 use crate::Choices;
 

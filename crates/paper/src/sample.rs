@@ -1,7 +1,7 @@
 //! Small scenes for tests.
 
+use crate::parameters::{GaussianArrays, Parameters};
 use crate::rendering::PaperView;
-use echosplat_acoustics::{GaussianArrays, Parameters};
 use echosplat_model::Timestamp;
 use glam::{DVec3, Mat3, Quat, Vec3};
 

@@ -2,9 +2,9 @@
 
 use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
 
+use crate::parameters::{GaussianArrays, Parameters};
 use crate::random::Random;
 use crate::rendering::PaperView;
-use echosplat_acoustics::{GaussianArrays, Parameters};
 
 /// One image and what is before it.
 #[derive(Debug, Clone)]

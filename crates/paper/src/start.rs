@@ -1,6 +1,6 @@
 //! (13): the first Gaussians.
 
-use echosplat_acoustics::{GaussianArrays, OPACITY_MAX, Parameters};
+use crate::parameters::{GaussianArrays, OPACITY_MAX, Parameters};
 use glam::{Quat, Vec3};
 
 use crate::Choices;

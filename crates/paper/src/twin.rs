@@ -2,14 +2,22 @@
 
 use echosplat_model::glam::Vec3;
 
+use crate::parameters::{GaussianArrays, PARAMETER_COUNT, opacity_of, opacity_slope};
+use crate::real::Real;
 use crate::rendering::{
     COVARIANCE_MAX, LEAST_AXIS_RATIO, LEAST_RANGE_M, LEAST_TRANSMITTANCE, PaperView,
     QUATERNION_LENGTHS, REACH_SIGMAS, REFLECTIVITY_MAX, Transmittance,
 };
-use echosplat_acoustics::{PARAMETER_COUNT, Real, opacity_of, opacity_slope};
 
-/// One Gaussian, or the gradient of one, in the order of [`echosplat_acoustics::Parameters::to_array`].
+/// One Gaussian, or the gradient of one, in the order of [`crate::Parameters::to_array`].
 pub type Row<R> = [R; PARAMETER_COUNT];
+
+/// All Gaussians of `arrays` as rows of the twin.
+#[must_use]
+pub fn rows_of<R: Real>(arrays: &GaussianArrays) -> Vec<Row<R>> {
+    let one = |index| arrays.get(index).to_array().map(R::of_f32);
+    (0..arrays.len()).map(one).collect()
+}
 
 /// A matrix as its rows.
 type Matrix<R> = [[R; 3]; 3];

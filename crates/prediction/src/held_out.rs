@@ -4,6 +4,10 @@
 //! `p(I) = (L/μ)ᴸ I^{L−1} e^{−LI/μ} / Γ(L)`. The map predicts `μ = g·a + f`, `a` being what it renders,
 //! against a constant μ. Gain `g`, floor `f`, the constant, and the number of looks of each predictor
 //! are fitted on pings that the map was made of; held-out pings are only scored.
+//!
+//! The gain is no part of the measurement: it stands for what a published map does not say. A Gaussian
+//! carries its strongest direction for all (`g` below 1), what was explained away is left out (above 1),
+//! and pings are as the receiver gave them, not at the gain that the mapper refers them to.
 
 use serde::{Deserialize, Serialize};
 

@@ -1,22 +1,17 @@
 //! What a map says that a ping measures, from anywhere.
 
-use echosplat_acoustics::{
-    GaussianArrays, OnlineOptions, OnlineRenderer, PingGeometry, SpatialIndex,
-};
+use echosplat_measurement::heard::Detail;
+use echosplat_measurement::{Element, Listener, PingGeometry, Scene, SymmetricMat3};
 use echosplat_model::Gaussian;
 use glam::DVec3;
 
-/// A map made ready for rendering pings by the `online` measurement.
+/// A map made ready for rendering pings, by the model that it is made with: nothing hides anything.
 pub struct MapRenderer {
     /// Of its own coordinates: amid the map, so that single precision resolves ranges as finely
     /// kilometres from the map's origin as beside it.
     origin_m: DVec3,
-    intensity_unit: f32,
-    gaussians: GaussianArrays,
-    index: SpatialIndex,
-    renderer: OnlineRenderer,
-    visible: Vec<u32>,
-    intensity: Vec<f32>,
+    scene: Scene,
+    listener: Listener,
 }
 
 impl MapRenderer {
@@ -24,27 +19,20 @@ impl MapRenderer {
     /// the echoes. `intensity_unit` is intensity per steradian that αρ = 1 sends back. Gaussians
     /// that are not finite are left out.
     #[must_use]
-    pub fn new(
-        origin_m: DVec3,
-        intensity_unit: f32,
-        gaussians: &[Gaussian],
-        occlusion: bool,
-    ) -> Self {
+    pub fn new(origin_m: DVec3, intensity_unit: f32, gaussians: &[Gaussian]) -> Self {
         let sound = gaussians.iter().filter(|gaussian| gaussian.is_sound());
-        let mut sound: Vec<Gaussian> = sound.copied().collect();
-        let amid_m = sound.first().map_or(DVec3::ZERO, |g| g.mean_m.as_dvec3());
-        for gaussian in &mut sound {
-            gaussian.mean_m = (gaussian.mean_m.as_dvec3() - amid_m).as_vec3();
-        }
-        let gaussians = GaussianArrays::from_gaussians(&sound);
+        let amid_m = sound.clone().next();
+        let amid_m = amid_m.map_or(DVec3::ZERO, |gaussian| gaussian.mean_m.as_dvec3());
+        let element = |gaussian: &Gaussian| {
+            let mean_m = (gaussian.mean_m.as_dvec3() - amid_m).as_vec3();
+            let strength = gaussian.opacity * gaussian.reflectivity * intensity_unit;
+            Element::even(mean_m, covariance_m2(gaussian), strength)
+        };
+        let elements: Vec<Element> = sound.map(element).collect();
         Self {
             origin_m: origin_m + amid_m,
-            intensity_unit,
-            index: SpatialIndex::new(&gaussians),
-            gaussians,
-            renderer: OnlineRenderer::new(OnlineOptions { occlusion }),
-            visible: Vec::new(),
-            intensity: Vec::new(),
+            scene: Scene::of(&elements),
+            listener: Listener::default(),
         }
     }
 
@@ -57,14 +45,16 @@ impl MapRenderer {
     /// Intensity per bin without noise in the unit of the pings that the map was made of, shape
     /// `[bin_count]`.
     pub fn ping(&mut self, geometry: &PingGeometry) -> &[f32] {
-        self.index.visible(geometry, &mut self.visible);
-        let rendered = self
-            .renderer
-            .forward(geometry, &self.gaussians, &self.visible);
-        let unit = self.intensity_unit;
-        self.intensity.clear();
-        self.intensity
-            .extend(rendered.iter().map(|energy| energy * unit));
-        &self.intensity
+        self.listener
+            .hear(&self.scene, geometry, 0.0, Detail::Strength)
+    }
+}
+
+/// Exactly round where the Gaussian is.
+fn covariance_m2(gaussian: &Gaussian) -> SymmetricMat3 {
+    let scale_m = gaussian.scale_m;
+    match scale_m.min_element().to_bits() == scale_m.max_element().to_bits() {
+        true => SymmetricMat3::isotropic(scale_m.x),
+        false => SymmetricMat3::of(gaussian.covariance_m2()),
     }
 }

@@ -79,6 +79,7 @@ impl Piece {
             position_covariance_m2: Gaussian::known_alike_m2(0.01),
             probability: 1.0,
             standing: Standing::Confident,
+            why: echosplat_model::Why::default(),
         }
     }
 }
@@ -127,7 +128,7 @@ fn by_rays(pieces: &[Piece]) -> Vec<f64> {
     sum.iter().map(|sum| sum / CASTS as f64).collect()
 }
 
-fn by_map(pieces: &[Piece], occlusion: bool) -> Vec<f64> {
+fn by_map(pieces: &[Piece]) -> Vec<f64> {
     let gaussians: Vec<Gaussian> = pieces.iter().map(Piece::gaussian).collect();
     let config = MapperConfig {
         position_sigma_m: 0.0,
@@ -145,7 +146,7 @@ fn by_map(pieces: &[Piece], occlusion: bool) -> Vec<f64> {
         uncertainty: None,
         jitter: None,
     };
-    let mut renderer = MapRenderer::new(DVec3::ZERO, 1.0, &gaussians, occlusion);
+    let mut renderer = MapRenderer::new(DVec3::ZERO, 1.0, &gaussians);
     let geometry = geometry_of(&posed, renderer.origin_m(), &config);
     renderer
         .ping(&geometry)
@@ -164,14 +165,6 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
         bb += (b - mean_b).powi(2);
     }
     ab / (aa * bb).sqrt()
-}
-
-fn wall(x: f64, rows: i32, pitch_m: f64, sigma_m: f64) -> Vec<Piece> {
-    let place = |i: i32| f64::from(i) * pitch_m;
-    let cells = (-rows..=rows).flat_map(|i| (-4..=4).map(move |j| (i, j)));
-    cells
-        .map(|(i, j)| at(x, place(j), place(i)).disc(sigma_m))
-        .collect()
 }
 
 fn scenes() -> Vec<(&'static str, Vec<Piece>)> {
@@ -213,32 +206,6 @@ fn scenes() -> Vec<(&'static str, Vec<Piece>)> {
             ],
         ),
         (
-            "a disc before smaller ones",
-            vec![
-                at(3.0, 0.0, 0.0).disc(0.08),
-                at(5.0, 0.0, 0.0).disc(0.03),
-                at(6.5, 0.0, 0.02).ball(0.03),
-                at(8.0, 0.0, 1.0).disc(0.06),
-            ],
-        ),
-        (
-            "a bright ball behind a dim disc",
-            vec![
-                at(3.0, 0.0, 0.0).disc(0.09).reflecting(0.3),
-                at(5.0, 0.0, 0.0).disc(0.04),
-                at(7.0, 0.0, 1.2).ball(0.04).reflecting(0.6),
-            ],
-        ),
-        (
-            "three in line",
-            vec![
-                at(2.0, 0.0, 0.0).disc(0.1),
-                at(4.0, 0.0, 0.0).disc(0.05),
-                at(8.0, 0.0, 0.0).disc(0.06),
-                at(9.0, 0.0, 2.0).disc(0.1),
-            ],
-        ),
-        (
             "above and below one another",
             vec![
                 at(3.0, 0.0, 0.5).disc(0.05),
@@ -257,25 +224,14 @@ fn scenes() -> Vec<(&'static str, Vec<Piece>)> {
                 at(9.0, 0.0, 0.6).disc(0.06),
             ],
         ),
-        ("behind a wall", {
-            let mut all = wall(4.0, 5, 0.1, 0.04);
-            all.extend([
-                at(5.5, 0.0, 0.0).disc(0.08),
-                at(6.5, 0.0, 0.1).ball(0.05),
-                at(8.0, 0.0, 2.0).disc(0.1),
-            ]);
-            all
-        }),
     ]
 }
 
 #[test]
-fn ten_scenes_sound_alike() {
+fn scenes_in_which_nothing_hides_anything_sound_alike() {
     let total = |profile: &[f64]| profile.iter().sum::<f64>();
-    let mut hiding_decides = 0;
     for (name, pieces) in scenes() {
-        let rays = by_rays(&pieces);
-        let (map, open) = (by_map(&pieces, true), by_map(&pieces, false));
+        let (rays, map) = (by_rays(&pieces), by_map(&pieces));
         let alike = correlation(&rays, &map);
         assert!(alike >= 0.98, "{name}: correlation {alike:.4}");
         // The edge of a solid is sharper than a Gaussian's, so the narrow beam gets more of it:
@@ -285,10 +241,5 @@ fn ten_scenes_sound_alike() {
             ratio > 0.8 && ratio < 1.05,
             "{name}: energy {ratio:.3} of the rays'"
         );
-        hiding_decides += usize::from(correlation(&rays, &open) < 0.98);
     }
-    assert!(
-        hiding_decides >= 3,
-        "hiding decides in {hiding_decides} scenes"
-    );
 }

@@ -124,6 +124,7 @@ mod tests {
             position_covariance_m2: Gaussian::known_alike_m2(0.25),
             probability: 1.0,
             standing: Standing::Confident,
+            why: echosplat_model::Why::default(),
         };
         MapFile {
             origin_m: DVec3::new(1e6, 0.0, 0.0),

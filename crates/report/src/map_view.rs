@@ -166,6 +166,7 @@ mod tests {
             position_covariance_m2: Gaussian::known_alike_m2(f32::INFINITY),
             probability: 0.9,
             standing: Standing::Confident,
+            why: echosplat_model::Why::default(),
         }
     }
 

@@ -154,6 +154,7 @@ fn dive() -> DiveReport {
         position_covariance_m2: echosplat_model::Gaussian::known_alike_m2(0.02),
         probability: 0.9,
         standing: echosplat_model::Standing::Confident,
+        why: echosplat_model::Why::default(),
     };
     let way = [DVec3::ZERO, DVec3::X, DVec3::ONE];
     DiveReport {

@@ -1,5 +1,7 @@
 //! What the kernel says this process has used. Where there is no `/proc`, it says nothing.
 
+use std::time::Duration;
+
 /// The most memory the process ever held; 0 where the kernel does not say.
 #[must_use]
 pub fn peak_memory_bytes() -> u64 {
@@ -28,6 +30,27 @@ pub fn descriptor_count_of(process: u32) -> usize {
 /// `None` where the kernel does not say.
 pub(crate) fn thread_seconds(prefix: &str) -> Option<f64> {
     kernel::thread_seconds(prefix)
+}
+
+/// What the calling thread took of the processor so far; `None` where the kernel does not say. Costs less than a microsecond.
+pub(crate) fn own_thread_time() -> Option<Duration> {
+    kernel::own_thread_time()
+}
+
+/// What another thread takes of the processor, to be asked again and again. While that thread works it may be late by a tick.
+#[derive(Debug)]
+pub(crate) struct ThreadClock(Option<kernel::ThreadFile>);
+
+impl ThreadClock {
+    /// Of the calling thread, for others to ask.
+    pub(crate) fn of_this_thread() -> Self {
+        Self(kernel::ThreadFile::of_this_thread())
+    }
+
+    /// So far; `None` where the kernel does not say, and once the thread has ended. Costs some microseconds.
+    pub(crate) fn time(&self) -> Option<Duration> {
+        self.0.as_ref()?.time()
+    }
 }
 
 /// Processor seconds of the whole process so far, in steps of 10 ms; 0 where the kernel does not
@@ -74,8 +97,13 @@ pub(crate) fn description() -> Vec<(String, String)> {
 
 #[cfg(target_os = "linux")]
 mod kernel {
+    use std::fs::File;
+    use std::os::unix::fs::FileExt;
+    use std::time::Duration;
+
     use procfs::process::{ClearRefs, Process, Stat};
     use procfs::{CpuInfo, Current};
+    use rustix::time::{ClockId, clock_gettime};
 
     /// The least that there is.
     const LEAST_PRIORITY: i32 = 19;
@@ -104,6 +132,34 @@ mod kernel {
         let stats = tasks.flatten().filter_map(|task| task.stat().ok());
         let named = stats.filter(|stat| stat.comm.starts_with(prefix));
         Some(named.map(|stat| seconds(&stat)).sum())
+    }
+
+    pub(super) fn own_thread_time() -> Option<Duration> {
+        let time = clock_gettime(ClockId::ThreadCPUTime);
+        Some(Duration::new(
+            time.tv_sec.try_into().ok()?,
+            time.tv_nsec.try_into().ok()?,
+        ))
+    }
+
+    /// Of the scheduler, in nanoseconds; it goes on telling of the thread that opened it.
+    #[derive(Debug)]
+    pub(super) struct ThreadFile(File);
+
+    impl ThreadFile {
+        pub(super) fn of_this_thread() -> Option<Self> {
+            let file = File::open("/proc/thread-self/schedstat").ok()?;
+            Some(Self(file))
+        }
+
+        pub(super) fn time(&self) -> Option<Duration> {
+            // Three numbers of at most twenty digits.
+            let mut text = [0; 64];
+            let length = self.0.read_at(&mut text, 0).ok()?;
+            let text = std::str::from_utf8(&text[..length]).ok()?;
+            let nanos = text.split_ascii_whitespace().next()?.parse().ok()?;
+            Some(Duration::from_nanos(nanos))
+        }
     }
 
     pub(super) fn process_seconds() -> Option<f64> {
@@ -147,6 +203,24 @@ mod kernel {
         None
     }
 
+    pub(super) fn own_thread_time() -> Option<std::time::Duration> {
+        None
+    }
+
+    #[derive(Debug)]
+    pub(super) struct ThreadFile;
+
+    impl ThreadFile {
+        pub(super) fn of_this_thread() -> Option<Self> {
+            None
+        }
+
+        pub(super) fn time(&self) -> Option<std::time::Duration> {
+            let Self = self;
+            None
+        }
+    }
+
     pub(super) fn process_seconds() -> Option<f64> {
         None
     }
@@ -181,6 +255,29 @@ mod tests {
         });
         assert_eq!(thread_seconds("no such thread"), Some(0.0));
         assert!(process_seconds() > before_s);
+    }
+
+    #[test]
+    fn a_thread_tells_its_own_time_and_another_reads_it_on_its_clock() {
+        let (clocks, clock) = std::sync::mpsc::channel();
+        let (ends, end) = std::sync::mpsc::channel::<()>();
+        let work = move || {
+            while own_thread_time().is_some_and(|time| time < Duration::from_millis(20)) {}
+            clocks.send(ThreadClock::of_this_thread()).unwrap();
+            _ = end.recv();
+        };
+        let thread = std::thread::spawn(work);
+        let clock = clock.recv().unwrap();
+        // It sleeps by and by, and then what it took is told in full.
+        while clock
+            .time()
+            .is_some_and(|time| time < Duration::from_millis(19))
+        {
+            std::thread::yield_now();
+        }
+        drop(ends);
+        thread.join().unwrap();
+        assert_eq!(clock.time(), None);
     }
 
     #[test]

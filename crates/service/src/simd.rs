@@ -1,6 +1,6 @@
 //! Which vector instructions this process takes.
 
-use echosplat_acoustics::simd_level;
+use echosplat_measurement::simd_level;
 
 use crate::exit::Usage;
 

@@ -19,6 +19,7 @@ fn gaussian(mean_m: Vec3) -> Gaussian {
         position_covariance_m2: Gaussian::known_alike_m2(0.1),
         probability: 1.0,
         standing: Standing::Confident,
+        why: echosplat_model::Why::default(),
     }
 }
 

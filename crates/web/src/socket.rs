@@ -7,10 +7,10 @@ use axum::body::Bytes;
 use axum::extract::ws::{Message, WebSocket};
 use echosplat_bus::delta::SnapshotRequest;
 use echosplat_bus::{BusConfig, MapEncoder};
-use echosplat_model::Timestamp;
+use echosplat_model::{Reason, Timestamp};
 use futures_util::stream::{SplitSink, SplitStream};
 use futures_util::{SinkExt, StreamExt};
-use serde_json::json;
+use serde_json::{Value, json};
 use tokio::sync::broadcast::error::RecvError;
 use tokio::time::{Instant, MissedTickBehavior, interval, timeout};
 
@@ -141,6 +141,7 @@ impl Browser {
             "track": Vec::from_iter(track),
             "pose": pose,
             "errors": errors,
+            "reasons": reasons(),
             "status": status,
         });
         self.send(Message::Text(hello.to_string().into())).await
@@ -166,6 +167,15 @@ impl Browser {
             Ok(Err(_)) | Err(_) => Err(Gone),
         }
     }
+}
+
+/// Of every reason of a verdict, by its number.
+fn reasons() -> Value {
+    let said = Reason::ALL.map(|reason| {
+        let (name, words, unit) = (reason.name(), reason.words(), reason.unit());
+        json!({ "name": name, "words": words, "unit": unit })
+    });
+    Value::from_iter(said)
 }
 
 fn text_message(text: &str) -> Message {

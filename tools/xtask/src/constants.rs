@@ -14,7 +14,7 @@ pub(crate) const PAGE: &str = "docs/develop/constants.md";
 /// Crates whose constants shape a map, in the order of the page.
 const FOLDERS: [(&str, &str); 4] = [
     ("Mapper", "crates/mapper/src/"),
-    ("Acoustics", "crates/acoustics/src/"),
+    ("Measurement", "crates/measurement/src/"),
     ("Join", "crates/join/src/"),
     ("Prediction", "crates/prediction/src/"),
 ];

@@ -49,7 +49,7 @@ pub(crate) const CRATES: [(&str, &str, Kind); 26] = [
     ("echosplat-join", "crates/join/", PURE),
     ("echosplat-input", "crates/input/", PURE_WITH_FILES),
     ("echosplat-liveness", "crates/liveness/", Kind::Io),
-    ("echosplat-acoustics", "crates/acoustics/", PURE),
+    ("echosplat-measurement", "crates/measurement/", PURE),
     (MAPPER, "crates/mapper/", PURE),
     ("echosplat-paper", "crates/paper/", PURE),
     ("echosplat-recording", "crates/recording/", PURE_WITH_FILES),

@@ -1,14 +1,14 @@
-//! `echosplat bench kernels`: Gaussian–bin pairs per second on one core, beside the plain twins in
-//! f32 measured in turns with them.
+//! `echosplat bench kernels`: Gaussian–bin pairs per second on one core, beside the plain twins measured in turns with them.
 
 use std::hint::black_box;
 use std::time::{Duration, Instant};
 
 use anyhow::Context;
-use echosplat_acoustics::lanes::{Level, avx2};
-use echosplat_acoustics::online::{OnlineOptions, OnlineRenderer};
-use echosplat_acoustics::reference::online as online_twin;
-use echosplat_acoustics::{GaussianArrays, GradientArrays, PingGeometry, sample};
+use echosplat_measurement::heard::Detail;
+use echosplat_measurement::lanes::{Level, avx2};
+use echosplat_measurement::twin::Twin;
+use echosplat_measurement::{Listener, Scene};
+use echosplat_paper::GradientArrays;
 use echosplat_paper::rendering::{PaperRenderer, Transmittance};
 use echosplat_paper::scenes::{PaperScene, paper_scene};
 use echosplat_paper::twin as paper_twin;
@@ -20,23 +20,29 @@ use serde_json::{Map, json};
 
 use super::Findings;
 use crate::arguments::BenchOptions;
+use crate::draw::Draw;
+use crate::stability::{NOISE, Trial};
 use echosplat_service::logging;
 
 /// A measurement repeats what it measures for at least this long.
 const LEAST_TIME: Duration = Duration::from_micros(1500);
 const TURNS: usize = 80;
 const QUICK_TURNS: usize = 5;
+/// Gaussians in the measured ping, as many as a dense map has in a fan.
+const GAUSSIANS: usize = 5_000;
+
+type Call = Box<dyn FnMut()>;
 
 /// One kernel; each call does all pairs of its scene once.
 struct Kernel {
     name: &'static str,
     pairs: u64,
-    forward: Box<dyn FnMut()>,
-    /// After a forward of the same.
-    backward: Box<dyn FnMut()>,
-    twin_forward: Box<dyn FnMut()>,
+    forward: Call,
+    /// After a forward of the same: what bins say of each Gaussian, or the gradient.
+    backward: Call,
+    twin_forward: Call,
     /// The twin's forward and backward together.
-    twin_both: Box<dyn FnMut()>,
+    twin_both: Call,
 }
 
 /// Best of all turns.
@@ -51,7 +57,7 @@ struct Rates {
     both_per_s: f64,
     twin_forward_per_s: f64,
     twin_both_per_s: f64,
-    /// Times as fast as the twin, both in f32.
+    /// Times as fast as the twin.
     forward_ratio: f64,
     both_ratio: f64,
 }
@@ -66,12 +72,12 @@ pub(super) fn run(options: &BenchOptions) -> anyhow::Result<Findings> {
     let rates = one_core.install(|| {
         let best = Level::new();
         let mut kernels = vec![
-            online(seed, "online, T = 1", false, best),
-            online(seed, "online, with occlusion", true, best),
+            strengths(seed, "strengths", best),
+            scores(seed, "scores", best),
         ];
         if let Some(avx2) = avx2() {
-            kernels.push(online(seed, "online, T = 1, AVX2", false, avx2));
-            kernels.push(online(seed, "online, with occlusion, AVX2", true, avx2));
+            kernels.push(strengths(seed, "strengths, AVX2", avx2));
+            kernels.push(scores(seed, "scores, AVX2", avx2));
         }
         for (name, transmittance) in [
             ("paper, T = 1", Transmittance::None),
@@ -86,81 +92,54 @@ pub(super) fn run(options: &BenchOptions) -> anyhow::Result<Findings> {
     results(&rates)
 }
 
-fn online(seed: u64, name: &'static str, occlusion: bool, level: Level) -> Kernel {
-    let (geometry, gaussians) = sample::bench_scene(seed);
-    let visible: Vec<u32> = (0..gaussians.len() as u32).collect();
-    let options = OnlineOptions { occlusion };
-    let slope = vec![1e-3; geometry.bin_count as usize];
-    let mut count = OnlineRenderer::with_level(options, level);
-    let _ = count.forward(&geometry, &gaussians, &visible);
-    let twin = OnlineTwin {
-        geometry,
-        gaussians: online_twin::numbers_of(&gaussians),
-        visible: visible.clone(),
-        occlusion,
-        slope: slope.clone(),
+/// What a pass that makes strengths does with a ping.
+fn strengths(seed: u64, name: &'static str, level: Level) -> Kernel {
+    let back = |listener: &mut Listener, measured: &[f32]| {
+        black_box(listener.step_sums(measured));
     };
-    let renderers = [(); 2].map(|()| OnlineRenderer::with_level(options, level));
-    let (forward, backward) = online_calls(renderers, geometry, gaussians, visible, slope);
-    let both = twin.clone();
+    let twin_back = |twin: &Twin, measured: &[f64], predicted: &[f64]| {
+        black_box(twin.step_sums(measured, predicted));
+    };
+    kernel(seed, name, level, Detail::Strength, back, twin_back)
+}
+
+/// What a pass that moves means does with it.
+fn scores(seed: u64, name: &'static str, level: Level) -> Kernel {
+    let back = |listener: &mut Listener, measured: &[f32]| {
+        black_box(listener.scores(measured));
+    };
+    let twin_back = |twin: &Twin, measured: &[f64], predicted: &[f64]| {
+        black_box(twin.scores(measured, predicted));
+    };
+    kernel(seed, name, level, Detail::Full, back, twin_back)
+}
+
+fn kernel(
+    seed: u64,
+    name: &'static str,
+    level: Level,
+    detail: Detail,
+    back: impl Fn(&mut Listener, &[f32]) + 'static,
+    twin_back: impl Fn(&Twin, &[f64], &[f64]) + 'static,
+) -> Kernel {
+    let trial = Trial::random(&mut Draw::new(seed, 700), GAUSSIANS);
+    let (geometry, scene) = (trial.geometry, Scene::of(&trial.elements));
+    let (mut listener, predicted) = trial.listener(level);
+    let pairs = listener.pair_count();
+    let (mut forward, other) = (Listener::with_level(level), trial.clone());
+    let measured: Vec<f64> = predicted.iter().map(|&power| power.into()).collect();
     Kernel {
         name,
-        pairs: count.pair_count(),
-        forward,
-        backward,
-        twin_forward: Box::new(move || drop(black_box(twin.forward()))),
-        twin_both: Box::new(move || both.both()),
-    }
-}
-
-type Call = Box<dyn FnMut()>;
-
-/// Forward and backward on renderers of their own; backward's has been forward once.
-fn online_calls(
-    [mut renderer, mut back]: [OnlineRenderer; 2],
-    geometry: PingGeometry,
-    gaussians: GaussianArrays,
-    visible: Vec<u32>,
-    slope: Vec<f32>,
-) -> (Call, Call) {
-    let _ = back.forward(&geometry, &gaussians, &visible);
-    let mut gradients = GradientArrays::zeros(gaussians.len());
-    let same = gaussians.clone();
-    let forward = move || {
-        black_box(renderer.forward(&geometry, &gaussians, &visible));
-    };
-    let backward = move || {
-        back.backward(&same, &slope, &mut gradients);
-        black_box(&gradients);
-    };
-    (Box::new(forward), Box::new(backward))
-}
-
-#[derive(Clone)]
-struct OnlineTwin {
-    geometry: PingGeometry,
-    gaussians: Vec<online_twin::Numbers<f32>>,
-    visible: Vec<u32>,
-    occlusion: bool,
-    slope: Vec<f32>,
-}
-
-impl OnlineTwin {
-    fn forward(&self) -> online_twin::Rendering<f32> {
-        let cutoffs = online_twin::Cutoffs::default();
-        let (geometry, visible) = (&self.geometry, &self.visible);
-        online_twin::forward(geometry, &self.gaussians, visible, self.occlusion, &cutoffs)
-    }
-
-    fn both(&self) {
-        let rendering = self.forward();
-        let (geometry, gaussians) = (&self.geometry, &self.gaussians);
-        black_box(online_twin::backward(
-            geometry,
-            gaussians,
-            &rendering,
-            &self.slope,
-        ));
+        pairs,
+        forward: Box::new(move || {
+            black_box(forward.hear(&scene, &geometry, NOISE, detail));
+        }),
+        backward: Box::new(move || back(&mut listener, &predicted)),
+        twin_forward: Box::new(move || drop(black_box(trial.twin().predicted(NOISE.into())))),
+        twin_both: Box::new(move || {
+            let twin = other.twin();
+            twin_back(&twin, &measured, &twin.predicted(NOISE.into()));
+        }),
     }
 }
 
@@ -173,7 +152,7 @@ fn paper(seed: u64, name: &'static str, transmittance: Transmittance) -> Kernel 
     let pairs = back.pair_count();
     let mut gradients = GradientArrays::zeros(scene.gaussians.len());
     let (same, d_image) = (scene.gaussians.clone(), slope.clone());
-    let rows = online_twin::numbers_of::<f32>(&scene.gaussians);
+    let rows = paper_twin::rows_of::<f32>(&scene.gaussians);
     let rows_both = rows.clone();
     let view = scene.view;
     let PaperScene { gaussians, .. } = scene;
@@ -254,15 +233,12 @@ fn rates(kernel: &Kernel, [forward, backward, twin_forward, twin_both]: &Best) -
 }
 
 fn results(rates: &[Rates]) -> anyhow::Result<Findings> {
-    let [plain, shadowed] = paper_over_online(rates);
+    let ratio = paper_over_strengths(rates);
     let mut fields = Map::new();
     fields.insert("kernels".to_owned(), serde_json::to_value(rates)?);
-    fields.insert(
-        "paper_over_online".to_owned(),
-        json!({"without_shadowing": plain, "with_shadowing": shadowed}),
-    );
+    fields.insert("paper_over_strengths".to_owned(), json!(ratio));
     let table = table(rates);
-    let text = text(&table, [plain, shadowed]);
+    let text = text(&table, ratio);
     let highlight = |name: &str, value: String| (name.to_owned(), value);
     let forward = rates.first().map_or(0.0, |rates| rates.forward_per_s);
     let backward = rates.first().map_or(0.0, |rates| rates.backward_per_s);
@@ -272,16 +248,16 @@ fn results(rates: &[Rates]) -> anyhow::Result<Findings> {
         report: Report {
             title: "Speed of the kernels".to_owned(),
             highlights: vec![
-                highlight("online, forward", giga(forward) + " G/s"),
-                highlight("online, backward", giga(backward) + " G/s"),
-                highlight("paper's time a pair, T = 1", format!("{plain:.2} ×")),
-                highlight("with shadowing", format!("{shadowed:.2} ×")),
+                highlight("spread", giga(forward) + " G/s"),
+                highlight("gather", giga(backward) + " G/s"),
+                highlight("paper's time a pair, T = 1", format!("{ratio:.2} ×")),
             ],
             sections: vec![Section {
                 title: "Gaussian–bin pairs per second on one core".to_owned(),
-                text: "Projection, spreading and, where there is one, occlusion; a pair of the \
-                       paper's renderer is a Gaussian and a pixel. Kernels and twins took turns; \
-                       each figure is the best of all turns."
+                text: "Projection and spreading, then what bins say of each Gaussian: strengths by \
+                       the multiplicative step, or scores of its mean. A pair of the paper's renderer \
+                       is a Gaussian and a pixel. Kernels and twins took turns; each figure is the \
+                       best of all turns."
                     .to_owned(),
                 tables: vec![table],
                 ..Section::default()
@@ -293,17 +269,13 @@ fn results(rates: &[Rates]) -> anyhow::Result<Findings> {
     })
 }
 
-/// Time per pair, forward and backward, of the paper's renderer over the online one's: without
-/// shadowing, and each with its own.
-fn paper_over_online(rates: &[Rates]) -> [f64; 2] {
+/// Time per pair, forward and backward, of the paper's renderer without shadowing over that of strengths.
+fn paper_over_strengths(rates: &[Rates]) -> f64 {
     let of = |name: &str| {
         let found = rates.iter().find(|rates| rates.kernel == name);
         found.map_or(f64::NAN, |rates| rates.both_per_s)
     };
-    [
-        of("online, T = 1") / of("paper, T = 1"),
-        of("online, with occlusion") / of("paper, averaged"),
-    ]
+    of("strengths") / of("paper, T = 1")
 }
 
 fn giga(per_s: f64) -> String {
@@ -317,7 +289,7 @@ fn table(rates: &[Rates]) -> Table {
         "forward G/s",
         "backward G/s",
         "both G/s",
-        "f32 twin, forward G/s",
+        "twin, forward G/s",
         "both G/s",
         "forward ×",
         "both ×",
@@ -339,11 +311,12 @@ fn table(rates: &[Rates]) -> Table {
         title: "Rates".to_owned(),
         columns: columns.map(str::to_owned).into(),
         rows: rates.iter().map(row).collect(),
-        note: "× is times as fast as the plain twin in f32, in the same run.".to_owned(),
+        note: "× is times as fast as the plain twin in the same run: f64, the paper's f32."
+            .to_owned(),
     }
 }
 
-fn text(table: &Table, [plain, shadowed]: [f64; 2]) -> String {
+fn text(table: &Table, ratio: f64) -> String {
     let mut text = String::new();
     for row in std::iter::once(&table.columns).chain(&table.rows) {
         for (index, cell) in row.iter().enumerate() {
@@ -353,7 +326,5 @@ fn text(table: &Table, [plain, shadowed]: [f64; 2]) -> String {
         }
         text = text.trim_end().to_owned() + "\n";
     }
-    text + &format!(
-        "time a pair, paper's over online's: {plain:.2} without shadowing, {shadowed:.2} with\n"
-    )
+    text + &format!("time a pair, paper's over that of strengths: {ratio:.2}\n")
 }

@@ -1,6 +1,6 @@
 //! The edge of the paper's kernels. Rounding puts a pixel that lies on it inside or outside, and either is right.
 
-use echosplat_acoustics::PARAMETER_COUNT;
+use echosplat_paper::PARAMETER_COUNT;
 use echosplat_paper::twin::{self, Row, Setting};
 
 /// How much nearer or further the cut may fall: single precision's rounding of a pixel some hundred pixels from the

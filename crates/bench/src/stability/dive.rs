@@ -9,7 +9,6 @@ use echosplat_session::{Session, SessionConfig, SessionEvent};
 use glam::DVec3;
 
 use crate::draw::Draw;
-use echosplat_metrics::{MapPoints, distance_between};
 
 /// Where the only target is, from the dive's middle.
 pub(super) const TARGET_M: DVec3 = DVec3::new(5.0, 0.0, 0.0);
@@ -53,9 +52,7 @@ pub(super) fn water(seed: u64, index: u32, bins: usize) -> Vec<u16> {
 fn pose(index: u32) -> Pose {
     let t = f64::from(index) / 480.0 * std::f64::consts::TAU;
     let yaw = 0.03 * (37.0 * t).sin();
-    // Few digits, so that shifts by powers of two are exact.
-    let height_m = (t.sin() * 1024.0).round() / 1024.0;
-    Pose::from_yaw_pitch_roll(yaw, 0.0, 0.3 * (3.0 * t).sin(), DVec3::Z * height_m)
+    Pose::from_yaw_pitch_roll(yaw, 0.0, 0.3 * (3.0 * t).sin(), DVec3::Z * t.sin())
 }
 
 /// Echoes of a small sphere over noise.
@@ -70,7 +67,7 @@ fn echoes(seed: u64, index: u32, bins: usize) -> Vec<u16> {
     results
 }
 
-/// Some pings, and where the whole of them took place.
+/// Some pings.
 pub(super) struct Dive<F> {
     pub(super) count: u32,
     pub(super) of: F,
@@ -83,9 +80,8 @@ pub(super) fn of_target(seed: u64, count: u32, bins: usize) -> Dive<impl Fn(u32)
 }
 
 impl<F: Fn(u32) -> Heard> Dive<F> {
-    /// The map of the dive moved by `shift_m`, and how many profiles were rejected. `None` where no
-    /// thread can be started for the mapper.
-    pub(super) fn map(&self, shift_m: DVec3) -> Option<(Snapshot, u64)> {
+    /// The map of the dive, and how many profiles were rejected. `None` where no thread can be started for the mapper.
+    pub(super) fn map(&self) -> Option<(Snapshot, u64)> {
         let mut session = Session::listening(SessionConfig::default(), Timestamp::ZERO);
         let config = MapperConfig {
             threads: 1,
@@ -100,7 +96,7 @@ impl<F: Fn(u32) -> Heard> Dive<F> {
                 let SessionEvent::Ping { ping, .. } = event else {
                     continue;
                 };
-                mapper.insert(&posed(ping, index, shift_m));
+                mapper.insert(&posed(ping, index));
             }
         }
         let rejected = session.counters().profiles_rejected.total();
@@ -108,25 +104,10 @@ impl<F: Fn(u32) -> Heard> Dive<F> {
     }
 }
 
-/// Chamfer distance of two maps, the second made `shift_m` away; infinite if either is empty.
-pub(super) fn chamfer_m(here: &Snapshot, there: &Snapshot, shift_m: DVec3) -> f64 {
-    let places = |map: &Snapshot, shift_m: DVec3| -> Vec<DVec3> {
-        let points = MapPoints::from(map);
-        let confident = points.confident.iter().map(|point| point.position);
-        let all = confident.chain(points.ambiguous.iter().copied());
-        all.map(|place| place - shift_m).collect()
-    };
-    distance_between(&places(here, DVec3::ZERO), &places(there, shift_m))
-}
-
-fn posed(ping: Arc<Ping>, index: u32, shift_m: DVec3) -> PosedPing {
-    let here = pose(index);
+fn posed(ping: Arc<Ping>, index: u32) -> PosedPing {
     PosedPing {
         ping,
-        world_from_sensor: Pose {
-            translation_m: here.translation_m + shift_m,
-            ..here
-        },
+        world_from_sensor: pose(index),
         twist: Twist::default(),
         reference_range_m: 5.0,
         uncertainty: None,

@@ -1,17 +1,12 @@
 //! The paper's renderer where its formulas are singular or stiff.
 
-use echosplat_acoustics::reference::online::numbers_of;
-use echosplat_acoustics::{GaussianArrays, GradientArrays, Parameters};
 use echosplat_paper::rendering::{PaperRenderer, PaperView, Transmittance};
-use echosplat_paper::scenes;
-use echosplat_paper::twin;
-use glam::{Mat3, Vec3};
+use echosplat_paper::{GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters, scenes, twin};
+use glam::{Mat3, Quat, Vec3};
 
 use super::Row;
 use super::cut;
-use super::naive;
 use super::row::{Comparison, Label};
-use super::scene::plain;
 use crate::draw::Draw;
 
 const QUANTITY: &str = "value of the worst pixel, errors relative to the largest";
@@ -37,7 +32,25 @@ const THROUGH: Label = Label {
           left is done.",
 };
 
-pub(super) fn view() -> PaperView {
+const POISON: Label = Label {
+    case: "paper: poison in one Gaussian",
+    quantity: "fields out of 12 that spoil values or slopes",
+    why: "Guards are written so that NaN fails them: a Gaussian with a number that is none is left \
+          out whole.",
+};
+
+/// A Gaussian that is nothing special.
+fn plain(mean_m: Vec3) -> Parameters {
+    Parameters {
+        mean_m,
+        rotation: Quat::IDENTITY,
+        log_scale: Vec3::splat(-3.0),
+        opacity_logit: 0.5,
+        reflectivity_log: -0.5,
+    }
+}
+
+fn view() -> PaperView {
     PaperView {
         position_m: Vec3::ZERO,
         axes: Mat3::IDENTITY,
@@ -69,22 +82,56 @@ pub(super) fn rows(seed: u64, quick: bool) -> Vec<Row> {
             rows.push(crowd(seed, count, opacity).row(THROUGH, input, 1e-4));
         }
     }
+    let poisons = [
+        ("NaN", f32::NAN),
+        ("∞", f32::INFINITY),
+        ("−∞", f32::NEG_INFINITY),
+        ("largest f32", f32::MAX),
+        ("subnormal", 1e-40),
+    ];
+    rows.extend(poisons.map(|(name, poison)| {
+        let spoilt = (0..PARAMETER_COUNT).filter(|&field| !holds(field, poison));
+        Comparison::of(0.0, spoilt.count() as f64, 1.0).row(POISON, name, 0.0)
+    }));
     rows
 }
 
-/// Program and naive way against the twin; slopes that are not finite make it worst.
-fn compare(view: &PaperView, gaussians: &GaussianArrays, shadows: Transmittance) -> Comparison {
+/// Whether all is finite with one number poisoned, and, where the poison is none, as if its Gaussian were not there.
+fn holds(field: usize, poison: f32) -> bool {
+    let neighbour = plain(Vec3::new(8.0, 0.02, -0.2));
+    let mut numbers = plain(Vec3::new(5.0, 0.0, 0.2)).to_array();
+    numbers[field] = poison;
+    let render = |gaussians: &[Parameters]| {
+        let mut arrays = GaussianArrays::new();
+        gaussians.iter().for_each(|gaussian| arrays.push(*gaussian));
+        rendered(&view(), &arrays, Transmittance::Exact)
+    };
+    let (with, slopes) = render(&[neighbour, Parameters::from_array(numbers)]);
+    let (without, _) = render(&[neighbour]);
+    let mut all = with.iter().chain(slopes.fields().into_iter().flatten());
+    all.all(|number| number.is_finite()) && (poison.is_finite() || with == without)
+}
+
+/// An image, and slopes of the sum of its pixels.
+fn rendered(
+    view: &PaperView,
+    gaussians: &GaussianArrays,
+    shadows: Transmittance,
+) -> (Vec<f32>, GradientArrays) {
     let subset: Vec<u32> = (0..gaussians.len() as u32).collect();
     let mut renderer = PaperRenderer::new();
     let image = renderer.forward(view, gaussians, &subset, shadows).to_vec();
     let mut gradients = GradientArrays::zeros(gaussians.len());
     renderer.backward(gaussians, &vec![1.0; image.len()], &mut gradients);
+    (image, gradients)
+}
+
+/// The program against the twin; slopes that are not finite make it worst.
+fn compare(view: &PaperView, gaussians: &GaussianArrays, shadows: Transmittance) -> Comparison {
+    let (image, gradients) = rendered(view, gaussians, shadows);
     let setting = twin::Setting::new(view, shadows);
-    let numbers = numbers_of(gaussians);
-    let naive = naive::image(view, gaussians, shadows != Transmittance::None);
-    let nearest = |image: &[f32]| cut::nearest_image(&setting, &numbers, image);
-    let comparison =
-        Comparison::of_many(&nearest(&image), &image).with_naive_many(&nearest(&naive), &naive);
+    let nearest = cut::nearest_image(&setting, &twin::rows_of(gaussians), &image);
+    let comparison = Comparison::of_many(&nearest, &image);
     let is_finite = gradients
         .fields()
         .iter()

@@ -1,30 +1,23 @@
-//! Stiff and extreme cases: what the program makes of them, beside f64 and beside naive f32.
+//! Stiff and extreme cases: what the program makes of them, beside f64.
 //!
-//! Each [`Case`] gives rows; each row holds the program to a limit. The naive versions are what one
-//! would write down first, in single precision; they are here to show why the program's way is
-//! not theirs.
+//! Each [`Case`] gives rows; each row holds the program to a limit.
 
-mod crowds;
 mod cut;
 mod dive;
-mod frames;
+mod edges;
 mod images;
-mod limits;
-mod naive;
-mod normal;
+mod kernels;
 mod pings;
-mod poison;
 mod report;
 mod row;
 mod scene;
-mod shadows;
-mod shapes;
 mod stiffness;
 mod twins;
 mod whole;
 
 pub(crate) use report::{section, text};
 pub(crate) use row::{Figure, Row};
+pub(crate) use scene::{NOISE, Trial};
 pub(crate) use stiffness::plots;
 
 /// Some rows that belong together.
@@ -48,22 +41,20 @@ impl Case {
 pub(crate) fn cases() -> Vec<Case> {
     let case = |name, make: fn(u64, bool) -> Vec<Row>| Case { name, make };
     vec![
-        case("covariance condition", shapes::condition),
-        case("far origins", frames::far),
-        case("polar axis", shapes::polar),
-        case("range to 0", shapes::near),
-        case("azimuth across ±180°", frames::wrap),
-        case("transmittance", shadows::transmittance),
-        case("backward near α = 0.999", shadows::cap),
-        case("parameters out of range", limits::rows),
-        case("crowds and mixed sizes", crowds::rows),
-        case("poison in one Gaussian", poison::rows),
+        case("kernels against the twin", kernels::against_twin),
+        case("strengths over twelve decades", kernels::decades),
+        case("a crowd in one bin", kernels::crowds),
+        case("small pings", kernels::small),
+        case("silence and saturation", kernels::loudness),
+        case("singular places and edges", edges::places),
+        case("needles and discs", edges::shapes),
+        case("far coordinates", edges::far),
+        case("poison in one Gaussian", edges::poison),
+        case("instructions of the processor", edges::levels),
         case("degenerate pings", pings::rows),
         case("stiffness", stiffness::rows),
         case("through the whole mapper", whole::rows),
         case("the paper's renderer", images::rows),
-        case("gradients against central differences", twins::differences),
-        case("online kernels against twins", twins::online),
         case("paper's kernels against twins", twins::paper),
     ]
 }

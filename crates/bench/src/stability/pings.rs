@@ -1,7 +1,6 @@
 //! Degenerate pings, as frames of the device: rejected or mapped rightly, never mass from nothing.
 
 use echosplat_model::{Snapshot, Standing};
-use glam::DVec3;
 
 use super::Row;
 use super::dive::{Dive, Heard, TARGET_M, heard, noise, of_target, power, water};
@@ -61,7 +60,7 @@ pub(super) fn rows(seed: u64, quick: bool) -> Vec<Row> {
 }
 
 fn target(seed: u64, count: u32, bins: usize) -> Row {
-    let map = of_target(seed, count, bins).map(DVec3::ZERO);
+    let map = of_target(seed, count, bins).map();
     let error_m = map.map_or(f64::NAN, |(snapshot, _)| furthest_m(&snapshot));
     Comparison::of(0.0, error_m, 1.0).row(TARGET, format!("num_results {bins}"), FALSE_BEYOND_M)
 }
@@ -81,7 +80,7 @@ fn furthest_m(snapshot: &Snapshot) -> f64 {
 
 fn nothing(input: &str, count: u32, of: impl Fn(u32) -> Heard) -> Row {
     let lit = naive_echoes(&of(count - 1));
-    let map = Dive { count, of }.map(DVec3::ZERO);
+    let map = Dive { count, of }.map();
     let rejected = map.as_ref().map_or(0, |(_, rejected)| *rejected);
     let input = match rejected {
         0 => input.to_owned(),

@@ -102,15 +102,6 @@ impl Comparison {
         self
     }
 
-    /// With what the naive way makes of all the same numbers, at the one where it is furthest off.
-    pub(crate) fn with_naive_many(mut self, truth: &[f64], naive: &[f32]) -> Self {
-        let at = worst_of(truth, naive);
-        let value = naive.get(at).copied().map_or(f64::NAN, f64::from);
-        let there = truth.get(at).copied().unwrap_or(f64::NAN);
-        self.naive = Some((value, (value - there).abs() / scale_of(truth)));
-        self
-    }
-
     /// The worse of two, each way by itself.
     pub(crate) fn worse(self, other: Self) -> Self {
         let worst = match is_worse(other.error, self.error) {
@@ -215,7 +206,7 @@ mod tests {
     #[test]
     fn the_naive_way_is_judged_by_itself() {
         let truth = [1.0, 4.0];
-        let c = Comparison::of_many(&truth, &[1.5_f32, 4.0]).with_naive_many(&truth, &[1.0, 8.0]);
+        let c = Comparison::of_many(&truth, &[1.5_f32, 4.0]).with_naive(8.0, 4.0);
         assert_eq!(c.naive, Some((8.0, 1.0)));
         let d = Comparison::of(1.0, 1.0, 1.0).with_naive(f64::NAN, 1.0);
         assert!(c.worse(d).naive.is_some_and(|naive| naive.1.is_nan()));

@@ -1,24 +1,25 @@
-//! One ping and what it sees, rendered three times: by the program's kernels, by the plain twin in
-//! f64, and by the same twin in f32.
+//! One ping and what is before it: heard by the program's kernels, and by the plain twin in f64.
 
-use echosplat_acoustics::online::{OnlineOptions, OnlineRenderer};
-use echosplat_acoustics::reference::online::{Cutoffs, backward, forward, numbers_of};
-use echosplat_acoustics::{
-    Beam, GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters, PingGeometry, PingPose, Real,
+use echosplat_measurement::heard::Detail;
+use echosplat_measurement::lanes::Level;
+use echosplat_measurement::twin::Twin;
+use echosplat_measurement::{
+    Beam, Element, Listener, PingGeometry, PingPose, Scene, SymmetricMat3, simd_level,
 };
 use glam::{Mat3, Quat, Vec3};
 
 use crate::draw::Draw;
 
-/// Gradient or value of one Gaussian's parameters.
-pub(super) type Numbers<R> = [R; PARAMETER_COUNT];
+/// Power per bin that echoes are told from.
+pub(crate) const NOISE: f32 = 1e-6;
+/// One sigma of a Gaussian that is nothing special, metres.
+const SIGMA_M: f32 = 0.03;
 
 /// A ping without its measurement.
 #[derive(Debug, Clone)]
-pub(super) struct Scene {
-    pub(super) geometry: PingGeometry,
-    pub(super) gaussians: GaussianArrays,
-    pub(super) occlusion: bool,
+pub(crate) struct Trial {
+    pub(crate) geometry: PingGeometry,
+    pub(crate) elements: Vec<Element>,
 }
 
 /// At the origin, looking along x: 600 bins of 2 cm.
@@ -39,112 +40,59 @@ pub(super) fn geometry() -> PingGeometry {
     }
 }
 
-/// A Gaussian that is nothing special, at a place in the beam.
-pub(super) fn plain(mean_m: Vec3) -> Parameters {
-    Parameters {
-        mean_m,
-        rotation: Quat::IDENTITY,
-        log_scale: Vec3::splat(-3.0),
-        opacity_logit: 0.5,
-        reflectivity_log: -0.5,
-    }
+/// A round Gaussian that is nothing special.
+pub(super) fn plain(mean_m: Vec3) -> Element {
+    Element::even(mean_m, SymmetricMat3::isotropic(SIGMA_M), 1.0)
 }
 
-/// A Gaussian like those of a map, somewhere in the beam.
-pub(super) fn usual(draw: &mut Draw) -> Parameters {
+/// One with a shape.
+pub(super) fn shaped(mean_m: Vec3, rotation: Quat, scale_m: Vec3) -> Element {
+    let scaled = Mat3::from_quat(rotation) * Mat3::from_diagonal(scale_m);
+    Element::even(mean_m, SymmetricMat3::of(scaled * scaled.transpose()), 1.0)
+}
+
+/// One like those of a map, somewhere in the beam.
+pub(super) fn usual(draw: &mut Draw) -> Element {
     let range_m = draw.between(2.0, 9.0);
-    Parameters {
-        mean_m: Vec3::new(
-            range_m,
-            0.01 * range_m * draw.between(-1.0, 1.0),
-            0.25 * range_m * draw.between(-1.0, 1.0),
-        ),
-        rotation: draw.rotation(),
-        log_scale: Vec3::from_array(std::array::from_fn(|_| draw.between(-4.5, -1.5))),
-        opacity_logit: draw.between(-2.0, 2.0),
-        reflectivity_log: draw.between(-2.0, 0.0),
+    let (y, z) = (draw.between(-0.01, 0.01), draw.between(-0.25, 0.25));
+    let mean_m = range_m * Vec3::new(1.0, y, z);
+    let scale_m = Vec3::from_array(std::array::from_fn(|_| draw.between(0.01, 0.1)));
+    Element {
+        ahead: (2.0 * draw.cube()).exp(),
+        behind: (2.0 * draw.cube()).exp(),
+        ..shaped(mean_m, draw.rotation(), scale_m)
     }
 }
 
-impl Scene {
-    pub(super) fn new(occlusion: bool) -> Self {
+impl Trial {
+    pub(super) fn of(elements: Vec<Element>) -> Self {
         Self {
             geometry: geometry(),
-            gaussians: GaussianArrays::new(),
-            occlusion,
+            elements,
         }
     }
 
     /// Of [`usual`] Gaussians.
-    pub(super) fn random(draw: &mut Draw, count: usize, occlusion: bool) -> Self {
-        let mut scene = Self::new(occlusion);
-        scene.geometry.pose.drift_per_m = 1e-4 * draw.cube();
-        for _ in 0..count {
-            scene.gaussians.push(usual(draw));
-        }
-        scene
+    pub(crate) fn random(draw: &mut Draw, count: usize) -> Self {
+        let mut trial = Self::of((0..count).map(|_| usual(draw)).collect());
+        trial.geometry.pose.drift_per_m = 1e-4 * draw.cube();
+        trial
     }
 
-    pub(super) fn with(mut self, gaussian: Parameters) -> Self {
-        self.gaussians.push(gaussian);
-        self
+    pub(crate) fn twin(&self) -> Twin {
+        Twin::of(&self.geometry, &self.elements)
     }
 
-    fn visible(&self) -> Vec<u32> {
-        (0..self.gaussians.len() as u32).collect()
+    pub(crate) fn listener(&self, level: Level) -> (Listener, Vec<f32>) {
+        let mut listener = Listener::with_level(level);
+        let scene = Scene::of(&self.elements);
+        let heard = listener.hear(&scene, &self.geometry, NOISE, Detail::Full);
+        let heard = heard.to_vec();
+        (listener, heard)
     }
 
-    fn renderer(&self) -> OnlineRenderer {
-        OnlineRenderer::new(OnlineOptions {
-            occlusion: self.occlusion,
-        })
-    }
-
-    /// Intensity per bin by the program.
+    /// Power per bin, noise included, by the program.
     pub(super) fn program(&self) -> Vec<f32> {
-        let mut renderer = self.renderer();
-        renderer
-            .forward(&self.geometry, &self.gaussians, &self.visible())
-            .to_vec()
-    }
-
-    /// By the twin, with the program's cut-offs.
-    pub(super) fn twin<R: Real>(&self) -> Vec<R> {
-        self.twin_of(&numbers_of(&self.gaussians), &Cutoffs::default())
-    }
-
-    /// By the twin, of these numbers in place of the scene's.
-    pub(super) fn twin_of<R: Real>(&self, numbers: &[Numbers<R>], cutoffs: &Cutoffs) -> Vec<R> {
-        let visible = self.visible();
-        forward(&self.geometry, numbers, &visible, self.occlusion, cutoffs).intensity
-    }
-
-    /// dL/d(parameters) of every Gaussian by the program, given dL/d(intensity).
-    pub(super) fn program_gradient(&self, d_intensity: &[f32]) -> Vec<Numbers<f32>> {
-        let mut renderer = self.renderer();
-        let _ = renderer.forward(&self.geometry, &self.gaussians, &self.visible());
-        let mut gradients = GradientArrays::zeros(self.gaussians.len());
-        renderer.backward(&self.gaussians, d_intensity, &mut gradients);
-        (0..gradients.len()).map(|i| gradients.get(i)).collect()
-    }
-
-    /// The same by the twin.
-    pub(super) fn twin_gradient<R: Real>(
-        &self,
-        d_intensity: &[f32],
-        cutoffs: &Cutoffs,
-    ) -> Vec<Numbers<R>> {
-        let numbers = numbers_of(&self.gaussians);
-        let visible = self.visible();
-        let rendering = forward(&self.geometry, &numbers, &visible, self.occlusion, cutoffs);
-        let d: Vec<R> = d_intensity.iter().map(|&d| R::of_f32(d)).collect();
-        backward(&self.geometry, &numbers, &rendering, &d)
-    }
-
-    /// A loss's slope by intensity: of both signs, the same for the same draw.
-    pub(super) fn slope(&self, draw: &mut Draw) -> Vec<f32> {
-        (0..self.geometry.bin_count)
-            .map(|_| draw.between(-1.0, 1.0))
-            .collect()
+        self.listener(simd_level::level()).1
     }
 }

@@ -5,11 +5,12 @@ use std::cmp::Ordering;
 use echosplat_model::{Gaussian, GaussianId, Standing};
 
 /// Everything of a Gaussian as bits; two are the same if and only if these are.
-pub(crate) fn bits(gaussian: &Gaussian) -> [u32; 22] {
+pub(crate) fn bits(gaussian: &Gaussian) -> [u32; 23] {
     let m = gaussian.mean_m;
     let q = gaussian.rotation;
     let s = gaussian.scale_m;
     let [xx, xy, xz, yy, yz, zz] = gaussian.position_covariance_m2.map(f32::to_bits);
+    let [reason, clear, measured] = gaussian.why.bytes();
     [
         gaussian.id,
         m.x.to_bits(),
@@ -33,6 +34,7 @@ pub(crate) fn bits(gaussian: &Gaussian) -> [u32; 22] {
         zz,
         gaussian.probability.to_bits(),
         u32::from(gaussian.standing == Standing::Confident),
+        u32::from_le_bytes([reason, clear, measured, 0]),
     ]
 }
 

@@ -8,7 +8,7 @@ use echosplat_model::{Delta, Gaussian, GaussianId, Snapshot, TileKey};
 use super::change::{Change, applied, changes};
 use super::published::{PublishedMap, PublishedTile};
 use super::tile::tile_of;
-use crate::point_cloud::POINT_BYTES;
+use crate::map_message::BYTES_PER_POINT;
 
 /// What a delta costs besides its points and ids: field descriptions, header, attachment, framing.
 const DELTA_OVERHEAD_BYTES: usize = 1000;
@@ -208,7 +208,7 @@ fn plans(
 
 fn change_cost(change: &Change) -> usize {
     match change.now {
-        Some(_) => POINT_BYTES,
+        Some(_) => BYTES_PER_POINT,
         None => REMOVED_BYTES,
     }
 }

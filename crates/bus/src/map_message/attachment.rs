@@ -1,6 +1,8 @@
 //! The JSON attachment of a map message.
 
-use echosplat_model::{GaussianId, INTENSITY_UNITS, TileKey, Timestamp, is_origin};
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD as BASE64;
+use echosplat_model::{GaussianId, INTENSITY_UNITS, TileKey, Timestamp, Why, is_origin};
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -38,6 +40,8 @@ pub(crate) struct MapHeader {
     pub(crate) is_final: bool,
     pub(crate) part: Option<Part>,
     pub(crate) since: Option<u64>,
+    /// Of each point of the payload; empty if nothing is said of any.
+    pub(crate) why: Vec<Why>,
 }
 
 /// Why an attachment cannot be used.
@@ -84,6 +88,9 @@ struct Document {
     parts: Option<u32>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     since: Option<u64>,
+    /// Three bytes a point in base64, so that each point has four characters.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    why: Option<String>,
 }
 
 impl MapHeader {
@@ -103,6 +110,7 @@ impl MapHeader {
             part: self.part.map(|part| part.part),
             parts: self.part.map(|part| part.parts),
             since: self.since,
+            why: (!self.why.is_empty()).then(|| text_of(&self.why)),
         };
         // Numbers, one text and lists of numbers: this cannot fail.
         serde_json::to_vec(&document).unwrap_or_default()
@@ -146,6 +154,11 @@ impl MapHeader {
             "chunk",
             "below chunks, and chunks at most 65536",
         )?;
+        let why = document.why.as_deref().map_or(Some(Vec::new()), whys_of);
+        let why = why.ok_or(AttachmentError::Member {
+            member: "why",
+            wanted: "base64 of three bytes a point",
+        })?;
         Ok(Self {
             epoch: document.epoch,
             sequence: document.sequence,
@@ -160,6 +173,20 @@ impl MapHeader {
             is_final: document.is_final,
             part,
             since: document.since,
+            why,
         })
     }
+}
+
+/// As it stands in the object.
+pub(super) fn text_of(why: &[Why]) -> String {
+    let bytes: Vec<u8> = why.iter().flat_map(|why| why.bytes()).collect();
+    BASE64.encode(bytes)
+}
+
+fn whys_of(text: &str) -> Option<Vec<Why>> {
+    let bytes = BASE64.decode(text).ok()?;
+    let (whys, rest) = bytes.as_chunks::<3>();
+    let whys = whys.iter().copied().map(Why::of_bytes);
+    rest.is_empty().then(|| whys.collect())
 }

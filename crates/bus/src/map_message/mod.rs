@@ -14,13 +14,16 @@
 //! | `final` | `true` on the publisher's last state: with this sequence the map is whole |
 //! | `part`, `parts` | snapshot only: this message is number `part` of `parts` of the whole answer |
 //! | `since` | snapshot only: only tiles changed after this sequence are in the answer; if left out, tiles not in it are empty |
+//! | `why` | base64 of three bytes for each point of the payload, in their order: number of its [`Reason`], clear observations, what the test measured ([`Why`]); left out if nothing is said of any |
 //!
 //! A delta adds and replaces Gaussians of its tile by id; a tile of a snapshot replaces it whole.
 
 mod attachment;
 mod collect;
 
-use echosplat_model::{Delta, Gaussian, GaussianId, TileKey, Unsound};
+#[cfg(doc)]
+use echosplat_model::Reason;
+use echosplat_model::{Delta, Gaussian, GaussianId, TileKey, Unsound, Why};
 
 pub(crate) use attachment::MapHeader;
 pub use attachment::{AttachmentError, Part};
@@ -34,6 +37,9 @@ const MAX_REMOVED_PER_MESSAGE: usize = 2000;
 
 /// Bytes of a message that are neither points nor ids: fields, header, attachment.
 const FIXED_BYTES: usize = 1536;
+
+/// Bytes of one point: those of the payload, and its characters in `why`.
+pub(crate) const BYTES_PER_POINT: usize = POINT_BYTES + 4;
 
 /// Bytes of one id in `removed`.
 const REMOVED_BYTES: usize = 11;
@@ -81,7 +87,8 @@ pub enum MapMessageError {
 impl MapMessage {
     pub(crate) fn decode(payload: &[u8], attachment: &[u8]) -> Result<Self, MapMessageError> {
         let mut header = MapHeader::parse(attachment)?;
-        let cloud = point_cloud::decode(payload)?;
+        let why_of = |point: usize| header.why.get(point).copied().unwrap_or_default();
+        let cloud = point_cloud::decode_with(payload, why_of)?;
         header
             .removed
             .extend(cloud.unsound.iter().map(|&(id, _)| id));
@@ -119,6 +126,7 @@ impl Cut<'_> {
             is_final,
             part: None,
             since: None,
+            why: Vec::new(),
         };
         let pieces = self.pieces(&header, &delta.gaussians, &delta.removed);
         pieces.iter().map(|piece| self.encode(piece)).collect()
@@ -140,6 +148,7 @@ impl Cut<'_> {
             is_final: answer.is_final,
             part: None,
             since: answer.since,
+            why: Vec::new(),
         };
         let mut pieces: Vec<Piece<'_>> = Vec::new();
         for state in &answer.tiles {
@@ -169,7 +178,7 @@ impl Cut<'_> {
     ) -> Vec<Piece<'g>> {
         let room = self.max_message_bytes.saturating_sub(FIXED_BYTES);
         let removed_room = (room / REMOVED_BYTES).clamp(1, MAX_REMOVED_PER_MESSAGE);
-        let point_room = (room / POINT_BYTES).max(1);
+        let point_room = (room / BYTES_PER_POINT).max(1);
         let mut pieces: Vec<Piece<'g>> = Vec::new();
         for ids in removed.chunks(removed_room) {
             let header = MapHeader {
@@ -188,7 +197,7 @@ impl Cut<'_> {
             });
         }
         // Most deltas are small: what fits into one message goes as one.
-        let fits_one = removed.len() * REMOVED_BYTES + gaussians.len() * POINT_BYTES <= room
+        let fits_one = removed.len() * REMOVED_BYTES + gaussians.len() * BYTES_PER_POINT <= room
             && removed.len() <= removed_room;
         if pieces.is_empty() || fits_one {
             let header = MapHeader {
@@ -205,10 +214,16 @@ impl Cut<'_> {
     }
 
     fn encode(&self, piece: &Piece<'_>) -> WireMessage {
+        let why = piece.gaussians.iter().map(|gaussian| gaussian.why);
+        let is_said = why.clone().any(|why| why != Why::default());
+        let header = MapHeader {
+            why: why.filter(|_| is_said).collect(),
+            ..piece.header.clone()
+        };
         WireMessage {
             tile: TileName(piece.header.tile),
             payload: point_cloud::encode(piece.gaussians, piece.header.time, self.frame_id),
-            attachment: piece.header.to_json(),
+            attachment: header.to_json(),
         }
     }
 }

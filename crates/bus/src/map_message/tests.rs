@@ -113,6 +113,47 @@ fn an_answer_comes_back_in_any_order_empty_tiles_included() {
     }
 }
 
+/// Readers of before find points and members as they were, and a message without reasons is one.
+#[test]
+fn reasons_are_beside_the_points_and_may_be_missing() {
+    let mut sent = delta(3, 1);
+    let message = |sent: &Delta| cut(64_000).delta(sent, false).remove(0);
+    let with = message(&sent);
+    let document: serde_json::Value = serde_json::from_slice(&with.attachment).unwrap();
+    let first = sent.gaussians[0].why.bytes();
+    let text = document["why"].as_str().unwrap();
+    assert_eq!(
+        (text.len(), text),
+        (12, &*attachment::text_of(&header_of(&with).why))
+    );
+    assert_eq!(header_of(&with).why[0].bytes(), first);
+    sent.gaussians
+        .iter_mut()
+        .for_each(|gaussian| gaussian.why = Why::default());
+    let without = message(&sent);
+    assert_eq!(without.payload, with.payload);
+    assert!(!String::from_utf8_lossy(&without.attachment).contains("why"));
+    assert_eq!(decoded(&without).gaussians, sent.gaussians);
+    // Fewer than there are points, or of a newer program.
+    let few = String::from_utf8_lossy(&with.attachment).replace(text, "/wEC");
+    let few = MapMessage::decode(&with.payload, few.as_bytes()).unwrap();
+    assert!(
+        few.gaussians
+            .iter()
+            .all(|gaussian| gaussian.why == Why::default())
+    );
+    let odd = String::from_utf8_lossy(&with.attachment).replace(text, "AAA=");
+    let refused = MapHeader::parse(odd.as_bytes()).unwrap_err();
+    assert!(matches!(
+        refused,
+        AttachmentError::Member { member: "why", .. }
+    ));
+}
+
+fn header_of(message: &WireMessage) -> MapHeader {
+    decoded(message).header
+}
+
 #[test]
 fn an_answer_with_a_hole_or_from_two_publishers_is_none() {
     let sent = answer((0..4).map(|x| TileKey { x, y: 0, z: 0 }).collect());

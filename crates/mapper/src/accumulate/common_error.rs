@@ -3,7 +3,7 @@
 //!
 //! Errors of poses are a first-order Gauss–Markov process: two observations Δt apart share e^(−Δt/τ) of the error.
 
-use echosplat_acoustics::SymmetricMat3;
+use echosplat_measurement::SymmetricMat3;
 
 use super::finding::{add, times};
 

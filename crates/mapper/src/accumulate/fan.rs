@@ -1,7 +1,7 @@
 //! Which parts of space a ping can see.
 
-use echosplat_acoustics::lanes::LANES;
-use echosplat_acoustics::{PingGeometry, simd_level};
+use echosplat_measurement::lanes::LANES;
+use echosplat_measurement::{PingGeometry, simd_level};
 use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x8};
@@ -170,7 +170,7 @@ impl Reach {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_acoustics::{Beam, PingPose};
+    use echosplat_measurement::{Beam, PingPose};
     use echosplat_model::glam::Mat3;
 
     #[test]

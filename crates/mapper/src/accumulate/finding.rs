@@ -1,6 +1,6 @@
 //! What the observations of one Gaussian add up to.
 
-use echosplat_acoustics::SymmetricMat3;
+use echosplat_measurement::SymmetricMat3;
 use echosplat_model::glam::Vec3;
 
 use super::common_error::{CommonError, Faded};

@@ -3,7 +3,7 @@
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use echosplat_acoustics::{PingGeometry, PingPose};
+use echosplat_measurement::{PingGeometry, PingPose};
 use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
 

@@ -24,6 +24,9 @@ const LEAST_BEAM_RAD: f32 = 0.004;
 const ROUNDS: usize = 15;
 /// Steps before scatter is looked at; found.
 const FIRST_SCATTER: usize = 3;
+/// Prior sigmas of a step, derived.
+/// A kernel is done with once a step is this short: a hundredth of what pings tell at best.
+const CONVERGED: f64 = 1e-3;
 /// Prior sigmas of a step, at most; found.
 /// Longest step over the prior, and of a landmark, metres.
 const LONGEST: f64 = 0.5;
@@ -68,9 +71,13 @@ impl Landmarks {
             };
             for round in 0..ROUNDS {
                 let total = state.total(kernel);
-                state.step(&total);
-                if round == FIRST_SCATTER || round + 1 == ROUNDS {
+                let is_done = state.step(&total) < CONVERGED && round > FIRST_SCATTER;
+                let is_last = is_done || round + 1 == ROUNDS;
+                if round == FIRST_SCATTER || is_last {
                     covariance = state.covariance(&total, kernel).or(covariance);
+                }
+                if is_last {
+                    break;
                 }
             }
         }
@@ -109,19 +116,20 @@ impl State<'_> {
         self.dispersion / self.prior[of].powi(2)
     }
 
-    /// One step of Gauss and Newton with the prior.
-    fn step(&mut self, total: &Total) {
+    /// One step of Gauss and Newton with the prior. Returns how long it was, in prior sigmas.
+    fn step(&mut self, total: &Total) -> f64 {
         let (mut gradient, mut curvature) = (total.gradient, total.curvature);
         for i in 0..PARAMETERS {
             curvature[i][i] += self.prior(i);
             gradient[i] -= self.prior(i) * self.values[i];
         }
         let Some(factor) = cholesky(&curvature) else {
-            return;
+            return 0.0;
         };
         let mut step = solve(&factor, &gradient);
         let sizes = (0..PARAMETERS).map(|i| (step[i] / self.prior[i]).abs());
-        let fraction = (LONGEST / sizes.fold(0.0, f64::max)).min(1.0);
+        let longest = sizes.fold(0.0, f64::max);
+        let fraction = (LONGEST / longest).min(1.0);
         for (value, step) in self.values.iter_mut().zip(&mut step) {
             *step *= fraction;
             *value += *step;
@@ -132,6 +140,7 @@ impl State<'_> {
                 *free += step.clamp(-LONGEST_M, LONGEST_M);
             }
         }
+        longest
     }
 
     /// The covariance by how far blocks of time disagree, `(H + P)⁻¹ (S + P) (H + P)⁻¹`: neighbouring pings are off

@@ -2,15 +2,16 @@
 
 use std::collections::BTreeMap;
 
-use echosplat_acoustics::heard::Detail;
+use echosplat_measurement::heard::Detail;
 use echosplat_model::Standing;
 use echosplat_model::glam::{Mat3, Vec3};
 use rayon::prelude::*;
 
 use super::moving::Moving;
 use crate::accumulate::evidence::BlockIndex;
+use crate::features::AtWork;
 use crate::refine::field::Field;
-use crate::refine::scene::Scene;
+use crate::refine::terms::PassTerms;
 use crate::refine::visibility::Sight;
 use crate::spawn::gaussians::{Gaussians, Stage, Verdict};
 
@@ -74,16 +75,19 @@ pub(crate) struct Landmarks {
 }
 
 impl Landmarks {
-    /// In the map of `scene`, with what `moving` heard around them, or would have heard if the map were true.
-    pub(crate) fn find(moving: &[Moving], scene: Scene<'_>, is_predicted: bool) -> Self {
+    /// At these places, with what `moving` heard around them, or with what it would have heard were the map of that field true.
+    pub(crate) fn find(
+        moving: &[Moving],
+        places_m: &[Vec3],
+        map: Option<(&Field, AtWork)>,
+    ) -> Self {
         let Some(first) = moving.first() else {
             return Self::default();
         };
-        let predicted = match is_predicted {
-            true => predictions(moving, scene),
-            false => Vec::new(),
-        };
-        let of: Vec<Landmark> = places(scene.gaussians)
+        let predicted = map.map_or_else(Vec::new, |(field, at_work)| {
+            predictions(moving, field, at_work)
+        });
+        let of: Vec<Landmark> = places_m
             .par_iter()
             .map(|&at_m| landmark(at_m, moving, &predicted))
             .filter(|landmark| landmark.observations.len() >= LEAST_OBSERVATIONS)
@@ -105,7 +109,7 @@ impl Landmarks {
 }
 
 /// Of each block the strongest Gaussian, confident ones only where there are enough, evenly over the map.
-fn places(gaussians: &Gaussians) -> Vec<Vec3> {
+pub(crate) fn places(gaussians: &Gaussians) -> Vec<Vec3> {
     let mut best: BTreeMap<BlockIndex, (bool, f32, usize)> = BTreeMap::new();
     for slot in gaussians.slots() {
         let Verdict::Published(standing) = gaussians.verdict[slot] else {
@@ -132,17 +136,20 @@ fn places(gaussians: &Gaussians) -> Vec<Vec3> {
 }
 
 /// At most so many of them.
-fn evenly<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
+pub(crate) fn evenly<T>(all: &[T], most: usize) -> impl Iterator<Item = &T> {
     let stride = (all.len() as f64 / most as f64).max(1.0);
     (0..all.len().min(most)).map(move |index| &all[(index as f64 * stride) as usize])
 }
 
 /// What each ping would hear if the map were true, speckle included.
-fn predictions(moving: &[Moving], scene: Scene<'_>) -> Vec<Vec<f32>> {
-    let field = Field::of(scene.evidence, scene.gaussians);
+fn predictions(moving: &[Moving], field: &Field, at_work: AtWork) -> Vec<Vec<f32>> {
+    let terms = PassTerms {
+        is_blurred: false,
+        at_work,
+    };
     let of_ping = |sight: &mut Sight, moving: &Moving| {
         let keyframe = &moving.keyframe;
-        sight.observe(keyframe, scene, &field, Detail::Strength);
+        sight.observe(keyframe, terms, field, Detail::Strength);
         let bins = sight
             .predicted
             .iter()

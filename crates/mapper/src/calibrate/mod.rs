@@ -13,7 +13,7 @@ mod point;
 pub(crate) mod sound;
 mod sums;
 
-pub(crate) use landmarks::Landmarks;
+pub(crate) use landmarks::{Landmarks, evenly, places};
 pub(crate) use moving::{Moving, corrected, moving};
 pub use parameters::{Calibration, Estimate};
-pub(crate) use parameters::{Compass, Difference, RANGE, Verdict};
+pub(crate) use parameters::{Compass, Difference, RANGE, Step, Verdict};

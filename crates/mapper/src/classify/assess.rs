@@ -4,10 +4,10 @@
 use std::f32::consts::PI;
 use std::ops::Range;
 
-use echosplat_acoustics::heard::Rows;
-use echosplat_acoustics::simd_level;
-use echosplat_model::Standing;
+use echosplat_measurement::heard::Rows;
+use echosplat_measurement::simd_level;
 use echosplat_model::glam::IVec3;
+use echosplat_model::{Reason, Standing, Why};
 use fearless_simd::dispatch;
 use foldhash::{HashMap, HashMapExt};
 use rayon::prelude::*;
@@ -20,7 +20,6 @@ use crate::classify::certainty;
 use crate::classify::occlusion::Occlusion;
 use crate::features::AtWork;
 use crate::refine::expectation::{Explained, Score, Sum};
-use crate::refine::scene::Scene;
 use crate::refine::shape::least_eigenvalue;
 use crate::refine::tally::Tally;
 use crate::refine::visibility::Sight;
@@ -119,22 +118,112 @@ impl ViewStatistics {
     /// it elsewhere.
     fn tells_from_mirror(&self) -> bool {
         let mean_m = self.mirror_m / self.observations;
-        let spread_m2 = self.mirror_m2 / self.observations - mean_m.length_squared();
-        mean_m.length() < HARMLESS_MIRROR_M || spread_m2 > LEAST_MIRROR_SPREAD_M.powi(2)
+        mean_m.length() < HARMLESS_MIRROR_M
+            || self.mirror_spread_m2() > LEAST_MIRROR_SPREAD_M.powi(2)
     }
 
-    /// Whether its observations fix a place, one sigma of which is given.
-    fn fixes(&self, sigma_m: f32, thresholds: VerdictThresholds) -> bool {
-        let is_clear = self.clear_observations >= thresholds.observations
-            && self.clear_observations >= LEAST_CLEAR_SHARE * self.observations
-            && sigma_m <= thresholds.sigma_m;
+    /// Variance of where its mirror image is.
+    fn mirror_spread_m2(&self) -> f32 {
+        let mean_m = self.mirror_m / self.observations;
+        self.mirror_m2 / self.observations - mean_m.length_squared()
+    }
+
+    /// Whether its observations fix a place, one sigma of which is given: by which test if they do, else the first that they
+    /// fail.
+    fn fixes(&self, sigma_m: f32, thresholds: VerdictThresholds) -> Result<Why, Why> {
+        let why = |reason, measured| Why::of(reason, self.clear_observations, measured);
+        let fraction = |of: f32| of / self.observations;
+        let by_clear = self.told_clearly(sigma_m, thresholds);
         let is_likely = self.odds + self.clear_observations >= thresholds.odds
             && self.explained_ratio >= LEAST_LIKELY_EXPLAINED_RATIO * self.observations
             && sigma_m <= thresholds.likely_sigma_m;
-        (is_clear || is_likely)
-            && self.compactness >= LEAST_COMPACTNESS * self.observations
-            && self.hidden_observations <= MOST_HIDDEN_SHARE * self.observations
-            && self.tells_from_mirror()
+        if by_clear.is_err() && !is_likely {
+            return by_clear;
+        }
+        if !(self.compactness >= LEAST_COMPACTNESS * self.observations) {
+            return Err(why(Reason::BesideSurface, fraction(self.compactness)));
+        }
+        if !(self.hidden_observations <= MOST_HIDDEN_SHARE * self.observations) {
+            return Err(why(Reason::Hidden, fraction(self.hidden_observations)));
+        }
+        if !self.tells_from_mirror() {
+            let spread_m = self.mirror_spread_m2().max(0.0).sqrt();
+            return Err(why(Reason::MirrorFits, spread_m));
+        }
+        let likely = why(Reason::Likely, self.odds + self.clear_observations);
+        by_clear.or(Ok(likely))
+    }
+
+    /// Whether enough of its observations are clear, and fix the place.
+    fn told_clearly(&self, sigma_m: f32, thresholds: VerdictThresholds) -> Result<Why, Why> {
+        let why = |reason, measured| Why::of(reason, self.clear_observations, measured);
+        let share = self.clear_observations / self.observations;
+        if !(self.clear_observations >= thresholds.observations) {
+            let odds = self.odds + self.clear_observations;
+            return Err(why(Reason::FewClear, odds));
+        }
+        if !(self.clear_observations >= LEAST_CLEAR_SHARE * self.observations) {
+            return Err(why(Reason::SmallClearShare, share));
+        }
+        if !(sigma_m <= thresholds.sigma_m) {
+            return Err(why(Reason::WidePlace, sigma_m));
+        }
+        Ok(why(Reason::ClearlySeen, share))
+    }
+}
+
+/// A verdict, and what gave it.
+struct Judged {
+    slot: usize,
+    verdict: Verdict,
+    why: Why,
+    /// What would, were it confident by a surface beside it; `None` where it may not be.
+    may_link: Option<Why>,
+}
+
+impl Judged {
+    /// Of its findings and one sigma of its place.
+    fn of(
+        slot: usize,
+        statistics: &ViewStatistics,
+        (sigma_m, is_outshone): (f32, bool),
+        thresholds: VerdictThresholds,
+    ) -> Self {
+        let judged = |verdict, why| Self {
+            slot,
+            verdict,
+            why,
+            may_link: None,
+        };
+        let clear = statistics.clear_observations;
+        let explained_ratio = statistics.explained_ratio / statistics.observations;
+        if is_outshone {
+            return judged(
+                Verdict::ExplainedAway,
+                Why::of(Reason::Outshone, clear, 0.0),
+            );
+        }
+        if !(explained_ratio > LEAST_EXPLAINED_RATIO) {
+            let reason = match statistics.observations > 0.0 {
+                true => Reason::ExplainsLittle,
+                false => Reason::Unlit,
+            };
+            return judged(
+                Verdict::ExplainedAway,
+                Why::of(reason, clear, explained_ratio),
+            );
+        }
+        match statistics.fixes(sigma_m, thresholds) {
+            Ok(why) => judged(CONFIDENT, why),
+            Err(why) => {
+                let may_link = statistics.fixes(sigma_m, thresholds.to_link());
+                let linked = |_| Why::of(Reason::Linked, clear, sigma_m);
+                Self {
+                    may_link: may_link.ok().map(linked),
+                    ..judged(Verdict::Published(Standing::Ambiguous), why)
+                }
+            }
+        }
     }
 }
 
@@ -254,40 +343,32 @@ pub(crate) fn judge(
         let alone = 1.0 / least_eigenvalue(&information).max(0.0).sqrt();
         // What the children of a split Gaussian know adds up.
         let sigma_m = alone * gaussians.child_share[slot];
-        let explained_ratio = statistics.explained_ratio / statistics.observations;
-        let is_explained_away = is_outshone || !(explained_ratio > LEAST_EXPLAINED_RATIO);
-        let (verdict, may_link) = if is_explained_away {
-            (Verdict::ExplainedAway, false)
-        } else if statistics.fixes(sigma_m, thresholds) {
-            (CONFIDENT, false)
-        } else {
-            let may_link = statistics.fixes(sigma_m, thresholds.to_link());
-            (Verdict::Published(Standing::Ambiguous), may_link)
-        };
-        Some((slot, verdict, may_link))
+        let found = (sigma_m, is_outshone);
+        Some(Judged::of(slot, &statistics, found, thresholds))
     };
-    let verdicts: Vec<Option<(usize, Verdict, bool)>> =
-        outshone.into_par_iter().map(of_slot).collect();
-    let mut may_link = vec![false; gaussians.slot_count()];
-    for (slot, verdict, is_linked) in verdicts.into_iter().flatten() {
-        gaussians.verdict[slot] = verdict;
-        may_link[slot] = is_linked;
+    let verdicts: Vec<Option<Judged>> = outshone.into_par_iter().map(of_slot).collect();
+    let mut may_link = vec![None; gaussians.slot_count()];
+    for judged in verdicts.into_iter().flatten() {
+        gaussians.verdict[judged.slot] = judged.verdict;
+        gaussians.why[judged.slot] = judged.why;
+        may_link[judged.slot] = judged.may_link;
     }
     link_by_hysteresis(gaussians, &may_link, voxel_m);
     if let Some(least) = thresholds.near_support {
         let counts = counts_beside(gaussians, thresholds.unsplit);
-        reject_isolated(gaussians, least, NEAR_SUPPORT_VOXELS * voxel_m, counts);
+        let support = (least, NEAR_SUPPORT_VOXELS * voxel_m, Reason::IsolatedNear);
+        reject_isolated(gaussians, support, counts);
     }
-    let reach_m = SUPPORT_VOXELS * voxel_m;
-    reject_isolated(gaussians, LEAST_SUPPORT, reach_m, |child_share| child_share);
+    let support = (LEAST_SUPPORT, SUPPORT_VOXELS * voxel_m, Reason::Isolated);
+    reject_isolated(gaussians, support, |child_share| child_share);
 }
 
 /// Hysteresis linking: what reaches the lower thresholds is confident beside a surface that reaches the upper ones.
-fn link_by_hysteresis(gaussians: &mut Gaussians, may_link: &[bool], voxel_m: f32) {
+fn link_by_hysteresis(gaussians: &mut Gaussians, may_link: &[Option<Why>], voxel_m: f32) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
-    let keep = |slot: usize| may_link[slot] || is_confident(slot);
+    let keep = |slot: usize| may_link[slot].is_some() || is_confident(slot);
     let neighbours = Neighbours::new(gaussians, LINK_VOXELS * voxel_m, keep);
-    let asked = |slot: usize| may_link[slot];
+    let asked = |slot: usize| may_link[slot].is_some();
     let is_linked = neighbours.map(asked, |around| {
         let strong = MUCH_STRONGER * gaussians.strongest(around.slot);
         let mut surface = 0.0;
@@ -300,15 +381,15 @@ fn link_by_hysteresis(gaussians: &mut Gaussians, may_link: &[bool], voxel_m: f32
     });
     for (slot, _) in is_linked.into_iter().filter(|(_, is_linked)| *is_linked) {
         gaussians.verdict[slot] = CONFIDENT;
+        gaussians.why[slot] = may_link[slot].unwrap_or_default();
     }
 }
 
 /// Isolated-point rejection: what has fewer than `least` whole confident Gaussians within `reach_m` is ambiguous, since
-/// a surface fills more than one place. `counts` is what each counts, by its share of a whole one.
+/// a surface fills more than one place, for the reason given. `counts` is what each counts, by its share of a whole one.
 fn reject_isolated(
     gaussians: &mut Gaussians,
-    least: f32,
-    reach_m: f32,
+    (least, reach_m, reason): (f32, f32, Reason),
     counts: impl Fn(f32) -> f32 + Sync,
 ) {
     let is_confident = |slot: usize| gaussians.verdict[slot] == CONFIDENT;
@@ -321,20 +402,25 @@ fn reject_isolated(
     }
     let asked = |slot: usize| wholes_in[&cell_of(slot)] < least;
     let neighbours = Neighbours::new(gaussians, reach_m, is_confident);
-    let is_isolated = neighbours.map(asked, |around| {
+    let support = neighbours.map(asked, |around| {
         let mut wholes = 0.0;
         let is_in_surface = around.slots().any(|other| {
             wholes += counts(gaussians.child_share[other]);
             wholes >= least
         });
-        !is_in_surface
+        (!is_in_surface).then_some(wholes)
     });
-    let isolated = is_isolated
+    let isolated = support
         .into_iter()
-        .filter(|(_, is_isolated)| *is_isolated);
-    let isolated: Vec<usize> = isolated.map(|(slot, _)| slot).collect();
-    for slot in isolated {
+        .filter_map(|(slot, wholes)| Some((slot, wholes?)));
+    let isolated: Vec<(usize, f32)> = isolated.collect();
+    for (slot, wholes) in isolated {
         gaussians.verdict[slot] = Verdict::Published(Standing::Ambiguous);
+        let why = &mut gaussians.why[slot];
+        *why = Why {
+            clear: why.clear,
+            ..Why::of(reason, 0.0, wholes)
+        };
     }
 }
 
@@ -384,12 +470,17 @@ pub(crate) struct Rule {
 
 impl Rule {
     /// By the verdicts so far.
-    pub(crate) fn of(scene: &Scene<'_>, thresholds: VerdictThresholds) -> Self {
+    pub(crate) fn of(
+        gaussians: &Gaussians,
+        voxel_m: f32,
+        at_work: AtWork,
+        thresholds: VerdictThresholds,
+    ) -> Self {
         Self {
-            radius_m: SURROUNDINGS_VOXELS * scene.evidence.voxel_m(),
+            radius_m: SURROUNDINGS_VOXELS * voxel_m,
             clear_share: thresholds.clear_share,
-            whole_strength: whole_strength(scene.gaussians),
-            occlusion: scene.at_work.occlusion,
+            whole_strength: whole_strength(gaussians),
+            occlusion: at_work.occlusion,
             pose_error_time_s: thresholds.pose_error_time_s,
         }
     }
@@ -587,6 +678,9 @@ pub(crate) fn idle(gaussians: &Gaussians, explained: &Explained) -> Vec<usize> {
 }
 
 #[cfg(test)]
+mod reasons;
+
+#[cfg(test)]
 mod tests {
     use echosplat_model::glam::Vec3;
 
@@ -631,26 +725,26 @@ mod tests {
             compactness: 30.0,
             ..ViewStatistics::default()
         };
-        assert!(weak.fixes(0.5, thresholds) && !weak.fixes(1.5, thresholds));
+        assert!(weak.fixes(0.5, thresholds).is_ok() && weak.fixes(1.5, thresholds).is_err());
         let unlikely = ViewStatistics { odds: 11.0, ..weak };
         let explains_little = ViewStatistics {
             explained_ratio: 10.0,
             ..weak
         };
-        assert!(!unlikely.fixes(0.5, thresholds) && !explains_little.fixes(0.5, thresholds));
+        for wrong in [unlikely, explains_little] {
+            assert!(wrong.fixes(0.5, thresholds).is_err());
+        }
         let beside_another = ViewStatistics {
             compactness: 15.0,
             ..weak
         };
-        assert!(!beside_another.fixes(0.5, thresholds));
+        assert!(beside_another.fixes(0.5, thresholds).is_err());
         let smeared = AtWork {
             smeared: true,
             ..at_work
         };
-        assert!(!weak.fixes(
-            0.5,
-            VerdictThresholds::of(&MapperConfig::default(), smeared)
-        ));
+        let smeared = VerdictThresholds::of(&MapperConfig::default(), smeared);
+        assert!(weak.fixes(0.5, smeared).is_err());
     }
 
     #[test]
@@ -690,12 +784,8 @@ mod tests {
         let children: Vec<usize> = (0..15)
             .map(|i| place(Vec3::new(10.0, -10.0, 0.1 * i as f32), CHILD_SHARE))
             .collect();
-        reject_isolated(
-            &mut gaussians,
-            LEAST_SUPPORT,
-            SUPPORT_VOXELS,
-            |child_share| child_share,
-        );
+        let support = (LEAST_SUPPORT, SUPPORT_VOXELS, Reason::Isolated);
+        reject_isolated(&mut gaussians, support, |child_share| child_share);
         let is_sure = |gaussians: &Gaussians, slots: &[usize]| {
             let mut slots = slots.iter();
             slots.all(|&slot| gaussians.verdict[slot] == CONFIDENT)
@@ -704,15 +794,16 @@ mod tests {
             assert!(is_sure(&gaussians, slots));
         }
         let counts = counts_beside(&gaussians, CHILD_SHARE);
-        reject_isolated(
-            &mut gaussians,
+        let support = (
             LEAST_NEAR_SUPPORT,
             NEAR_SUPPORT_VOXELS,
-            counts,
+            Reason::IsolatedNear,
         );
+        reject_isolated(&mut gaussians, support, counts);
         assert!(is_sure(&gaussians, &rod));
         for slot in late.into_iter().chain(children) {
             assert_ne!(gaussians.verdict[slot], CONFIDENT);
+            assert_eq!(gaussians.why[slot], Why::of(Reason::IsolatedNear, 0.0, 1.0));
         }
         let in_haste = counts_beside(&gaussians, 1.0);
         assert!(
@@ -764,12 +855,13 @@ mod tests {
         let side_lobe = place(4.0, 2.0, 0.01);
         let far = place(30.0, 0.0, 1.0);
         let unsure = place(4.0, 3.0, 1.0);
-        let mut may_link = vec![false; gaussians.slot_count()];
+        let linked = Some(Why::of(Reason::Linked, 5.0, 0.4));
+        let mut may_link = vec![None; gaussians.slot_count()];
         for slot in [next, side_lobe, far] {
-            may_link[slot] = true;
+            may_link[slot] = linked;
         }
         // Nothing is trusted for the sake of what is not sure itself.
-        link_by_hysteresis(&mut gaussians, &vec![true; may_link.len()], 1.0);
+        link_by_hysteresis(&mut gaussians, &vec![linked; may_link.len()], 1.0);
         assert!(
             gaussians
                 .verdict
@@ -782,6 +874,7 @@ mod tests {
         }
         link_by_hysteresis(&mut gaussians, &may_link, 1.0);
         assert_eq!(gaussians.verdict[next], CONFIDENT);
+        assert_eq!(Some(gaussians.why[next]), linked);
         for slot in [side_lobe, far, unsure] {
             assert_ne!(gaussians.verdict[slot], CONFIDENT);
         }

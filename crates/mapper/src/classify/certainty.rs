@@ -5,10 +5,10 @@
 //! Pings whose poses are off alike agree, and what they agree on is off as well: however many come together, the place is no
 //! surer than their poses. Those that come later are off otherwise.
 
-use echosplat_acoustics::SymmetricMat3;
-use echosplat_acoustics::heard::Rows;
-use echosplat_model::Standing;
+use echosplat_measurement::SymmetricMat3;
+use echosplat_measurement::heard::Rows;
 use echosplat_model::glam::{DMat3, DVec3, Mat3};
+use echosplat_model::{Reason, Standing, Why};
 use rayon::prelude::*;
 
 use crate::accumulate::finding::{Finding, ViewStatistics};
@@ -57,7 +57,7 @@ const LEAST_SHARED_M: f32 = 0.02;
 /// Probability, assumed: false costs 2.3 times ambiguous.
 /// Asserted is what would have at least this probability if its poses shared an error of `NEAR_M` and bodies were thin: a
 /// place asserted in vain costs as much as two or three that are shown as ambiguous.
-const LEAST_PROBABILITY: f32 = 0.70;
+pub(super) const LEAST_PROBABILITY: f32 = 0.70;
 /// Square metres, assumed: a micrometre.
 /// A variance is not taken for less, square metres: rounding may leave nothing of it, and a micrometre is surer than any place.
 const LEAST_M2: f32 = 1e-12;
@@ -101,6 +101,14 @@ pub(crate) fn tell(
         gaussians.sigma_m[slot] = certainty.sigma_m;
         gaussians.probability[slot] = certainty.probability;
         gaussians.is_likely[slot] = certainty.is_likely;
+        let is_confident = gaussians.verdict[slot] == Verdict::Published(Standing::Confident);
+        if is_confident && !certainty.is_likely {
+            let why = &mut gaussians.why[slot];
+            *why = Why {
+                clear: why.clear,
+                ..Why::of(Reason::Improbable, 0.0, certainty.own_probability)
+            };
+        }
     }
 }
 
@@ -110,6 +118,8 @@ struct Certainty {
     sigma_m: f32,
     probability: f32,
     is_likely: bool,
+    /// By its own odds alone, which that goes by.
+    own_probability: f32,
 }
 
 impl Certainty {
@@ -121,6 +131,7 @@ impl Certainty {
                 sigma_m: f32::INFINITY,
                 probability: BY_CHANCE,
                 is_likely: false,
+                own_probability: BY_CHANCE,
             };
         }
         let (_, variances_m2) = eigen(place.covariance_m2);
@@ -130,6 +141,7 @@ impl Certainty {
             sigma_m: variances_m2.z.max(0.0).sqrt(),
             probability: place.probability(own_odds),
             is_likely: own_odds >= least_odds(voxel_m),
+            own_probability: of_odds(own_odds),
         }
     }
 }

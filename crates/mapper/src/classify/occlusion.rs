@@ -2,8 +2,8 @@
 //!
 //! Cost: one addition for each confident Gaussian in the ping and a sum over 64 × shells.
 
-use echosplat_acoustics::PingGeometry;
-use echosplat_acoustics::heard::Rows;
+use echosplat_measurement::PingGeometry;
+use echosplat_measurement::heard::Rows;
 
 /// Steps of elevation; grid.
 /// Steps of elevation over the fan and its soft edge.

@@ -2,7 +2,7 @@
 //!
 //! Cost: the bins of a ping times twice those that an echo is widened by.
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 
 /// Ratio of power, derived: 12 dB beam, 6 dB speckle.
 /// What two pings hear of one place differs by at most this: 12 dB of the beam, if it turned by its width between
@@ -62,7 +62,7 @@ fn sees_alike(now: &PingGeometry, then: &PingGeometry) -> bool {
 
 #[cfg(test)]
 mod tests {
-    use echosplat_acoustics::{Beam, PingPose};
+    use echosplat_measurement::{Beam, PingPose};
     use echosplat_model::glam::{Mat3, Vec3};
 
     use super::*;

@@ -10,7 +10,7 @@
 
 use std::sync::LazyLock;
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 use echosplat_model::glam::DVec3;
 
 use crate::detect::profile::{Profile, greatest};

@@ -1,6 +1,6 @@
 //! Pings with given echoes, for tests.
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
 

@@ -11,7 +11,7 @@
 //! Cost: every fourth ping, or every one once a height is told, a distance for each confident Gaussian in reach, a projection for those
 //! at the ranges of at most 8 strong echoes, and for each of these 500 heights.
 
-use echosplat_acoustics::{PingGeometry, SymmetricMat3};
+use echosplat_measurement::{PingGeometry, SymmetricMat3};
 use echosplat_model::glam::Vec3;
 
 use crate::detect::profile::{Profile, greatest};

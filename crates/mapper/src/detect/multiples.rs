@@ -12,7 +12,7 @@
 
 use std::sync::LazyLock;
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 
 use crate::detect::profile::Profile;
 

@@ -1,6 +1,6 @@
 //! Echoes that are heard again further out, and so say nothing of the place they seem to come from.
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 
 use crate::detect::copies::Copies;
 use crate::detect::mirror::{Mirror, Source};

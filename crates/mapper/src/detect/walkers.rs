@@ -12,7 +12,7 @@
 
 use std::collections::VecDeque;
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 
 use crate::detect::profile::Profile;
 

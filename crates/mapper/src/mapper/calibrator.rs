@@ -1,9 +1,11 @@
-//! Clock, mount, compass and sound by the dive so far: maps of it as it is and as it would be with other ones.
+//! Clock, mount, compass and sound by the dive so far: by what its own map leaves to see, and, of what that finds off and of
+//! sound, by maps of it as it is and as it would be with other ones.
 
 use std::sync::Arc;
 
-use echosplat_acoustics::heard::Detail;
+use echosplat_measurement::heard::Detail;
 use echosplat_model::Switch;
+use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -11,25 +13,33 @@ use super::{Mapper, SPAWN_STRENGTH};
 use crate::accumulate::history::{History, Keyframe};
 use crate::calibrate::sound::{self, Blocks};
 use crate::calibrate::{
-    Calibration, Compass, Difference, Estimate, Landmarks, Moving, RANGE, Verdict, corrected,
-    moving,
+    Calibration, Compass, Difference, Estimate, Landmarks, Moving, RANGE, Step, Verdict, corrected,
+    evenly, moving, places,
 };
+use crate::effort::{Counted, Task, TaskEnd};
 use crate::features::Features;
 use crate::refine::field::Field;
-use crate::refine::scene::Scene;
+use crate::refine::terms::PassTerms;
 use crate::refine::visibility::Sight;
 use crate::spawn::from_evidence;
+use crate::spawn::gaussians::Stage;
 use crate::world::World;
 use crate::{ConfigError, MapperConfig};
 
-/// Pings of such a map; bounds work.
+/// Pings of a map for landmarks; bounds work.
 /// Pings that such a map is made of, and its work.
 const MAP_PINGS: usize = 2048;
+/// Pings of a map for ranges; found.
+/// How long ranges are is known to less than what no ping tells of it by half as many.
+const RANGES_MAP_PINGS: usize = 1024;
 /// Pairs of such a map; bounds work.
 const MAP_PAIRS: u64 = 300_000_000;
 /// Fraction of pings, found: the rest compares maps.
 /// Most of the pings that go into it; the rest is for comparing maps on.
 const MAP_FRACTION: f64 = 0.75;
+/// Pings held out; bounds work.
+/// Most pings that maps are compared on.
+const MOST_HELD_OUT: usize = 2048;
 /// Values tried, a map each; bounds work.
 /// Most values that are tried, each with a map of its own.
 const TRIALS: usize = 4;
@@ -44,11 +54,30 @@ enum Purpose {
     Ranges,
 }
 
+impl Purpose {
+    fn most_pings(self) -> usize {
+        match self {
+            Self::Landmarks => MAP_PINGS,
+            Self::Ranges => RANGES_MAP_PINGS,
+        }
+    }
+}
+
+/// What is asked of a dive.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Questions {
+    /// What its own map tells: all but the speed of sound.
+    AllButSound,
+    /// Also the speed of sound, which only maps of their own tell.
+    All,
+}
+
 /// What a dive so far tells of its clock, its mount and the speed of sound; apart from the mapper it came from, so
 /// that it may be asked on another thread.
 #[derive(Debug)]
 pub struct Calibrator {
     pings: Vec<Arc<Keyframe>>,
+    own: OwnMap,
     blank: Mapper,
 }
 
@@ -58,6 +87,7 @@ impl Mapper {
     pub fn calibrator(&self) -> Option<Calibrator> {
         Some(Calibrator {
             pings: self.history.pings().to_vec(),
+            own: self.own_map(self.world.as_ref()?),
             blank: self.emptied(Arc::clone(&self.pool))?,
         })
     }
@@ -82,25 +112,32 @@ impl Mapper {
         Some(empty)
     }
 
-    fn scene<'a>(&'a self, world: &'a World) -> Scene<'a> {
-        Scene {
-            evidence: &world.evidence,
-            gaussians: &self.gaussians,
-            is_blurred: false,
-            at_work: self.at_work,
+    /// What it holds that was worked out, ready for pings.
+    fn own_map(&self, world: &World) -> OwnMap {
+        let is_worked = |&slot: &usize| self.gaussians.stage[slot] == Stage::Worked;
+        let worked = self.gaussians.slots().filter(is_worked);
+        OwnMap {
+            field: Field::of_these(&world.evidence, &self.gaussians, worked),
+            places_m: places(&self.gaussians),
         }
     }
 }
 
 impl Calibrator {
-    /// What is wrong, one thing after the other, the surest first, and then the speed of sound; `None` if the dive does
-    /// not tell. On one thread, which has the priority of the calling one.
+    /// As [`Mapper::on_task`], of the tasks of its maps, on the thread that makes them.
+    pub fn on_task(&mut self, begin: impl Fn(Task) -> TaskEnd + Send + Sync + 'static) {
+        self.blank.tasks.told_to(begin);
+    }
+
+    /// What is wrong, one thing after the other, the surest first, and then the speed of sound if it is asked; `None` if
+    /// the dive does not tell. On one thread, which has the priority of the calling one.
     ///
-    /// Cost: four maps of at most 2,048 pings where nothing is off, one more for each value tried.
+    /// Cost: where the own map shows nothing off, a visit to at most 8,192 pings; else a map of at most 2,048 pings, and one
+    /// more for each value tried. For the speed of sound three maps of 1,024 pings, or more if it is far off.
     ///
     /// # Errors
     /// If the thread cannot be started.
-    pub fn run(mut self) -> Result<Option<Calibration>, ConfigError> {
+    pub fn run(mut self, questions: Questions) -> Result<Option<Calibration>, ConfigError> {
         let pool = ThreadPoolBuilder::new()
             .num_threads(1)
             .thread_name(|_| "calibrator".to_owned())
@@ -108,41 +145,59 @@ impl Calibrator {
             .map_err(|error| ConfigError::Threads(error.to_string()))?;
         self.blank.pool = Arc::new(pool);
         let pool = Arc::clone(&self.blank.pool);
-        Ok(pool.install(|| self.estimate()))
+        Ok(pool.install(|| self.estimate(questions)))
     }
 
-    fn estimate(&self) -> Option<Calibration> {
+    fn estimate(&self, questions: Questions) -> Option<Calibration> {
         let told = moving(&self.pings);
-        let mut best = Trial::of(&self.blank, told.clone())?;
-        let mut verdict = Verdict::default();
+        let (mut seen, mut verdict) = (self.own.seen(&told, &self.blank)?, Verdict::default());
+        if self.step(&seen, &verdict).is_some() {
+            (seen, verdict) = self.tried(&told)?;
+        }
+        let mut sound = None;
+        if questions == Questions::All {
+            sound = self.sound(&told, &verdict);
+        }
+        if let Some(sound) = sound.filter(|sound| sound.is_believed) {
+            verdict.values[RANGE] = sound.value;
+            let corrected = corrected(&told, &verdict.values);
+            seen = Trial::of(&self.blank, corrected)?.seen;
+        }
+        let compass = seen.deviating.compass(&verdict, self.axis_rad());
+        let sound = sound.unwrap_or(sound::ANY_WATER);
+        Some(seen.as_told.told(&verdict, sound, compass))
+    }
+
+    /// What to try next, if anything seems to be off, and whether the compass is taken for true beside it.
+    fn step(&self, seen: &Seen, verdict: &Verdict) -> Option<(Step, Compass)> {
         // Where poses smear echoes their own errors go with the heading by chance, and likelihoods are not those of echoes.
         let is_asked = !self.blank.at_work.smeared;
+        let compass = match is_asked && seen.deviating.is_compass_off(verdict) {
+            true => Compass::Deviates,
+            false => Compass::True,
+        };
+        let step = seen.difference(compass).most_off(verdict, compass)?;
+        Some((step, compass))
+    }
+
+    /// What a map of its own leaves to see once all that is off was tried, and what was believed of it.
+    fn tried(&self, told: &[Moving]) -> Option<(Seen, Verdict)> {
+        let (mut best, mut verdict) = (Trial::of(&self.blank, told.to_vec())?, Verdict::default());
         for _ in 0..TRIALS {
-            let compass = match is_asked && best.deviating.is_compass_off(&verdict) {
-                true => Compass::Deviates,
-                false => Compass::True,
-            };
-            let Some(step) = best.difference(compass).most_off(&verdict, compass) else {
+            let Some((step, compass)) = self.step(&best.seen, &verdict) else {
                 break;
             };
-            let trial = Trial::of(&self.blank, corrected(&told, &verdict.after(&step)))?;
+            let trial = Trial::of(&self.blank, corrected(told, &verdict.after(&step)))?;
             let gain = trial.mapped.more_likely(&best.mapped);
-            let (before, after) = (best.difference(compass), trial.difference(compass));
+            let (before, after) = (
+                best.seen.difference(compass),
+                trial.seen.difference(compass),
+            );
             if verdict.judge(&step, before, after, gain) {
                 best = trial;
             }
         }
-        // Without its map: maps for sound need the room.
-        let (mut as_told, mut deviating) = best.differences();
-        let sound = self.sound(&told, &verdict);
-        if let Some(sound) = sound.filter(|sound| sound.is_believed) {
-            verdict.values[RANGE] = sound.value;
-            let corrected = corrected(&told, &verdict.values);
-            (as_told, deviating) = Trial::of(&self.blank, corrected)?.differences();
-        }
-        let compass = deviating.compass(&verdict, self.axis_rad());
-        let sound = sound.unwrap_or(sound::ANY_WATER);
-        Some(as_told.told(&verdict, sound, compass))
+        Some((best.seen, verdict))
     }
 
     /// Heading of the map's x axis.
@@ -189,44 +244,23 @@ fn mean_range_m(moving: &[Moving]) -> Option<f64> {
     (sum_m > 0.0).then(|| sum_m / count)
 }
 
-/// A map of the dive with some poses and ranges.
-struct Mapped {
-    map: Mapper,
-    moving: Vec<Moving>,
+/// A map that pings are held against.
+#[derive(Debug)]
+struct OwnMap {
+    field: Field,
+    places_m: Vec<Vec3>,
 }
 
-/// Such a map, and what it leaves to see.
-struct Trial {
-    mapped: Mapped,
+/// What a map leaves to see.
+#[derive(Debug, Clone, Copy)]
+struct Seen {
     /// With headings as told.
     as_told: Difference,
     /// With a compass that deviates.
     deviating: Difference,
 }
 
-impl Trial {
-    fn of(blank: &Mapper, moving: Vec<Moving>) -> Option<Self> {
-        let mapped = Mapped::of(blank, Purpose::Landmarks, moving)?;
-        let Mapped { map, moving } = &mapped;
-        let scene = map.scene(map.world.as_ref()?);
-        let heard = Landmarks::find(moving, scene, false);
-        let predicted = Landmarks::find(moving, scene, true);
-        let difference = |compass: Compass| {
-            let predicted = predicted.estimate(compass)?;
-            Some(Difference::of(&heard.estimate(compass)?, &predicted))
-        };
-        Some(Self {
-            as_told: difference(Compass::True)?,
-            deviating: difference(Compass::Deviates)?,
-            mapped,
-        })
-    }
-
-    /// As told and with a compass that deviates, without the map.
-    fn differences(self) -> (Difference, Difference) {
-        (self.as_told, self.deviating)
-    }
-
+impl Seen {
     fn difference(&self, compass: Compass) -> &Difference {
         match compass {
             Compass::True => &self.as_told,
@@ -235,10 +269,59 @@ impl Trial {
     }
 }
 
+impl OwnMap {
+    /// What it leaves to see of these pings.
+    fn seen(&self, moving: &[Moving], mapper: &Mapper) -> Option<Seen> {
+        let begun = mapper.tasks.begin(Task::Compare);
+        let map = Some((&self.field, mapper.at_work));
+        let heard = Landmarks::find(moving, &self.places_m, None);
+        let predicted = Landmarks::find(moving, &self.places_m, map);
+        begun.tell(Counted {
+            times: 1,
+            visits: 2 * moving.len() as u64,
+            ..Counted::default()
+        });
+        let difference = |compass: Compass| {
+            let predicted = predicted.estimate(compass)?;
+            Some(Difference::of(&heard.estimate(compass)?, &predicted))
+        };
+        Some(Seen {
+            as_told: difference(Compass::True)?,
+            deviating: difference(Compass::Deviates)?,
+        })
+    }
+}
+
+/// A map of the dive with some poses and ranges.
+struct Mapped {
+    map: Mapper,
+    purpose: Purpose,
+    moving: Vec<Moving>,
+}
+
+/// Such a map, and what it leaves to see.
+struct Trial {
+    mapped: Mapped,
+    seen: Seen,
+}
+
+impl Trial {
+    fn of(blank: &Mapper, moving: Vec<Moving>) -> Option<Self> {
+        let mapped = Mapped::of(blank, Purpose::Landmarks, moving)?;
+        let own = mapped.map.own_map(mapped.map.world.as_ref()?);
+        let seen = own.seen(&mapped.moving, &mapped.map)?;
+        Some(Self { mapped, seen })
+    }
+}
+
 impl Mapped {
     fn of(blank: &Mapper, purpose: Purpose, moving: Vec<Moving>) -> Option<Self> {
         let map = mapped(blank, purpose, &moving)?;
-        Some(Self { map, moving })
+        Some(Self {
+            map,
+            purpose,
+            moving,
+        })
     }
 
     /// Likelihood gain over another on held-out pings, in standard errors over blocks of time.
@@ -259,17 +342,27 @@ impl Mapped {
         let Some(world) = &self.map.world else {
             return Blocks::new();
         };
-        let scene = self.map.scene(world);
+        let terms = PassTerms {
+            is_blurred: false,
+            at_work: self.map.at_work,
+        };
         let field = Field::of(&world.evidence, &self.map.gaussians);
-        let (_, held) = split(&self.moving);
+        let (_, held) = split(self.purpose, &self.moving);
+        let held: Vec<&Moving> = evenly(&held, MOST_HELD_OUT).copied().collect();
+        let begun = self.map.tasks.begin(Task::Compare);
         let of_ping = |sight: &mut Sight, moving: &Moving| {
-            sight.observe(&moving.keyframe, scene, &field, Detail::Strength);
+            sight.observe(&moving.keyframe, terms, &field, Detail::Strength);
             (moving.block, sight.log_likelihood())
         };
         let likelihoods: Vec<(u32, f64)> = held
             .par_iter()
             .map_init(Sight::default, |sight, moving| of_ping(sight, moving))
             .collect();
+        begun.tell(Counted {
+            times: 1,
+            visits: held.len() as u64,
+            ..Counted::default()
+        });
         let mut blocks = Blocks::new();
         for (block, likelihood) in likelihoods {
             *blocks.entry(block).or_default() += likelihood;
@@ -281,10 +374,11 @@ impl Mapped {
 /// The map of some of the pings that are not held out.
 fn mapped(blank: &Mapper, purpose: Purpose, moving: &[Moving]) -> Option<Mapper> {
     let mut map = blank.emptied(Arc::clone(&blank.pool))?;
+    map.tasks = blank.tasks.anew();
     if purpose == Purpose::Ranges && blank.at_work.specular_returns {
         map.config.parts.glints = Switch::On;
     }
-    let (used, _) = split(moving);
+    let (used, _) = split(purpose, moving);
     let (count, stride) = (used.len(), moving.len() as f32 / used.len().max(1) as f32);
     map.history = History::new(count.max(1));
     for moving in used {
@@ -297,8 +391,15 @@ fn mapped(blank: &Mapper, purpose: Purpose, moving: &[Moving]) -> Option<Mapper>
         });
     }
     let extent = map.at_work.converged;
+    let begun = map.tasks.begin(Task::Evidence);
     let evidence = &mut map.world.as_mut()?.evidence;
     map.status.voxel_observations = evidence.integrate_anew(&map.history, extent, &map.progress);
+    let counted = Counted {
+        visits: count as u64,
+        voxel_looks: map.status.voxel_observations,
+        ..Counted::default()
+    };
+    map.tasks.end(begun, counted);
     let (spawn, strength) = (
         map.config.spawn_evidence,
         SPAWN_STRENGTH * map.unit_strength,
@@ -311,8 +412,8 @@ fn mapped(blank: &Mapper, purpose: Purpose, moving: &[Moving]) -> Option<Mapper>
 }
 
 /// Those that maps are made of, and those that they are compared on.
-fn split(moving: &[Moving]) -> (Vec<&Moving>, Vec<&Moving>) {
-    let fraction = (MAP_PINGS as f64 / moving.len() as f64).min(MAP_FRACTION);
+fn split(purpose: Purpose, moving: &[Moving]) -> (Vec<&Moving>, Vec<&Moving>) {
+    let fraction = (purpose.most_pings() as f64 / moving.len() as f64).min(MAP_FRACTION);
     let is_used = |index: usize| {
         ((index + 1) as f64 * fraction) as usize > (index as f64 * fraction) as usize
     };

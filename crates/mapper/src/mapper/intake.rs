@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use echosplat_acoustics::{PingGeometry, SymmetricMat3};
+use echosplat_measurement::{PingGeometry, SymmetricMat3};
 use echosplat_model::glam::{DVec3, Vec3};
 use echosplat_model::{Ping, PosedPing, Standing};
 use rayon::prelude::*;
@@ -16,6 +16,7 @@ use crate::accumulate::history::{
 use crate::detect::mirror::Source;
 use crate::detect::profile::{Backdrop, Levels, Profile, RING_DOWN_M, blank_bins, widen_bins};
 use crate::detect::working_range::WorkingRange;
+use crate::effort::{Counted, Task};
 use crate::features::{Cue, Extent};
 use crate::seabed::Seabed;
 use crate::spawn::from_evidence;
@@ -245,6 +246,7 @@ impl Mapper {
     /// Makes anew what was made of pings whose noise was thought to grow by another power of range, `change` less, that
     /// were thought to ring for another time, or whose echoes of the vehicle itself were not known.
     fn refer_anew(&mut self, change: f32) {
+        self.foretold.forget_map();
         let ringing = self.receiver.ringing();
         (self.levels, self.unit_strength) = (Levels::ringing(ringing.clone()), 0.0);
         self.working_range = WorkingRange::default();
@@ -305,6 +307,8 @@ impl Mapper {
         let Some(world) = &self.world else { return };
         // What one sends back goes with its area.
         self.unit_strength *= (world.evidence.voxel_m() / voxel_m).powi(2);
+        self.foretold.forget_map();
+        let begun = self.tasks.begin(Task::Anew);
         self.leave_voxels_for(voxel_m);
         let pings = self.history.pings_mut().par_iter_mut();
         let tolerate = || {
@@ -314,6 +318,7 @@ impl Mapper {
             });
         };
         self.pool.install(tolerate);
+        self.end_anew(begun);
         self.judge_all();
     }
 
@@ -342,10 +347,14 @@ impl Mapper {
     pub(super) fn take_in_slice(&mut self) -> InsertReport {
         let mut slice = std::mem::take(&mut self.waiting);
         slice.sort_by_key(|posed| (posed.ping.transmit_time(), posed.ping.sequence()));
+        let begun = self.tasks.begin(Task::Detect);
         let news = self.learn_of_unit(&mut slice);
+        self.tasks.end(begun, Counted::default());
         // Strengths kept of pings that were let go stay as those pings said.
         if let Some(change) = news {
+            let begun = self.tasks.begin(Task::Anew);
             self.refer_anew(change);
+            self.end_anew(begun);
         }
         // What forgotten pings told is told of voxels as they are.
         if self.history.forgotten() == 0
@@ -353,7 +362,14 @@ impl Mapper {
         {
             self.divide_anew(voxel_m);
         }
+        let begun = self.tasks.begin(Task::Detect);
         let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
+        let heard = Counted {
+            visits: slice.len() as u64,
+            ..Counted::default()
+        };
+        self.tasks.end(begun, heard);
+        self.foretell(fresh);
         self.forget(fresh);
         self.sum_up(fresh + SUMMED_UP_ANEW);
         let Some(world) = &mut self.world else {
@@ -363,9 +379,15 @@ impl Mapper {
         let strength = SPAWN_STRENGTH * self.unit_strength;
         let spawn = self.config.spawn_evidence;
         let map = &mut self.gaussians;
+        let begun = self.tasks.begin(Task::Spawn);
         let (added, pruned) = self
             .pool
             .install(|| from_evidence::spawn_and_prune(evidence, map, spawn, strength));
+        let heard = Counted {
+            visits: fresh as u64,
+            ..Counted::default()
+        };
+        self.tasks.end(begun, heard);
         InsertReport {
             slice_taken_in: true,
             added,

@@ -2,6 +2,7 @@
 
 mod allowance;
 mod calibrator;
+mod foretold;
 mod intake;
 mod published;
 mod schedule;
@@ -12,7 +13,7 @@ mod workout;
 
 use std::sync::Arc;
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 use echosplat_model::glam::DVec3;
 use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
@@ -25,6 +26,7 @@ use crate::detect::receiver::Receiver;
 use crate::detect::repeats::Repeats;
 use crate::detect::walkers::Walkers;
 use crate::detect::working_range::WorkingRange;
+use crate::effort::{Counted, Task, TaskEnd, Tasks};
 use crate::features::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::mapper::workout::Workout;
 use crate::progress::Progress;
@@ -32,8 +34,10 @@ use crate::seabed::Seabed;
 use crate::spawn::gaussians::Gaussians;
 use crate::world::World;
 use crate::{ConfigError, MapperConfig};
-pub use calibrator::Calibrator;
-pub use status::{InsertReport, MapperStatus};
+pub use calibrator::{Calibrator, Questions};
+use foretold::Foretelling;
+pub use foretold::Foretold;
+pub use status::{InsertReport, MapperStatus, ReasonCounts};
 
 /// Fraction of a typical strength; found.
 /// A Gaussian spawned on a running map starts far below what a typical echo needs, so that it does not disturb what explains
@@ -70,6 +74,8 @@ pub struct Mapper {
     left_out: Vec<LeftOut>,
     status: MapperStatus,
     progress: Progress,
+    tasks: Tasks,
+    foretold: Foretelling,
 }
 
 impl Mapper {
@@ -112,6 +118,8 @@ impl Mapper {
             left_out,
             status: MapperStatus::default(),
             progress: Progress::default(),
+            tasks: Tasks::default(),
+            foretold: Foretelling::default(),
         }
     }
 
@@ -124,6 +132,12 @@ impl Mapper {
     /// take seconds: when all pings so far are judged or summed up anew. Who watches over the mapper knows by it that it works.
     pub fn on_progress(&mut self, tell: impl Fn() + Send + Sync + 'static) {
         self.progress = Progress::told_to(tell);
+    }
+
+    /// Has `begin` called when a task begins, and what it gives when that has ended, on the thread that called
+    /// [`Self::insert`], [`Self::snapshot`] or [`Self::finish`]: who has a clock can tell what each takes.
+    pub fn on_task(&mut self, begin: impl Fn(Task) -> TaskEnd + Send + Sync + 'static) {
+        self.tasks.told_to(begin);
     }
 
     /// Its threads. A caller who is one of them hands nothing over at each call.
@@ -144,6 +158,17 @@ impl Mapper {
     }
 
     fn publish(&mut self) -> Snapshot {
+        let begun = self.tasks.begin(Task::Snapshot);
+        let snapshot = self.copied();
+        let counted = Counted {
+            candidates: snapshot.gaussians.len() as u64,
+            ..Counted::default()
+        };
+        self.tasks.end(begun, counted);
+        snapshot
+    }
+
+    fn copied(&mut self) -> Snapshot {
         self.sequence += 1;
         let newest = self.history.pings().last();
         let intensity_unit = published::intensity_unit(self.unit_strength);
@@ -161,6 +186,7 @@ impl Mapper {
             .count() as u64;
         self.status.confident = confident;
         self.status.ambiguous = gaussians.len() as u64 - confident;
+        self.status.reasons = ReasonCounts::of(gaussians.iter().map(|g| g.why.reason));
         Snapshot {
             epoch: 1,
             sequence: self.sequence,
@@ -191,6 +217,8 @@ impl Mapper {
             own_vehicle_m: self.own_vehicle.nearest_m(),
             ground_log_ratio: self.seabed.log_ratio(),
             water_surface_m: self.water_surface_m(),
+            foretold: self.foretold.told(),
+            tasks: self.tasks.counts(),
             ..self.status
         }
     }

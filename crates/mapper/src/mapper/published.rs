@@ -1,6 +1,6 @@
 //! The map as others see it.
 
-use echosplat_acoustics::SymmetricMat3;
+use echosplat_measurement::SymmetricMat3;
 use echosplat_model::{Gaussian, Standing};
 use rayon::prelude::*;
 
@@ -56,6 +56,7 @@ pub(super) fn published(
                 true => standing,
                 false => Standing::Ambiguous,
             },
+            why: gaussians.why[slot],
         };
         match gaussian.is_sound() {
             true => placed(gaussian),

@@ -1,6 +1,11 @@
 //! What the mapper is allowed, and what it says of itself.
 
-use serde::Serialize;
+use echosplat_model::Reason;
+use serde::ser::SerializeMap;
+use serde::{Serialize, Serializer};
+
+use super::foretold::Foretold;
+use crate::effort::TaskCounts;
 
 /// What one ping did.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -15,6 +20,37 @@ pub struct InsertReport {
     pub pairs: u64,
     /// Whether the ping was left out since its pose or settings are not finite.
     pub rejected: bool,
+}
+
+/// How many Gaussians there are for each reason of a verdict.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct ReasonCounts([u64; Reason::ALL.len()]);
+
+impl ReasonCounts {
+    pub(super) fn of(reasons: impl Iterator<Item = Reason>) -> Self {
+        let mut counts = Self::default();
+        reasons.for_each(|reason| counts.0[reason as usize] += 1);
+        counts
+    }
+
+    /// Of one reason.
+    #[must_use]
+    pub fn of_reason(&self, reason: Reason) -> u64 {
+        self.0[reason as usize]
+    }
+}
+
+/// By the names of those that there are.
+impl Serialize for ReasonCounts {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let counted = Reason::ALL.into_iter().zip(self.0);
+        let counted = counted.filter(|&(_, count)| count > 0);
+        let mut map = serializer.serialize_map(None)?;
+        for (reason, count) in counted {
+            map.serialize_entry(reason.name(), &count)?;
+        }
+        map.end()
+    }
 }
 
 /// Where the mapper stands.
@@ -78,4 +114,11 @@ pub struct MapperStatus {
     pub ground_log_ratio: Option<f32>,
     /// Height of the water's surface in the world, metres, z up, where images in it are heard and left out.
     pub water_surface_m: Option<f64>,
+    /// Gaussians published by the reason of their verdict, as of the last snapshot.
+    pub reasons: ReasonCounts,
+    /// How likely the map makes pings that it has not taken in yet.
+    pub foretold: Foretold,
+    /// How much work of each kind was done; who measures its time tells both.
+    #[serde(skip)]
+    pub tasks: TaskCounts,
 }

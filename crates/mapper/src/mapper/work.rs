@@ -10,6 +10,7 @@ use super::intake::sources;
 use crate::accumulate::evidence::{Evidence, Tile, TileIndex};
 use crate::accumulate::history::History;
 use crate::detect::repeats::Repeats;
+use crate::effort::{Begun, Counted, Task};
 use crate::features::{MapCues, decide};
 use crate::mapper::schedule::{Due, Start};
 use crate::mapper::workout::{Terms, Workout, keep};
@@ -26,7 +27,7 @@ const GROWN: f32 = 1.05;
 /// Ratio of observations; found.
 /// Tiles with so many times the observations they had when they were last worked out anew are so again: starts from the map
 /// alone would make it ever sharper.
-const ANEW: f32 = 2.0;
+const ANEW: f32 = 4.0;
 
 impl Mapper {
     /// Adds the work that a ping allows.
@@ -90,6 +91,7 @@ impl Mapper {
             return false;
         }
         self.repeats.set_sources(sources(&self.gaussians, |_| true));
+        let begun = self.tasks.begin(Task::Anew);
         for keyframe in self.history.pings() {
             self.progress.tell();
             let intensity: Vec<f32> = keyframe.profile.intensity.iter().collect();
@@ -100,6 +102,7 @@ impl Mapper {
                 keyframe.weight,
             );
         }
+        self.end_anew(begun);
         self.repeats.surface_m().is_some()
     }
 
@@ -117,8 +120,19 @@ impl Mapper {
     pub(super) fn judge_all(&mut self) {
         let (history, seabed, repeats) = (&mut self.history, &self.seabed, &self.repeats);
         let progress = &self.progress;
+        let begun = self.tasks.begin(Task::Anew);
         self.pool
             .install(|| judge_all(history, seabed, repeats, progress));
+        self.end_anew(begun);
+    }
+
+    /// Ends what visited every remembered ping.
+    pub(super) fn end_anew(&mut self, begun: Begun) {
+        let counted = Counted {
+            visits: self.history.pings().len() as u64,
+            ..Counted::default()
+        };
+        self.tasks.end(begun, counted);
     }
 
     /// Remembered pings that evidence was not told of yet: none but where it is summed up anew.
@@ -132,9 +146,22 @@ impl Mapper {
         let Some(world) = &mut self.world else { return };
         let (history, extent) = (&self.history, self.at_work.converged);
         let evidence = &mut world.evidence;
-        self.status.voxel_observations += self
+        let visits = most.min(evidence.untold_pings(history)) as u64;
+        let begun = self.tasks.begin(Task::Evidence);
+        let voxel_looks = self
             .pool
             .install(|| evidence.integrate(history, most, extent));
+        self.end_evidence(begun, visits, voxel_looks);
+    }
+
+    fn end_evidence(&mut self, begun: Begun, visits: u64, voxel_looks: u64) {
+        self.status.voxel_observations += voxel_looks;
+        let counted = Counted {
+            visits,
+            voxel_looks,
+            ..Counted::default()
+        };
+        self.tasks.end(begun, counted);
     }
 
     /// Sums up all evidence anew, unless pings are forgotten, whose evidence cannot be.
@@ -145,10 +172,13 @@ impl Mapper {
         }
         let (history, extent) = (&self.history, self.at_work.converged);
         let (evidence, progress): (&mut Evidence, _) = (&mut world.evidence, &self.progress);
-        self.status.voxel_observations += self
+        let begun = self.tasks.begin(Task::Evidence);
+        let voxel_looks = self
             .pool
             .install(|| evidence.integrate_anew(history, extent, progress));
         evidence.doubt_all();
+        let visits = self.history.pings().len() as u64;
+        self.end_evidence(begun, visits, voxel_looks);
     }
 
     /// Begins to work out what is due; whether there is anything.
@@ -167,7 +197,10 @@ impl Mapper {
         };
         let (map, history, left_out) = (&self.gaussians, &self.history, &mut self.left_out);
         let begin = || Workout::begin(world, map, history, due, terms, left_out);
-        self.workout = Some(self.pool.install(begin));
+        let begun = self.tasks.begin(Task::Begin);
+        let workout = self.pool.install(begin);
+        self.tasks.end(begun, of_candidates(workout.held()));
+        self.workout = Some(workout);
         self.status.workouts += 1;
         true
     }
@@ -193,7 +226,10 @@ impl Mapper {
             unit_strength: self.unit_strength,
         };
         let map = &mut self.gaussians;
-        self.status.pairs += self.pool.install(|| keep(world, map, &gone, terms));
+        let begun = self.tasks.begin(Task::Forget);
+        let counted = self.pool.install(|| keep(world, map, &gone, terms));
+        self.status.pairs += counted.pairs;
+        self.tasks.end(begun, counted);
     }
 
     /// The next portion of what is under way. Returns the pairs that would take as long.
@@ -203,12 +239,17 @@ impl Mapper {
         };
         if workout.is_done() {
             let pairs = workout.change_pairs();
+            let (begun, held) = (self.tasks.begin(Task::Change), workout.held());
             self.status.iterations += workout.put_in_place(world, &mut self.gaussians);
+            self.foretold.forget_map();
             self.gaussians.let_former_go();
+            self.tasks.end(begun, of_candidates(held));
             return pairs;
         }
         let seabed = &self.seabed;
+        let begun = self.tasks.begin(workout.task());
         let effort = self.pool.install(|| workout.advance(world, seabed));
+        self.tasks.end(begun, effort.counted);
         self.workout = Some(workout);
         self.status.pairs += effort.pairs;
         effort.pairs + effort.beside_pairs
@@ -223,6 +264,14 @@ impl Mapper {
             is_ground_open: self.seabed.is_there() && !self.seabed.is_proven(),
         };
         (self.at_work, self.left_out) = decide(&self.config.parts, &self.cues, map);
+    }
+}
+
+/// Work that looks at so many Gaussians and no ping.
+fn of_candidates(candidates: u64) -> Counted {
+    Counted {
+        candidates,
+        ..Counted::default()
     }
 }
 

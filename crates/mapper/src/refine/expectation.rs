@@ -8,9 +8,10 @@
 use std::cell::RefCell;
 use std::sync::Arc;
 
-use echosplat_acoustics::SymmetricMat3;
-use echosplat_acoustics::heard::{Detail, Rows};
-use echosplat_acoustics::{lanes, simd_level};
+use echosplat_measurement::SymmetricMat3;
+use echosplat_measurement::heard::Detail;
+pub(crate) use echosplat_measurement::heard::Score;
+use echosplat_measurement::{lanes, simd_level};
 use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x8};
@@ -18,12 +19,13 @@ use rayon::current_num_threads;
 use rayon::prelude::*;
 
 use crate::accumulate::history::Keyframe;
+use crate::effort::Counted;
 use crate::features::AtWork;
 use crate::refine::field::Field;
-use crate::refine::scene::Scene;
 use crate::refine::step::damped_step;
 use crate::refine::tally::{Sums, Tally};
-use crate::refine::visibility::{Moments, Sight};
+use crate::refine::terms::PassTerms;
+use crate::refine::visibility::Sight;
 use crate::spawn::directional_reflectivity::DirectionalReflectivity;
 use crate::spawn::gaussians::{Gaussians, Stage};
 use crate::spawn::kept::Kept;
@@ -110,46 +112,48 @@ impl<T: Sum + Sync> Pass<T> {
     }
 
     /// Runs `each` over the sights of at least `count` pings more, if so many are left, in chunks with a scratch space `W`
-    /// each, whose sums are added in their order. Returns pairs done.
+    /// each, whose sums are added in their order. Returns what was done.
     pub(crate) fn advance<W: Default>(
         &mut self,
-        scene: Scene<'_>,
+        terms: PassTerms,
         count: usize,
         detail: Detail,
         each: impl Fn(&mut Tally<T>, &mut W, &Keyframe, &mut Sight) + Sync,
-    ) -> u64 {
+    ) -> Counted {
         let chunks = count.div_ceil(T::CHUNK).max(LEAST_CHUNKS);
         let end = (self.done + chunks * T::CHUNK).min(self.pings.len());
         let block_count = self.field.block_count();
         let of_chunk = |most_seen: usize, chunk: &[Arc<Keyframe>]| {
             let (mut tally, mut scratch) = (Tally::new(block_count, most_seen), W::default());
-            let (mut sight, mut pairs) = (SIGHT.take(), 0);
+            let (mut sight, mut counted) = (SIGHT.take(), Counted::default());
             for keyframe in chunk {
-                sight.observe(keyframe, scene, &self.field, detail);
+                sight.observe(keyframe, terms, &self.field, detail);
                 each(&mut tally, &mut scratch, keyframe, &mut sight);
-                pairs += sight.pair_count();
+                counted += Counted {
+                    visits: 1,
+                    candidates: sight.row_count(),
+                    pairs: sight.pair_count(),
+                    ..Counted::default()
+                };
             }
             SIGHT.set(sight);
-            (tally.finish(), pairs)
+            (tally.finish(), counted)
         };
-        let mut pairs = 0;
+        let mut counted = Counted::default();
         // A few chunks at a time: all at once would take more room than the map.
         for chunks in self.pings[self.done..end].chunks(T::CHUNK * CHUNKS_AT_ONCE) {
             let most_seen = self.most_seen;
             let chunks = chunks.par_chunks(T::CHUNK);
-            let parts: Vec<(Sums<T>, u64)> =
+            let parts: Vec<(Sums<T>, Counted)> =
                 chunks.map(|chunk| of_chunk(most_seen, chunk)).collect();
             let seen = parts.iter().map(|(sums, _)| sums.len());
             self.most_seen = seen.fold(most_seen, usize::max);
-            pairs += parts
-                .iter()
-                .map(|(_, chunk_pairs)| chunk_pairs)
-                .sum::<u64>();
+            parts.iter().for_each(|&(_, of_chunk)| counted += of_chunk);
             join(&mut self.sums, &self.field, &parts);
         }
         self.done = end;
-        self.pairs += pairs;
-        pairs
+        self.pairs += counted.pairs;
+        counted
     }
 
     /// Sums per slot, and what else it leaves.
@@ -178,7 +182,7 @@ pub(crate) struct Done {
 }
 
 /// Adds the sums of some chunks in their order; each thread those of some of the blocks.
-fn join<T: Sum + Sync>(sums: &mut [T], field: &Field, parts: &[(Sums<T>, u64)]) {
+fn join<T: Sum + Sync>(sums: &mut [T], field: &Field, parts: &[(Sums<T>, Counted)]) {
     let each = field.block_count().div_ceil(current_num_threads()).max(1);
     let (mut shares, mut rest, mut from) = (Vec::new(), sums, 0);
     for first in (0..field.block_count()).step_by(each) {
@@ -438,37 +442,6 @@ fn power<S: Simd>(x: f32x8<S>, exponent: f32) -> f32x8<S> {
     lanes::exp(lanes::ln(x.max(f32::MIN_POSITIVE).min(f32::MAX)) * exponent)
 }
 
-/// Score and Fisher information: gradient and expected curvature of the log likelihood by the mean of one Gaussian, and what
-/// the gradient changes by were all echoes a metre nearer, 1/m².
-#[derive(Debug, Clone, Copy, Default)]
-pub(crate) struct Score {
-    pub(crate) gradient: Vec3,
-    pub(crate) information: SymmetricMat3,
-    pub(crate) nearer: Vec3,
-}
-
-impl Score {
-    /// Adds a row of the system matrix: a mean moves its echo in range and across the beam.
-    pub(crate) fn add(&mut self, rows: &Rows, row: usize, moments: &Moments, weight: f32) {
-        let lever = rows.azimuth_variance_rad2[row] * rows.lever_m[row];
-        let by_sigma = rows.range_sigma_m[row].recip();
-        let across = rows.azimuth_axis_of(row) * (-rows.azimuth_rad[row] / lever);
-        let along = rows.range_axis_of(row) * by_sigma;
-        let [flat, tilt, bend] = moments.square.map(|sum| weight * sum);
-        let [residual, slope] = moments.residual.map(|sum| weight * sum);
-        self.gradient += along * slope + across * residual;
-        let (by_along, by_across) = (along * bend + across * tilt, along * tilt + across * flat);
-        self.nearer -= by_along * by_sigma;
-        let information = &mut self.information;
-        information.diagonal += by_along * along + by_across * across;
-        information.mixed += Vec3::new(
-            by_along.y * along.z + by_across.y * across.z,
-            by_along.x * along.z + by_across.x * across.z,
-            by_along.x * along.y + by_across.x * across.y,
-        );
-    }
-}
-
 impl Sum for Score {
     fn join(&mut self, other: &Self) {
         self.gradient += other.gradient;
@@ -524,6 +497,8 @@ mod tests {
     use crate::accumulate::history::{History, geometry_of, keyframe_of, pose_blur};
     use crate::detect::profile::{Backdrop, Levels};
     use crate::features::{Cues, Features, MapCues, decide};
+    use echosplat_measurement::Element;
+    use echosplat_measurement::twin::Twin;
     use echosplat_model::glam::DVec3;
     use echosplat_model::{Ping, PingSettings, Pose, PosedPing, Timestamp, Twist};
 
@@ -586,23 +561,13 @@ mod tests {
 
     impl Trial {
         fn new(truth: &[(Vec3, f32)]) -> Self {
+            let round = SymmetricMat3::isotropic(SCALE_M);
+            let element = |&(at_m, strength): &(Vec3, f32)| Element::even(at_m, round, strength);
+            let elements: Vec<Element> = truth.iter().map(element).collect();
             let bright = poses().map(|pose| {
-                let mut intensity = vec![NOISE; 600];
-                let geometry = keyframe(intensity.clone(), pose).geometry;
-                for &(at_m, strength) in truth {
-                    let splat = geometry
-                        .project(at_m, &SymmetricMat3::isotropic(SCALE_M))
-                        .unwrap();
-                    // As far as there is any: an echo has no end.
-                    let bins = geometry.bins_of(&splat);
-                    let bins = bins.start - 4..bins.end + 4;
-                    let mut energies = Vec::new();
-                    geometry.spread(&splat, bins.clone(), &mut energies);
-                    for (bin, energy) in bins.zip(energies) {
-                        intensity[bin] += strength * energy;
-                    }
-                }
-                keyframe(intensity, pose)
+                let geometry = keyframe(vec![NOISE; 600], pose).geometry;
+                let heard = Twin::of(&geometry, &elements).predicted(NOISE.into());
+                keyframe(heard.iter().map(|&power| power as f32).collect(), pose)
             });
             let mut evidence = Evidence::new(0.05);
             let pings = bright.to_vec();
@@ -631,11 +596,9 @@ mod tests {
             self.gaussians.spawn(at_m, (home, 0), SCALE_M, strength) as usize
         }
 
-        fn scene(&self) -> Scene<'_> {
+        fn terms() -> PassTerms {
             let (at_work, _) = decide(&Features::default(), &Cues::default(), MapCues::default());
-            Scene {
-                evidence: &self.evidence,
-                gaussians: &self.gaussians,
+            PassTerms {
                 is_blurred: false,
                 at_work,
             }
@@ -648,13 +611,13 @@ mod tests {
             let field = Field::of(&self.evidence, &self.gaussians);
             let mut pass = Pass::over(self.pings.clone(), field);
             while !pass.is_done() {
-                pass.advance(self.scene(), 1, Detail::Full, &each);
+                pass.advance(Self::terms(), 1, Detail::Full, &each);
             }
             pass.finish(self.gaussians.slot_count()).0
         }
 
         fn step_sums(&self) -> Vec<StepSums> {
-            let at_work = self.scene().at_work;
+            let at_work = Self::terms().at_work;
             self.sums(|tally, (): &mut (), keyframe, sight| {
                 strengths_of_ping(tally, keyframe, sight, at_work);
             })
@@ -666,7 +629,7 @@ mod tests {
 
         fn step(&mut self) {
             let sums = self.step_sums();
-            let at_work = self.scene().at_work;
+            let at_work = Self::terms().at_work;
             maximise(&mut self.gaussians, &sums, 1.0, Pace::Full, at_work);
         }
 
@@ -675,7 +638,7 @@ mod tests {
             let field = Field::of(&self.evidence, &self.gaussians);
             let mut sight = Sight::default();
             let of_ping = |keyframe: &Arc<Keyframe>| {
-                sight.observe(keyframe, self.scene(), &field, Detail::Strength);
+                sight.observe(keyframe, Self::terms(), &field, Detail::Strength);
                 let bins = sight
                     .predicted
                     .iter()
@@ -833,11 +796,11 @@ mod tests {
             let field = Field::of(&trial.evidence, &trial.gaussians);
             let mut pass = Pass::over(many.clone(), field);
             while !pass.is_done() {
-                let (scene, at_work) = (trial.scene(), trial.scene().at_work);
+                let terms = Trial::terms();
                 let each = |tally: &mut _, (): &mut (), keyframe: &_, sight: &mut _| {
-                    strengths_of_ping(tally, keyframe, sight, at_work);
+                    strengths_of_ping(tally, keyframe, sight, terms.at_work);
                 };
-                pass.advance(scene, portion, Detail::Strength, each);
+                pass.advance(terms, portion, Detail::Strength, each);
             }
             let sums = pass.finish(trial.gaussians.slot_count()).0;
             sums[slot].numerator().sum().to_bits()

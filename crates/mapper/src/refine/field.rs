@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use echosplat_acoustics::heard::{Members, NUMBERS, Numbers, SHAPE_NUMBERS};
-use echosplat_acoustics::lanes::LANES;
+use echosplat_measurement::heard::{Members, NUMBERS, Numbers, SHAPE_NUMBERS};
+use echosplat_measurement::lanes::LANES;
 use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 
@@ -44,6 +44,15 @@ pub(crate) struct Field {
 impl Field {
     /// Cost: a sort, then some ten numbers for each Gaussian held; [`Self::renew`] has no sort.
     pub(crate) fn of(evidence: &Evidence, gaussians: &Gaussians) -> Self {
+        Self::of_these(evidence, gaussians, gaussians.slots())
+    }
+
+    /// Of some alone.
+    pub(crate) fn of_these(
+        evidence: &Evidence,
+        gaussians: &Gaussians,
+        slots: impl Iterator<Item = usize>,
+    ) -> Self {
         let mut sizes_m: Vec<f32> = Vec::new();
         let mut size_of = |slot: usize| {
             let scale_m = gaussians.scale_m[slot];
@@ -63,8 +72,7 @@ impl Field {
             let is_round = size < MOST_SIZES;
             (is_round, evidence.tile_of(block), block, size, slot as u32)
         };
-        let mut places: Vec<(bool, TileIndex, BlockIndex, usize, u32)> =
-            gaussians.slots().map(place).collect();
+        let mut places: Vec<(bool, TileIndex, BlockIndex, usize, u32)> = slots.map(place).collect();
         places.par_sort_unstable();
         let mut field = Self {
             tile_radius_m: evidence.tile_radius_m(),
@@ -170,17 +178,13 @@ impl Field {
         true
     }
 
-    /// As [`echosplat_acoustics::heard`] has them, with room for eight from each Gaussian on.
+    /// As [`echosplat_measurement::heard`] has them, with room for eight from each Gaussian on.
     pub(crate) fn numbers(&self) -> Numbers<'_> {
         Numbers {
             all: &self.numbers,
             shapes: &self.shapes,
+            sizes_m: &self.sizes_m,
         }
-    }
-
-    /// One sigma of round Gaussians of each size.
-    pub(crate) fn sizes_m(&self) -> &[f32] {
-        &self.sizes_m
     }
 
     /// Slot of the Gaussian at each place of the arrays.
@@ -197,7 +201,7 @@ impl Field {
         self.blocks[block].0.places.clone()
     }
 
-    /// Gaussians of a block, and which of [`Self::sizes_m`] they have, none where they are shaped.
+    /// Gaussians of a block, and which of [`Numbers::sizes_m`] they have, none where they are shaped.
     pub(crate) fn block(&self, block: u32) -> (&Members, usize) {
         let (members, size) = &self.blocks[block as usize];
         (members, (*size).min(self.sizes_m.len()))

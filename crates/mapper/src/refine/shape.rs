@@ -1,6 +1,6 @@
 //! Scale and orientation of each Gaussian from the surface its neighbours make.
 
-use echosplat_acoustics::SymmetricMat3;
+use echosplat_measurement::SymmetricMat3;
 use echosplat_model::glam::{DMat3, DVec3, Mat3, Quat, Vec3};
 
 use crate::spawn::gaussians::{Gaussians, Verdict};

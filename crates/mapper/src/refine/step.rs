@@ -1,6 +1,6 @@
 //! One damped step of Fisher scoring for a place.
 
-use echosplat_acoustics::SymmetricMat3;
+use echosplat_measurement::SymmetricMat3;
 use echosplat_model::glam::{DMat3, DVec3, Vec3};
 
 /// Fraction, derived: single precision.

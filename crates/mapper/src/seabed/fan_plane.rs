@@ -1,8 +1,8 @@
 //! The plane of a ping's fan over the ground.
 
-use echosplat_acoustics::lanes::{self, LANES};
-use echosplat_acoustics::simd_level;
-use echosplat_acoustics::{Beam, PingGeometry};
+use echosplat_measurement::lanes::{self, LANES};
+use echosplat_measurement::simd_level;
+use echosplat_measurement::{Beam, PingGeometry};
 use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x8};
@@ -134,7 +134,7 @@ impl FanPlane {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_acoustics::PingPose;
+    use echosplat_measurement::PingPose;
     use echosplat_model::glam::Mat3;
 
     #[test]

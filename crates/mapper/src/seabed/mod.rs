@@ -14,9 +14,9 @@ mod field;
 mod onset;
 mod proof;
 
-use echosplat_acoustics::{Beam, PingGeometry};
+use echosplat_measurement::{Beam, PingGeometry};
 use echosplat_model::glam::{Quat, Vec2, Vec3};
-use echosplat_model::{Gaussian, GaussianId, Standing, Switch};
+use echosplat_model::{Gaussian, GaussianId, Reason, Standing, Switch, Why};
 
 use crate::classify::certainty::NEAR_M;
 use crate::detect::profile::{Backdrop, Profile};
@@ -354,6 +354,7 @@ impl Seabed {
                     position_covariance_m2: Gaussian::known_alike_m2(ground.spread_m),
                     probability: within(NEAR_M, ground.spread_m),
                     standing: Standing::Confident,
+                    why: Why::of(Reason::Ground, 0.0, 0.0),
                 }
             })
             .filter(Gaussian::is_sound)

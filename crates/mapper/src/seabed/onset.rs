@@ -9,8 +9,8 @@
 //! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 0.5 ms; four times that for a
 //! dive's first onsets, which tell the power of range.
 
-use echosplat_acoustics::lanes::{self, LANES};
-use echosplat_acoustics::simd_level;
+use echosplat_measurement::lanes::{self, LANES};
+use echosplat_measurement::simd_level;
 use echosplat_model::glam::Vec3;
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x8};

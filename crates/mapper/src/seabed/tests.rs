@@ -1,5 +1,5 @@
 use super::*;
-use echosplat_acoustics::PingPose;
+use echosplat_measurement::PingPose;
 use echosplat_model::glam::Mat3;
 use echosplat_model::{Ping, PingSettings, Timestamp};
 

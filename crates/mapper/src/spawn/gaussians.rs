@@ -1,8 +1,8 @@
 //! The Gaussians as arrays of each quantity, with stable ids.
 
-use echosplat_acoustics::SymmetricMat3;
+use echosplat_measurement::SymmetricMat3;
 use echosplat_model::glam::{Mat3, Quat, Vec3};
-use echosplat_model::{GaussianId, Standing};
+use echosplat_model::{GaussianId, Reason, Standing, Why};
 
 use crate::accumulate::evidence::{BlockIndex, spare};
 use crate::spawn::directional_reflectivity::{DirectionalReflectivity, Faces};
@@ -60,6 +60,8 @@ pub(crate) struct Gaussians {
     /// That it is asserted where its observations fix it.
     pub(crate) is_likely: Vec<bool>,
     pub(crate) verdict: Vec<Verdict>,
+    /// Which test gave the verdict.
+    pub(crate) why: Vec<Why>,
     pub(crate) stage: Vec<Stage>,
     /// What forgotten pings told.
     pub(crate) kept: Vec<Option<Box<Kept>>>,
@@ -103,6 +105,7 @@ impl Gaussians {
         self.probability[s] = BY_CHANCE;
         self.is_likely[s] = false;
         self.verdict[s] = Verdict::Published(Standing::Ambiguous);
+        self.why[s] = Why::of(Reason::NotWorkedOut, 0.0, 0.0);
         self.stage[s] = Stage::Spawned;
         self.kept[s] = None;
         slot
@@ -124,6 +127,7 @@ impl Gaussians {
         self.probability[c] = other.probability[slot];
         self.is_likely[c] = other.is_likely[slot];
         self.verdict[c] = other.verdict[slot];
+        self.why[c] = other.why[slot];
         self.stage[c] = stage;
         copy
     }
@@ -201,6 +205,7 @@ impl Gaussians {
         self.probability.reserve_exact(count);
         self.is_likely.reserve_exact(count);
         self.verdict.reserve_exact(count);
+        self.why.reserve_exact(count);
         self.stage.reserve_exact(count);
         self.kept.reserve_exact(count);
     }
@@ -226,6 +231,7 @@ impl Gaussians {
         self.probability.push(0.0);
         self.is_likely.push(false);
         self.verdict.push(Verdict::ExplainedAway);
+        self.why.push(Why::default());
         self.stage.push(Stage::Spawned);
         self.kept.push(None);
         (self.id.len() - 1) as u32

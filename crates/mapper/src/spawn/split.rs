@@ -57,7 +57,7 @@ fn corner_of(corner: u32) -> Vec3 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use echosplat_acoustics::{Beam, PingGeometry, PingPose, SymmetricMat3};
+    use echosplat_measurement::{Beam, PingGeometry, PingPose, SymmetricMat3};
     use echosplat_model::glam::Mat3;
 
     #[test]

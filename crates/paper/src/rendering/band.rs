@@ -6,7 +6,7 @@ use super::kernel::{Layout, Pen, Strip, cover};
 use super::projection::Splat;
 use super::stroke::{BackSheet, MOMENTS, Moments, Sheet, Stroke};
 use super::{PaperView, Transmittance};
-use echosplat_acoustics::lanes::LANES;
+use echosplat_measurement::lanes::LANES;
 
 /// Larger slopes count as not finite.
 const D_IMAGE_MAX: f32 = 1e30;

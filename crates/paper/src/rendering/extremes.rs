@@ -4,9 +4,9 @@ use echosplat_model::glam::{EulerRot, Mat3, Quat, Vec3};
 
 use super::tests::{KINDS, errors, errors_of, render, slopes};
 use super::{PaperRenderer, PaperView, Transmittance};
+use crate::parameters::{GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters};
 use crate::random::Random;
 use crate::scenes::{PaperScene, paper_scene_of};
-use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT, Parameters};
 
 fn view() -> PaperView {
     PaperView {

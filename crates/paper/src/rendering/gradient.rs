@@ -7,8 +7,8 @@ use super::projection::{
     lanes_of, on_axis, project,
 };
 use super::stroke::{MOMENTS, Moments};
-use echosplat_acoustics::lanes::{LANES, exp};
-use echosplat_acoustics::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
+use crate::parameters::{GaussianArrays, GradientArrays, PARAMETER_COUNT};
+use echosplat_measurement::lanes::{LANES, exp};
 
 /// What the pixels say of eight Gaussians: slopes to (21), (24) and to ln α, ln ρ.
 struct PixelGradient<S: Simd> {

@@ -5,7 +5,7 @@ use fearless_simd::{f32x4, i32x8, mask32x8};
 
 use super::REACH_SIGMAS;
 use super::projection::{KERNEL_SCALE, Splat, V};
-use echosplat_acoustics::lanes::{LANES, lane_numbers, only};
+use echosplat_measurement::lanes::{LANES, lane_numbers, only};
 
 /// Where a kernel ends, in its scaled coordinates, squared.
 const REACH2: f32 = REACH_SIGMAS * REACH_SIGMAS * KERNEL_SCALE * KERNEL_SCALE;

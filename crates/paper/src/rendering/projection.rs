@@ -7,8 +7,8 @@ use super::{
     COVARIANCE_MAX, LEAST_AXIS_RATIO, LEAST_RANGE_M, PaperView, QUATERNION_LENGTHS, REACH_SIGMAS,
     REFLECTIVITY_MAX,
 };
-use echosplat_acoustics::lanes::{LANES, exp, ratio_atan};
-use echosplat_acoustics::{GaussianArrays, OPACITY_MAX, PARAMETER_COUNT};
+use crate::parameters::{GaussianArrays, OPACITY_MAX, PARAMETER_COUNT};
+use echosplat_measurement::lanes::{LANES, exp, ratio_atan};
 
 /// `√(½ log₂ e)`: with coordinates scaled by it, (25) is `2^−(z² + d²)`.
 pub(super) const KERNEL_SCALE: f32 = 0.849_321_84;

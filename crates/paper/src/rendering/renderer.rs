@@ -9,7 +9,7 @@ use super::order::Order;
 use super::projection::{Frame, Splat, project_all};
 use super::stroke::{MOMENTS, Moments};
 use super::{PaperView, Transmittance};
-use echosplat_acoustics::{GaussianArrays, GradientArrays};
+use crate::parameters::{GaussianArrays, GradientArrays};
 
 /// Images are cut into this many bands of beams: always, so that the sums are the same.
 const BANDS: usize = 4;

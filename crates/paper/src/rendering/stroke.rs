@@ -10,7 +10,7 @@ use fearless_simd::u32x8;
 use super::LEAST_TRANSMITTANCE;
 use super::kernel::{Pen, Strip};
 use super::projection::{Splat, V};
-use echosplat_acoustics::lanes::{LANES, only};
+use echosplat_measurement::lanes::{LANES, only};
 
 /// Sums over the pixels of a splat: e, ez, ez², ed, edz, ed², and dL/d ln ρ.
 pub(super) const MOMENTS: usize = 7;

@@ -3,10 +3,10 @@
 use fearless_simd::Level;
 
 use super::{PaperRenderer, PaperView, Transmittance};
+use crate::parameters::{GaussianArrays, GradientArrays};
 use crate::random::Random;
 use crate::scenes::{PaperScene, paper_scene, paper_scene_of};
 use crate::twin::{self, Row, Setting};
-use echosplat_acoustics::{GaussianArrays, GradientArrays};
 
 pub(super) const KINDS: [Transmittance; 3] = [
     Transmittance::None,

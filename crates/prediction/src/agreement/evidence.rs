@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::hash::{BuildHasherDefault, Hasher};
 use std::sync::Arc;
 
-use echosplat_acoustics::Beam;
+use echosplat_measurement::Beam;
 use echosplat_model::{Ping, Pose};
 use glam::{DQuat, DVec3, IVec3};
 

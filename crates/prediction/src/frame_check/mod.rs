@@ -3,8 +3,8 @@
 //! Each of a short list of readings is scored by how well pings and poses then [agree](crate::agreement), and
 //! the one in use is wrong if another does far better on the same pings.
 //!
-//! Pure: no threads, no clock, no randomness. Cost: 13 readings × 512 pings × about 1,800 samples of
-//! their arcs.
+//! Pure: no threads, no clock, no randomness. Cost: 13 readings × 128 pings × about 1,800 samples of their arcs, and 512
+//! pings for each reading that is not less likely by those than the one in use.
 
 mod reading;
 #[cfg(test)]
@@ -28,6 +28,9 @@ const TILT_CELLS: usize = 32;
 /// Pings of a window looked at; bounds work.
 /// Most pings of a window that are looked at; of more, some are passed over.
 const MOST_PINGS: usize = 512;
+/// Pings that say which readings are worth more; bounds work.
+/// What explains these less than the reading in use does by more than its error cannot refute that one by all of them.
+const FEW_PINGS: usize = MOST_PINGS / 4;
 /// Pings that hear anything, at least; found.
 const LEAST_LIT_PINGS: usize = 60;
 /// Degrees, found: with less readings are alike.
@@ -130,18 +133,47 @@ fn compare(
     (config, cells): (&MapperConfig, usize),
     (readings, refutation): (&[FrameReading], Refutation),
 ) -> Option<FrameVerdict> {
-    let pings = thinned(pings);
+    let pings = thinned(pings, MOST_PINGS);
     let turned_deg = turned_deg(&pings);
     if !(turned_deg >= LEAST_TURN_DEG) {
         return None;
     }
-    let heard = pings.iter().map(|ping| Arc::clone(&ping.ping)).collect();
-    let agreement = Agreement::new(heard, config, cells)?;
+    let agreement = agreement(&pings, config, cells)?;
     if agreement.lit_pings() < LEAST_LIT_PINGS {
         return None;
     }
-    let scores = scores(&pings, &agreement, mount, readings);
+    let readings = worth_asking(
+        &thinned(&pings, FEW_PINGS),
+        mount,
+        (config, cells),
+        readings,
+    );
+    let scores = scores(&pings, &agreement, mount, &readings);
     Some(verdict(&scores, refutation, pings.len() as u64, turned_deg))
+}
+
+fn agreement(pings: &[VehiclePing], config: &MapperConfig, cells: usize) -> Option<Agreement> {
+    let heard = pings.iter().map(|ping| Arc::clone(&ping.ping)).collect();
+    Agreement::new(heard, config, cells)
+}
+
+/// The reading in use, which comes first, and those that these pings do not make less likely by more than chance does.
+fn worth_asking(
+    pings: &[VehiclePing],
+    mount: &Pose,
+    (config, cells): (&MapperConfig, usize),
+    readings: &[FrameReading],
+) -> Vec<FrameReading> {
+    let Some(agreement) = agreement(pings, config, cells) else {
+        return readings.to_vec();
+    };
+    let scores = scores(pings, &agreement, mount, readings);
+    let is_worth = |scored: &&Scored| {
+        let beyond = scored.beyond(&scores[0]);
+        beyond.iter().sum::<f64>() >= -error_of_sum(&beyond)
+    };
+    let worth = scores.iter().filter(is_worth);
+    worth.map(|scored| scored.reading).collect()
 }
 
 /// Log likelihood of a reading above that by range alone, nats per cell, by block.
@@ -153,6 +185,11 @@ struct Scored {
 impl Scored {
     fn gain(&self) -> f64 {
         self.by_block.iter().sum()
+    }
+
+    /// Its gain over another.
+    fn beyond(&self, other: &Self) -> ByBlock {
+        std::array::from_fn(|i| self.by_block[i] - other.by_block[i])
     }
 }
 
@@ -181,7 +218,7 @@ fn verdict(scores: &[Scored], refutation: Refutation, pings: u64, turned_deg: f6
     let best = scores
         .iter()
         .fold(given, |a, b| if more_likely(a, b) { b } else { a });
-    let beyond: ByBlock = std::array::from_fn(|i| best.by_block[i] - given.by_block[i]);
+    let beyond = best.beyond(given);
     let error = error_of_sum(&beyond);
     // Against the ranges alone too: a reading that explains nothing refutes nothing.
     let is_far = beyond.iter().sum::<f64>() > refutation.least_errors * error
@@ -198,11 +235,11 @@ fn verdict(scores: &[Scored], refutation: Refutation, pings: u64, turned_deg: f6
     }
 }
 
-/// Evenly spread over the window.
-fn thinned(pings: &[VehiclePing]) -> Vec<VehiclePing> {
+/// At most so many, evenly spread over the window.
+fn thinned(pings: &[VehiclePing], most: usize) -> Vec<VehiclePing> {
     let is_finite = |ping: &&VehiclePing| ping.world_from_vehicle.is_finite();
     let pings: Vec<&VehiclePing> = pings.iter().filter(is_finite).collect();
-    let count = pings.len().min(MOST_PINGS);
+    let count = pings.len().min(most);
     let nth = |index: usize| pings[index * pings.len() / count].clone();
     (0..count).map(nth).collect()
 }

@@ -1,11 +1,12 @@
-//! Maps as 3DGS PLY: binary little-endian, floats in the order of [`PROPERTIES`], then [`COLORS`].
+//! Maps as 3DGS PLY: binary little-endian, floats in the order of [`PROPERTIES`], then [`COLORS`] and [`WHY`].
 //!
 //! `opacity` is a logit, `scale_*` are natural logarithms of metres, `rot_*` is w x y z, the colour
 //! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels (again as bytes `red green blue`, which
 //! point cloud tools show); `nx ny nz` is the shortest axis.
 //! Last come `reflectivity` (linear), `sigma` (one sigma of the position along its least known direction, metres, may be
 //! infinite), the position's covariance `cov_*` (square metres, world axes) and `probability`, that there is surface
-//! within 0.10 m. Added to x y z, the
+//! within 0.10 m. `reason`, `clear` and `measured` say which test gave a Gaussian its verdict
+//! ([`echosplat_model::Why`]). Added to x y z, the
 //! header's `comment origin_m X Y Z` gives the world's coordinates; times opacity, reflectivity and
 //! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it. Where
 //! pings were kept from the map to judge it by, `comment held_out_every N` says which. `comment echosplat_map N` is the
@@ -65,8 +66,11 @@ pub const PROPERTIES: [&str; 26] = [
 /// The bytes of a vertex behind them: its colour, 0 to 255.
 pub const COLORS: [&str; 3] = ["red", "green", "blue"];
 
+/// The bytes behind these: which test gave it its verdict, how many observations were clear, and what the test measured.
+pub const WHY: [&str; 3] = ["reason", "clear", "measured"];
+
 /// Bytes of a vertex.
-pub const ROW_BYTES: usize = PROPERTIES.len() * size_of::<f32>() + COLORS.len();
+pub const ROW_BYTES: usize = PROPERTIES.len() * size_of::<f32>() + COLORS.len() + WHY.len();
 
 /// What a map's header says besides where its Gaussians are.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]

@@ -3,10 +3,10 @@
 use std::io::{BufRead, BufReader, Read};
 
 use echosplat_model::glam::{Quat, Vec3};
-use echosplat_model::{Gaussian, SCALE_LIMITS_M, Standing, Unsound};
+use echosplat_model::{Gaussian, SCALE_LIMITS_M, Standing, Unsound, Why};
 use echosplat_ply::{Element, Kind, PlyError, Reader, Row};
 
-use super::{MapFile, notes};
+use super::{MapFile, WHY, notes};
 use crate::export::Up;
 
 /// The position's covariance, in the order of [`Gaussian::position_covariance_m2`].
@@ -65,7 +65,7 @@ pub enum MapFileError {
 /// Reads one map file, as it was written or as an editor saved it again: in any encoding of PLY, with properties in any
 /// order, of any type of number and among others, and with `scalar_` before their names. `reflectivity`, `sigma`, `cov_*`
 /// and `probability` may be missing (then 1, infinite, as `sigma` in all directions, and 1), as may the comments;
-/// [`MapFile::lacks`] says what is.
+/// [`MapFile::lacks`] says what is. Without [`WHY`] no reason is known.
 /// A vertex that is no Gaussian ([`Gaussian::admitted`]) is left out and counted.
 ///
 /// # Errors
@@ -114,6 +114,7 @@ struct Columns {
     sigma: Option<usize>,
     covariance: Option<[usize; 6]>,
     probability: Option<usize>,
+    why: Option<[usize; 3]>,
 }
 
 impl Columns {
@@ -134,8 +135,9 @@ impl Columns {
             rotation: [at("rot_0")?, at("rot_1")?, at("rot_2")?, at("rot_3")?],
             reflectivity: find("reflectivity")?,
             sigma: find("sigma")?,
-            covariance: covariance(find)?,
+            covariance: all_of(find, COVARIANCE)?,
             probability: find("probability")?,
+            why: all_of(find, WHY)?,
         })
     }
 
@@ -174,17 +176,22 @@ impl Columns {
             },
             probability: self.probability.map_or(1.0, float),
             standing: Standing::Confident,
+            // Numbers beyond a byte saturate, and are no reason that is known.
+            why: self.why.map_or_else(Why::default, |places| {
+                Why::of_bytes(places.map(|at| float(at) as u8))
+            }),
         };
         Ok(gaussian.admitted())
     }
 }
 
-/// Where the covariance is: all six numbers or none.
-fn covariance(
+/// Where these are: all of them or none.
+fn all_of<const N: usize>(
     find: impl Fn(&'static str) -> Result<Option<usize>, MapFileError>,
-) -> Result<Option<[usize; 6]>, MapFileError> {
-    let mut places = [0; 6];
-    for (place, name) in places.iter_mut().zip(COVARIANCE) {
+    names: [&'static str; N],
+) -> Result<Option<[usize; N]>, MapFileError> {
+    let mut places = [0; N];
+    for (place, name) in places.iter_mut().zip(names) {
         match find(name)? {
             Some(at) => *place = at,
             None => return Ok(None),

@@ -1,6 +1,6 @@
 use super::*;
 use echosplat_model::glam::{Quat, Vec3};
-use echosplat_model::{MAX_PLACE_M, SCALE_LIMITS_M};
+use echosplat_model::{MAX_PLACE_M, Reason, SCALE_LIMITS_M, Why};
 use proptest::prelude::*;
 use std::fs::File;
 
@@ -16,6 +16,7 @@ fn gaussian(id: u32, mean_m: Vec3) -> Gaussian {
         position_covariance_m2: [4e-4, 1e-5, -1e-5, 9e-4, 2e-5, 25e-4],
         probability: 0.75,
         standing: Standing::Confident,
+        why: Why::of(Reason::ClearlySeen, 12.0, 0.4),
     }
 }
 
@@ -51,6 +52,7 @@ fn assert_close(a: &Gaussian, b: &Gaussian) {
         b.position_covariance_m2.map(f32::to_bits)
     );
     assert!((a.probability - b.probability).abs() < 1e-6);
+    assert_eq!(a.why, b.why);
 }
 
 /// A file with the given header lines and rows of floats.
@@ -75,10 +77,11 @@ fn the_header_is_the_documented_one() {
     ));
     let end = b"property float sigma\nproperty float cov_xx\nproperty float cov_xy\nproperty float cov_xz\n\
           property float cov_yy\nproperty float cov_yz\nproperty float cov_zz\nproperty float probability\n\
-          property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
+          property uchar red\nproperty uchar green\nproperty uchar blue\n\
+          property uchar reason\nproperty uchar clear\nproperty uchar measured\nend_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
-    assert_eq!(bytes.len() - at - end.len(), 26 * 4 + 3);
-    assert_eq!(ROW_BYTES, 107);
+    assert_eq!(bytes.len() - at - end.len(), 26 * 4 + 3 + 3);
+    assert_eq!(ROW_BYTES, 110);
 }
 
 #[test]
@@ -128,7 +131,9 @@ fn a_row_holds_logit_logarithms_and_w_first() {
     one.scale_m = Vec3::new(1.0, 0.5, 2.0);
     one.rotation = Quat::IDENTITY;
     let bytes = bytes_of(&map(vec![one]));
-    let (floats, color) = bytes[bytes.len() - ROW_BYTES..].split_at(104);
+    let (floats, rest) = bytes[bytes.len() - ROW_BYTES..].split_at(104);
+    let (color, why) = rest.split_at(3);
+    assert_eq!(why, [2, 12, 40]);
     let row: Vec<f32> = floats
         .chunks_exact(4)
         .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
@@ -206,6 +211,7 @@ fn other_orders_and_more_properties_are_read() {
     assert_eq!(back.gaussians[0].rotation, Quat::IDENTITY);
     assert_eq!(back.gaussians[0].scale_m, Vec3::ONE);
     assert!(back.gaussians[0].sigma_m.is_infinite());
+    assert_eq!(back.gaussians[0].why, Why::default());
 }
 
 #[test]
@@ -438,4 +444,40 @@ fn a_map_that_an_editor_saved_again_is_read_and_says_what_it_lacks() {
     let list = text.replace("float scalar_opacity", "list uchar float scalar_opacity");
     let error = read(list.as_bytes()).unwrap_err().to_string();
     assert!(error.contains("expected a number"), "{error}");
+}
+
+/// Of every reason, also as an editor saves bytes: as floats with a name of its own, beyond a byte too.
+#[test]
+fn the_reason_of_a_verdict_comes_back() {
+    let with = |(id, reason): (usize, Reason)| Gaussian {
+        why: Why::of(reason, id as f32, 0.5),
+        ..gaussian(id as u32, Vec3::X)
+    };
+    let sent: Vec<Gaussian> = Reason::ALL
+        .into_iter()
+        .enumerate()
+        .skip(1)
+        .map(with)
+        .collect();
+    let bytes = bytes_of(&map(sent.clone()));
+    let back = read(&bytes[..]).unwrap();
+    for (back, sent) in back.gaussians.iter().zip(&sent) {
+        assert_eq!(back.why, sent.why);
+    }
+    let mut header = vec!["element vertex 2".to_owned()];
+    header.extend(ROW.map(|name| format!("property float {name}")));
+    header.extend(WHY.map(|name| format!("property float scalar_{name}")));
+    let header: Vec<&str> = header.iter().map(String::as_str).collect();
+    let good = [0.0, 0.0, 0.0, 0.0, -2.0, -2.0, -2.0, 1.0, 0.0, 0.0, 0.0];
+    let rows = [
+        &good[..],
+        &[8.0, 9.0, 40.0],
+        &good,
+        &[f32::NAN, 300.0, -1.0],
+    ]
+    .concat();
+    let back = read(&file(&header, &rows)[..]).unwrap();
+    let wide = Why::of(Reason::WidePlace, 9.0, 0.4);
+    assert_eq!(back.gaussians[0].why, wide);
+    assert_eq!(back.gaussians[1].why, Why::default());
 }

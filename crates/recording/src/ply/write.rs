@@ -6,7 +6,7 @@ use echosplat_model::Gaussian;
 use echosplat_model::glam::Vec3;
 use echosplat_ply::{Element, Format, Header, write_floats};
 
-use super::{COLORS, MapFile, PROPERTIES, notes};
+use super::{COLORS, MapFile, PROPERTIES, WHY, notes};
 use crate::ramp::{bytes_of_color, color_of_reflectivity};
 
 /// Zeroth spherical harmonic, by which 3DGS scales colour.
@@ -25,13 +25,14 @@ pub fn write(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
     let header = Header {
         format: Format::LittleEndian,
         comments: notes::comments(map),
-        elements: vec![vertex.with_bytes(&COLORS)],
+        elements: vec![vertex.with_bytes(&COLORS).with_bytes(&WHY)],
     };
     header.write(&mut writer)?;
     for gaussian in sound() {
         let color = color_of_reflectivity(gaussian.reflectivity);
         write_floats(&mut writer, &row(gaussian, color))?;
         writer.write_all(&bytes_of_color(color))?;
+        writer.write_all(&gaussian.why.bytes())?;
     }
     writer.flush()
 }

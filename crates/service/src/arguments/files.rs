@@ -3,10 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use echosplat_model::glam::DVec3;
 use echosplat_recording::export::Up;
 use echosplat_surface::CELL_M;
 
-use super::values::{not_negative, positive, sweep, up_axis};
+use super::values::{not_negative, place, positive, sweep, up_axis};
 
 #[derive(Debug, Args)]
 pub struct EvaluateArguments {
@@ -123,9 +124,6 @@ pub struct RenderArguments {
     /// One sigma of its attitude, degrees
     #[arg(long, value_name = "DEGREES", default_value_t = 0.0, value_parser = not_negative)]
     pub(crate) attitude_sigma_deg: f64,
-    /// Let nothing hide anything
-    #[arg(long)]
-    pub(crate) no_occlusion: bool,
     /// Configuration file: mount, time offset, beam
     #[arg(long, value_name = "FILE")]
     pub(crate) config: Option<PathBuf>,
@@ -169,6 +167,9 @@ pub struct InfoArguments {
     /// files of one dive are told as one
     #[arg(value_name = "FILE", required = true)]
     pub(crate) files: Vec<PathBuf>,
+    /// Of maps: tell why what they say of this place is confident, ambiguous or not there; world coordinates, metres
+    #[arg(long, value_name = "X,Y,Z", value_parser = place, allow_hyphen_values = true)]
+    pub(crate) why: Option<DVec3>,
     /// Print one JSON object on standard output
     #[arg(long)]
     pub(crate) json: bool,

@@ -1,6 +1,7 @@
 //! What a value on the command line must be.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use echosplat_model::glam::DVec3;
 use echosplat_recording::export::Up;
 use echosplat_simulator::{DiveKind, NoiseLevel};
 
@@ -58,6 +59,19 @@ pub(super) fn sweep(text: &str) -> Result<f64, String> {
         true => Ok(value),
         false => Err("it must be at most 360".to_owned()),
     }
+}
+
+/// World coordinates, metres.
+pub(super) fn place(text: &str) -> Result<DVec3, String> {
+    let wrong =
+        || "it must be three numbers, east, north, up in metres, as in 1.5,-2,-3.25".to_owned();
+    let numbers: Result<Vec<f64>, String> =
+        text.split(',').map(|word| finite(word.trim())).collect();
+    let numbers: [f64; 3] = numbers
+        .map_err(|_| wrong())?
+        .try_into()
+        .map_err(|_| wrong())?;
+    Ok(numbers.into())
 }
 
 pub(super) fn key_and_value(text: &str) -> Result<(String, String), String> {

@@ -116,7 +116,7 @@ fn rendered(
     poses: Option<&Path>,
     config: &Config,
 ) -> anyhow::Result<RenderedPings> {
-    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
+    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians);
     let [mut held, mut fit] = [Thinned::new(MOST_PINGS), Thinned::new(MOST_PINGS)];
     let mut first = None;
     logs::posed_pings(log, poses, config, |posed| {

@@ -4,9 +4,9 @@ use std::f64::consts::PI;
 use std::path::Path;
 use std::sync::Arc;
 
-use echosplat_acoustics::PingGeometry;
 use echosplat_join::StampClock;
 use echosplat_mapper::geometry_of;
+use echosplat_measurement::PingGeometry;
 use echosplat_model::{Ping, PingSettings, PosedPing, StampedPose, Timestamp, Twist};
 use echosplat_model::{Trajectory, TrajectoryLimits};
 use echosplat_pose::{PoseSource, PoseUrl};
@@ -42,9 +42,7 @@ pub(crate) fn run(arguments: &RenderArguments) -> anyhow::Result<Finish> {
     let format = Format::of(arguments)?;
     let map = maps::read(&arguments.map)?;
     let views = views(arguments, &config)?;
-    let occlusion = !arguments.no_occlusion;
-    let mut renderer =
-        MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, occlusion);
+    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians);
     let rendered: Vec<Vec<f32>> = views
         .iter()
         .map(|view| {

@@ -7,6 +7,7 @@ mod conclusion;
 mod diagnosis;
 mod drivers;
 mod earlier;
+mod effort;
 mod ending;
 mod frame_check;
 mod gate;

@@ -163,7 +163,7 @@ fn predict(
     config: &MapperConfig,
     dive_s: f64,
 ) -> Option<Predicted> {
-    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
+    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians);
     let mut pairs = |pings: &[PosedPing]| -> Vec<Pair> {
         let pair = |posed| pair_of(&mut renderer, posed, config);
         pings.iter().map(pair).collect()

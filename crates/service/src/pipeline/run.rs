@@ -16,6 +16,7 @@ use super::calibration;
 use super::diagnosis::Diagnosis;
 use super::drivers::Drivers;
 use super::earlier::EarlierMaps;
+use super::effort::Publishing;
 use super::ending::Ending;
 use super::frame_check::FrameCheck;
 use super::keeper::Keeper;
@@ -73,6 +74,7 @@ pub(super) struct Run {
     finish_within: Duration,
     pub(super) begin: Instant,
     pub(super) rates: RateMeter,
+    pub(super) publishing: Publishing,
 }
 
 impl Run {
@@ -133,6 +135,7 @@ impl Run {
             finish_within: config.pipeline.finish_within(),
             begin,
             rates: RateMeter::default(),
+            publishing: Publishing::default(),
         };
         run.systemd.ready();
         Ok(run)

@@ -10,6 +10,7 @@ use echosplat_model::Snapshot;
 use echosplat_prediction::frame_check::FrameVerdict;
 use serde::Serialize;
 
+use super::effort::EffortReport;
 use super::latency::LatencyReport;
 use super::listening::ListeningReport;
 use super::poses::PoseReport;
@@ -75,6 +76,8 @@ pub struct MapperReport {
     pub(crate) frames: Option<FrameVerdict>,
     /// What the dive told of clock, mount, compass and speed of sound, by the newest estimate.
     pub(crate) calibration: Option<Found>,
+    /// What each kind of work took, by its name.
+    pub(crate) effort: EffortReport,
     /// The mapper's own words.
     pub(crate) mapper: MapperStatus,
     /// Features that the dive so far does not need, and why.

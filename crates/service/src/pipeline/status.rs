@@ -249,6 +249,7 @@ impl Status {
             "sonar": self.sonar,
             "prediction": self.report.prediction,
             "mapper": self.report.mapper,
+            "effort": self.report.effort,
             "calibration": self.report.calibration,
             "recording": self.recording,
             "ledger": self.ledger,
@@ -272,11 +273,18 @@ impl Status {
                 found.gain_per_bin, found.pings
             )
         });
+        let foretold = match mapper.foretold.pings {
+            0 => String::new(),
+            pings => format!(
+                "\n{:+.4} nats per bin above noise on {pings} pings before they were taken in",
+                mapper.foretold.gain_nats_per_bin
+            ),
+        };
         format!(
             "{} pings received, {} mapped{held_out}, {without_pose} without a pose\n\
              {} damaged frames, {} bytes skipped\n\
              {} Gaussians, and {} ambiguous\n\
-             {:.1} s of dive in {:.1} s, {:.1} s of computing, at most {:.0} MB of memory{prediction}",
+             {:.1} s of dive in {:.1} s, {:.1} s of computing, at most {:.0} MB of memory{foretold}{prediction}",
             self.pings_received,
             self.report.pings_mapped,
             self.sonar.session.frames_bad,

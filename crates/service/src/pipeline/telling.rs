@@ -121,6 +121,7 @@ impl Run {
         ];
         self.rates.measure(Instant::now(), counters);
         status.rates = self.rates.rates();
+        self.publishing.tell(&mut status.report.effort);
         status
     }
 }

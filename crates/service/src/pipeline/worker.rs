@@ -14,6 +14,7 @@ use echosplat_prediction::held_out::is_held_out;
 
 use super::calibration;
 use super::earlier::EarlierMaps;
+use super::effort::Meter;
 use super::frame_check::FrameCheck;
 use super::gate::{Gate, Passage};
 use super::latency::Latency;
@@ -86,6 +87,7 @@ pub(crate) struct State {
     /// Of the last map of the epochs before.
     past_sequence: u64,
     past_work: Spent,
+    meter: Meter,
 }
 
 impl State {
@@ -103,6 +105,7 @@ impl State {
             epoch: None,
             past_sequence: 0,
             past_work: Spent::default(),
+            meter: Meter::default(),
         }
     }
 }
@@ -122,6 +125,7 @@ impl Worker {
     }
 
     fn map_all(mut self) -> Arc<Snapshot> {
+        self.state.meter.watch(&mut self.mapper);
         loop {
             self.heartbeat.beat();
             match self.events.recv_timeout(IDLE) {
@@ -273,7 +277,9 @@ impl Worker {
         mapper.swap_threads(&mut self.mapper);
         std::mem::swap(&mut mapper, &mut self.mapper);
         self.beat_as_mapper_works();
+        self.state.meter.watch(&mut self.mapper);
         mapper.on_progress(|| {});
+        mapper.on_task(|_| Box::new(|_| ()));
         self.allow_work();
         let state = &mut self.state;
         state.past_work = work;
@@ -379,6 +385,11 @@ impl Worker {
             self.state.report.frames = frame_check.verdict();
         }
         self.state.report.calibration = self.calibration.found();
+        let frame_check = self.frame_check.as_ref().map(FrameCheck::took);
+        self.state.report.effort = self.state.meter.report(&[
+            ("calibrate", self.calibration.took()),
+            ("frame_check", frame_check.unwrap_or_default()),
+        ]);
         self.state.report.prediction = self.outlet.predicted();
         self.shared.hand_over(self.state.report.clone());
     }
@@ -401,6 +412,9 @@ impl Worker {
         // A beat would take back what is allowed.
         self.mapper.on_progress(|| {});
         self.heartbeat.beat_allowing(FINISH);
+        if self.inputs_left == 0 {
+            self.calibration.end(&self.mapper);
+        }
         let snapshot = self.mapper.finish();
         let first = self.state.first_ping.unwrap_or_default();
         let dive_s = match self.state.first_ping {

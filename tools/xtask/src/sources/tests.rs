@@ -71,7 +71,7 @@ fn clocks_are_found() {
 
 #[test]
 fn files_are_opened_only_where_files_are_read() {
-    for folder in ["acoustics", "mapper", "model", "session"] {
+    for folder in ["measurement", "mapper", "model", "session"] {
         let path = format!("crates/{folder}/src/lib.rs");
         assert_broken(&path, "use std::fs::File;", &format!("{path}:1: "));
         assert_broken(&path, "use std::{fs, io};", &format!("{path}:1: "));

@@ -55,7 +55,7 @@ fn pairs(
     config: &Config,
     pings: impl Iterator<Item = Arc<Ping>>,
 ) -> anyhow::Result<Vec<Pair>> {
-    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
+    let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians);
     let source = PoseSource::File(sonar.dive().reported_poses().to_vec().into());
     let mut poses = Poses::waited_for(config, source)?;
     let mut pairs = Vec::new();

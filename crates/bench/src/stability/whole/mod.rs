@@ -19,8 +19,7 @@ use glam::DVec3;
 use super::Row;
 use super::row::{Comparison, Label};
 use echosplat_metrics::Truth;
-pub(super) use voyage::differing_bits;
-use voyage::{Made, Way};
+use voyage::{Made, Way, differing_bits};
 
 /// Two maps may be this far apart and still count as the same.
 const SAME_WITHIN_M: f64 = 0.005;

@@ -2,8 +2,8 @@
 
 use std::sync::Arc;
 
-use echosplat_acoustics::lanes::{self, LANES};
-use echosplat_acoustics::simd_level;
+use echosplat_measurement::lanes::{self, LANES};
+use echosplat_measurement::simd_level;
 use echosplat_model::glam::{IVec3, Vec3};
 use fearless_simd::prelude::*;
 use fearless_simd::{dispatch, f32x8, i32x8};

@@ -14,7 +14,7 @@ mod sector;
 use std::collections::BTreeSet;
 use std::sync::Arc;
 
-use echosplat_acoustics::PingGeometry;
+use echosplat_measurement::PingGeometry;
 use echosplat_model::glam::{IVec3, Vec3};
 use foldhash::{HashMap, HashMapExt};
 use rayon::prelude::*;

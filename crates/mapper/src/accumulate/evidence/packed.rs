@@ -3,7 +3,7 @@
 //! A row is its least sum and what the others are above it, in as few bits as the greatest needs; of rows that are
 //! all 0 nothing is held.
 
-use echosplat_acoustics::lanes::LANES;
+use echosplat_measurement::lanes::LANES;
 
 use super::VOXELS;
 

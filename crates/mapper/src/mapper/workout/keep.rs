@@ -2,15 +2,16 @@
 
 use std::sync::Arc;
 
-use echosplat_acoustics::heard::Detail;
+use echosplat_measurement::heard::Detail;
 
 use super::Terms;
 use crate::accumulate::history::Keyframe;
 use crate::classify::assess::{Desk, Rule, VerdictThresholds, findings_of_ping};
+use crate::effort::Counted;
 use crate::refine::expectation::{Pass, strengths_of_ping};
 use crate::refine::field::Field;
 use crate::refine::inherit::{area_of, whole_area};
-use crate::refine::scene::Scene;
+use crate::refine::terms::PassTerms;
 use crate::spawn::gaussians::{Gaussians, Stage};
 use crate::world::World;
 
@@ -22,13 +23,11 @@ pub(crate) fn keep(
     map: &mut Gaussians,
     pings: &[Arc<Keyframe>],
     terms: Terms<'_>,
-) -> u64 {
+) -> Counted {
     // In the map's order, so that sums are those of the whole map.
     let slots = world.evidence.gaussians_seen_by(pings);
     let seen = &copies(map, &slots);
-    let scene = |gaussians, is_blurred| Scene {
-        evidence: &world.evidence,
-        gaussians,
+    let pass_terms = |is_blurred| PassTerms {
         is_blurred,
         at_work: terms.at_work,
     };
@@ -37,19 +36,20 @@ pub(crate) fn keep(
     let each = |tally: &mut _, (): &mut (), keyframe: &_, sight: &mut _| {
         strengths_of_ping(tally, keyframe, sight, terms.at_work);
     };
-    pass.advance(scene(seen, false), count, Detail::Strength, each);
+    let mut counted = pass.advance(pass_terms(false), count, Detail::Strength, each);
     let (sums, done) = pass.finish(seen.slot_count());
-    let pairs = done.pairs;
     let rule = Rule::of(
-        &scene(map, true),
+        map,
+        world.evidence.voxel_m(),
+        terms.at_work,
         VerdictThresholds::of(terms.config, terms.at_work),
     );
     let mut pass = Pass::over(pings.to_vec(), done.field);
     let each = |tally: &mut _, desk: &mut Desk, keyframe: &_, sight: &mut _| {
         findings_of_ping(tally, desk, keyframe, sight, seen, rule);
     };
-    pass.advance(scene(seen, true), count, Detail::Full, each);
-    let (findings, done) = pass.finish(seen.slot_count());
+    counted += pass.advance(pass_terms(true), count, Detail::Full, each);
+    let (findings, _) = pass.finish(seen.slot_count());
     let whole = whole_area(world.evidence.voxel_m());
     for ((slot, sums), finding) in slots.into_iter().zip(&sums).zip(&findings) {
         let slot = slot as usize;
@@ -60,7 +60,7 @@ pub(crate) fn keep(
             kept.add(sums.weight(), finding, area, child_share);
         }
     }
-    pairs + done.pairs
+    counted
 }
 
 fn copies(map: &Gaussians, slots: &[u32]) -> Gaussians {

@@ -14,7 +14,8 @@ mod placing;
 use std::collections::VecDeque;
 use std::sync::Arc;
 
-use echosplat_acoustics::heard::Detail;
+use echosplat_measurement::heard::Detail;
+use echosplat_model::Reason;
 use echosplat_model::glam::Vec3;
 use rayon::prelude::*;
 
@@ -27,6 +28,7 @@ use crate::classify::assess::{
     Desk, Rule, VerdictThresholds, findings_of_ping, idle, judge, side_lobes,
 };
 use crate::classify::certainty;
+use crate::effort::{Counted, Task};
 use crate::features::{AtWork, Extent, LeftOut};
 use crate::mapper::schedule::{Action, Due, INTERLEAVE, Start, actions};
 use crate::refine::expectation::{
@@ -36,8 +38,8 @@ use crate::refine::expectation::{
 use crate::refine::field::Field;
 use crate::refine::inherit::inherit;
 use crate::refine::refill::{Candidate, refill};
-use crate::refine::scene::Scene;
 use crate::refine::shape::align;
+use crate::refine::terms::PassTerms;
 use crate::seabed::Seabed;
 use crate::spawn::gaussians::{Gaussians, Verdict};
 use crate::spawn::split::split_confident;
@@ -95,20 +97,27 @@ pub(crate) struct Effort {
     pub(crate) pairs: u64,
     /// Steps' pairs that take as long as what was done beside those.
     pub(crate) beside_pairs: u64,
+    /// What was looked at, whether or not it counts as work.
+    pub(crate) counted: Counted,
 }
 
 impl Effort {
-    fn of(pairs: u64) -> Self {
+    fn of(counted: Counted) -> Self {
         Self {
-            pairs,
+            pairs: counted.pairs,
             beside_pairs: 0,
+            counted,
         }
     }
 
-    fn beside(beside_pairs: u64) -> Self {
+    fn beside(candidates: u64, beside_pairs: u64) -> Self {
         Self {
             pairs: 0,
             beside_pairs,
+            counted: Counted {
+                candidates,
+                ..Counted::default()
+            },
         }
     }
 }
@@ -263,7 +272,7 @@ impl Workout {
     }
 
     /// Counts the pairs of some pings, and tells from them how many of all there is time for.
-    fn count_pairs(&mut self, world: &World) {
+    fn count_pairs(&mut self, world: &World) -> Counted {
         let sample: Vec<Arc<Keyframe>> = self
             .pings
             .iter()
@@ -272,24 +281,23 @@ impl Workout {
             .collect();
         let count = sample.len();
         let mut pass = Pass::<StepSums>::over(sample, self.field(world));
-        let pairs = pass.advance(
-            self.scene(world, false),
+        let counted = pass.advance(
+            self.terms(false),
             count,
             Detail::Strength,
             |_, (): &mut (), _, _| (),
         );
-        self.pairs_per_ping = pairs as f64 / count.max(1) as f64;
+        self.pairs_per_ping = counted.pairs as f64 / count.max(1) as f64;
         self.is_hurried =
             self.thinning_factor(self.most_pairs) > self.thinning_factor(self.most_pairs_in_full);
         if self.is_hurried {
             self.thresholds = self.thresholds.in_haste();
         }
+        counted
     }
 
-    fn scene<'a>(&'a self, world: &'a World, is_blurred: bool) -> Scene<'a> {
-        Scene {
-            evidence: &world.evidence,
-            gaussians: &self.draft,
+    fn terms(&self, is_blurred: bool) -> PassTerms {
+        PassTerms {
             is_blurred,
             at_work: self.at_work,
         }
@@ -363,6 +371,23 @@ impl Workout {
         self.doing.is_none() && self.actions.is_empty()
     }
 
+    /// What the next portion is.
+    pub(crate) fn task(&self) -> Task {
+        match &self.doing {
+            Some(Doing::CountPairs) => Task::Begin,
+            Some(Doing::Strengthen(..)) => Task::Strengthen,
+            Some(Doing::Localise(_)) => Task::Localise,
+            Some(Doing::Assess(..)) => Task::Assess,
+            Some(Doing::Judge(..) | Doing::TellCertainty(_)) => Task::Judge,
+            None => match self.actions.front() {
+                Some(Action::Strengthen { .. }) => Task::Strengthen,
+                Some(Action::Localise) => Task::Localise,
+                Some(Action::Assess { .. }) => Task::Assess,
+                _ => Task::Change,
+            },
+        }
+    }
+
     /// Does the next portion.
     pub(crate) fn advance(&mut self, world: &World, seabed: &Seabed) -> Effort {
         if let Some(doing) = self.doing.take() {
@@ -371,17 +396,23 @@ impl Workout {
         let Some(action) = self.actions.pop_front() else {
             return Effort::default();
         };
-        let change_pairs = self.change_pairs();
+        let (held, change_pairs) = (self.held(), self.change_pairs());
         self.begin_action(action, world);
         match action {
-            Action::Refill | Action::Split | Action::Align => Effort::beside(change_pairs),
+            Action::Refill | Action::Split | Action::Align => Effort::beside(held, change_pairs),
+            Action::SuppressSideLobes | Action::DropIdle => Effort::beside(held, 0),
             _ => Effort::default(),
         }
     }
 
     /// Pairs that take as long as a search around every Gaussian.
     pub(crate) fn change_pairs(&self) -> u64 {
-        PAIRS_OF_A_CHANGE * self.draft.alive_count() as u64
+        PAIRS_OF_A_CHANGE * self.held()
+    }
+
+    /// Gaussians of the draft.
+    pub(crate) fn held(&self) -> u64 {
+        self.draft.alive_count() as u64
     }
 
     fn begin_action(&mut self, action: Action, world: &World) {
@@ -415,7 +446,7 @@ impl Workout {
                 let stride = stride * thinning_factor;
                 let pings = every(&self.pings, 0.0, stride);
                 let pass = Pass::over(pings, self.field(world));
-                let rule = Rule::of(&self.scene(world, true), self.thresholds);
+                let rule = Rule::of(&self.draft, self.voxel_m, self.at_work, self.thresholds);
                 self.doing = Some(Doing::Assess(pass, rule, stride as f32));
             }
             Action::SuppressSideLobes => {
@@ -455,15 +486,19 @@ impl Workout {
         let count = (PORTION_PAIRS / self.pairs_per_ping.max(1.0)) as usize + 1;
         match doing {
             Doing::CountPairs => {
-                self.count_pairs(world);
-                Effort::default()
+                let counted = self.count_pairs(world);
+                // They are few, and no ping pays for them.
+                Effort {
+                    counted,
+                    ..Effort::default()
+                }
             }
             Doing::Strengthen(mut pass, stride, pace) => {
-                let (scene, at_work) = (self.scene(world, false), self.at_work);
+                let (terms, at_work) = (self.terms(false), self.at_work);
                 let each = |tally: &mut _, (): &mut (), keyframe: &_, sight: &mut _| {
                     strengths_of_ping(tally, keyframe, sight, at_work);
                 };
-                let pairs = pass.advance(scene, count, Detail::Strength, each);
+                let counted = pass.advance(terms, count, Detail::Strength, each);
                 if pass.is_done() {
                     let (sums, done) = pass.finish(self.draft.slot_count());
                     self.worked(done);
@@ -473,13 +508,13 @@ impl Workout {
                 } else {
                     self.doing = Some(Doing::Strengthen(pass, stride, pace));
                 }
-                Effort::of(pairs)
+                Effort::of(counted)
             }
             Doing::Localise(mut pass) => {
                 let each = |tally: &mut _, (): &mut (), keyframe: &_, sight: &mut _| {
                     scores_of_ping(tally, keyframe, sight);
                 };
-                let pairs = pass.advance(self.scene(world, false), count, Detail::Full, each);
+                let counted = pass.advance(self.terms(false), count, Detail::Full, each);
                 if pass.is_done() {
                     let (scores, done) = pass.finish(self.draft.slot_count());
                     self.worked(done);
@@ -488,7 +523,7 @@ impl Workout {
                 } else {
                     self.doing = Some(Doing::Localise(pass));
                 }
-                Effort::of(pairs)
+                Effort::of(counted)
             }
             Doing::Assess(mut pass, rule, stride) => {
                 let draft = &self.draft;
@@ -496,7 +531,7 @@ impl Workout {
                     findings_of_ping(tally, desk, keyframe, sight, draft, rule);
                 };
                 let count = count.div_ceil(PAIRS_OF_A_FINDING as usize);
-                let pairs = pass.advance(self.scene(world, true), count, Detail::Full, each);
+                let counted = pass.advance(self.terms(true), count, Detail::Full, each);
                 self.doing = Some(match pass.is_done() {
                     true => {
                         let (findings, done) = pass.finish(draft.slot_count());
@@ -506,19 +541,19 @@ impl Workout {
                     false => Doing::Assess(pass, rule, stride),
                 });
                 Effort {
-                    pairs,
-                    beside_pairs: (PAIRS_OF_A_FINDING - 1) * pairs,
+                    beside_pairs: (PAIRS_OF_A_FINDING - 1) * counted.pairs,
+                    ..Effort::of(counted)
                 }
             }
             // In two portions, since each keeps pings waiting.
             Doing::Judge(findings, stride) => {
                 let findings = self.judge(&findings, stride);
                 self.doing = Some(Doing::TellCertainty(findings));
-                Effort::beside(self.change_pairs() / 2)
+                Effort::beside(self.held(), self.change_pairs() / 2)
             }
             Doing::TellCertainty(findings) => {
                 self.tell_certainty(&findings, seabed);
-                Effort::beside(self.change_pairs() - self.change_pairs() / 2)
+                Effort::beside(self.held(), self.change_pairs() - self.change_pairs() / 2)
             }
         }
     }
@@ -563,10 +598,10 @@ impl Workout {
         let draft = &mut self.draft;
         certainty::tell(draft, |slot| findings[slot], self.voxel_m);
         // Nothing is seen through the ground.
-        let places = draft.alive.iter().zip(&draft.mean_m);
-        for (verdict, (&is_alive, &mean_m)) in draft.verdict.iter_mut().zip(places) {
-            if is_alive && seabed.hides(mean_m) {
-                *verdict = Verdict::ExplainedAway;
+        for slot in 0..draft.slot_count() {
+            if draft.alive[slot] && seabed.hides(draft.mean_m[slot]) {
+                draft.verdict[slot] = Verdict::ExplainedAway;
+                draft.why[slot].reason = Reason::BelowGround;
             }
         }
     }

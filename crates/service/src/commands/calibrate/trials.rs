@@ -6,8 +6,8 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use echosplat_join::ArrivedPose;
-use echosplat_mapper::{Calibration, Calibrator, Mapper, MapperConfig};
-use echosplat_model::{Ping, PosedPing};
+use echosplat_mapper::{Calibration, Features, Mapper, MapperConfig, Questions};
+use echosplat_model::{Ping, PosedPing, Switch};
 use echosplat_pose::PoseSource;
 use echosplat_prediction::alignment::Alignment;
 use echosplat_prediction::held_out::{Pair, score};
@@ -112,7 +112,11 @@ impl Dive {
         let mut mapper = Mapper::new(MapperConfig {
             threads: 1,
             workout_pairs: WORKOUT_PAIRS,
-            parts: config.mapper.parts.for_comparison(),
+            // As a published map knows it: one strength for all directions.
+            parts: Features {
+                specular: Switch::Off,
+                ..config.mapper.parts.for_comparison()
+            },
             ..config.mapper.clone()
         })?;
         let is_mapped = |p: &&PosedPing| matches!(role(p), Some(Role::Mapped | Role::Fitted));
@@ -120,7 +124,7 @@ impl Dive {
             mapper.insert(ping);
         }
         let map = mapper.finish();
-        let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians, true);
+        let mut renderer = MapRenderer::new(map.origin_m, map.intensity_unit, &map.gaussians);
         let mut pair = |ping: &PosedPing| pair_of(&mut renderer, ping, &config.mapper);
         let fit: Vec<Pair> = of_role(Role::Fitted).map(&mut pair).collect();
         let held: Vec<Pair> = of_role(Role::HeldOut).map(&mut pair).collect();
@@ -157,7 +161,10 @@ impl Dive {
         for ping in &self.posed(config)? {
             mapper.insert(ping);
         }
-        let calibration = mapper.calibrator().map(Calibrator::run).transpose()?;
+        let calibration = mapper.calibrator();
+        let calibration = calibration
+            .map(|calibrator| calibrator.run(Questions::All))
+            .transpose()?;
         Ok(calibration.flatten())
     }
 }

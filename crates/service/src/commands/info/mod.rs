@@ -3,6 +3,7 @@
 mod foreign;
 mod pings;
 mod read;
+mod why;
 
 use std::path::{Path, PathBuf};
 
@@ -28,15 +29,32 @@ struct Found {
 /// # Errors
 /// Names the file that is none of these, and says what it is instead.
 pub(crate) fn run(arguments: &InfoArguments) -> anyhow::Result<Finish> {
-    let found = all_facts(&arguments.files)?;
+    let ask = |at_m| {
+        // Given twice a map is told of once.
+        let files: Vec<&PathBuf> = arguments.files.iter().collect();
+        let is_first = |(index, file): &(usize, &&PathBuf)| !files[..*index].contains(*file);
+        let once = files.iter().enumerate().filter(is_first);
+        let answers = once.map(|(_, file)| why::ask(file, at_m));
+        answers.collect::<anyhow::Result<Vec<_>>>()
+    };
+    let answers = arguments.why.map(ask).transpose()?.unwrap_or_default();
+    let mut found = all_facts(&arguments.files)?;
     let finish = match found.iter().any(|facts| facts.contains_key(LEFT_OUT)) {
         true => Finish::Lossy,
         false => Finish::Done,
     };
     match arguments.json {
-        true => logging::print(&in_json(found).to_string()),
+        true => {
+            for (facts, answer) in found.iter_mut().zip(&answers) {
+                facts.insert("why".to_owned(), answer.in_json());
+            }
+            logging::print(&in_json(found).to_string());
+        }
         false => {
-            let texts: Vec<String> = found.iter().map(lines).collect();
+            let mut texts: Vec<String> = found.iter().map(lines).collect();
+            for (text, answer) in texts.iter_mut().zip(&answers) {
+                *text = format!("{text}\n{}", answer.lines());
+            }
             logging::print(&texts.join("\n\n"));
         }
     }

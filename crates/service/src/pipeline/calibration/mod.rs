@@ -1,19 +1,21 @@
 //! Whether clock, mount, compass and speed of sound fit the dive, looked at while it goes on, on a thread of its own that
 //! nothing waits for. What is found is told; it changes nothing.
 //!
-//! Cost: four to eight maps of 2,048 pings at 4,800 pings, at least three more where sound seems to be faster or slower beyond doubt, and the
-//! same whenever there are three times as many pings as the time before.
+//! Cost: at 4,800 pings, and whenever there are three times as many as the time before, a visit to at most 8,192 pings of the
+//! map as it is, and three to six maps of 2,048 pings where that finds something off. At the end of a log the same once more,
+//! and at least three maps of 1,024 pings for the speed of sound.
 
 mod advice;
 
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use echosplat_mapper::{Calibration, ConfigError, Mapper};
+use echosplat_mapper::{Calibration, ConfigError, Mapper, Questions};
 use serde::Serialize;
 
 use crate::config::{Calibrate, Config};
 use crate::pipeline::Pace;
+use crate::pipeline::effort::{Stopwatch, Took};
 use crate::processor;
 pub(crate) use advice::{Advice, Settings, set_mount};
 
@@ -49,6 +51,7 @@ pub(crate) struct Watch {
     next_pings: Option<u64>,
     under_way: Option<(u64, JoinHandle<Estimated>)>,
     found: Option<Found>,
+    stopwatch: Stopwatch,
 }
 
 impl Watch {
@@ -72,6 +75,7 @@ impl Watch {
             next_pings: None,
             under_way: None,
             found: None,
+            stopwatch: Stopwatch::default(),
         }
     }
 
@@ -83,15 +87,29 @@ impl Watch {
             return;
         }
         self.next_pings = Some(GROWN * pings);
-        let Some(calibrator) = mapper.calibrator() else {
+        self.begin(mapper, Questions::AllButSound);
+    }
+
+    /// At the end of a log: begins the last estimate, which asks for the speed of sound too, once the one under way is done.
+    pub(crate) fn end(&mut self, mapper: &Mapper) {
+        self.wait();
+        if self.next_pings.is_some() && mapper.status().pings >= FIRST_PINGS {
+            self.begin(mapper, Questions::All);
+        }
+    }
+
+    fn begin(&mut self, mapper: &Mapper, questions: Questions) {
+        let pings = mapper.status().pings;
+        let Some(mut calibrator) = mapper.calibrator() else {
             return;
         };
+        calibrator.on_task(self.stopwatch.of_maps());
         let gives_way = self.gives_way;
         let run = move || {
             if gives_way {
                 processor::give_way();
             }
-            calibrator.run()
+            calibrator.run(questions)
         };
         let thread = std::thread::Builder::new().name(THREAD_NAME.to_owned());
         match thread.spawn(run) {
@@ -117,6 +135,11 @@ impl Watch {
             Ok(Err(error)) => tracing::warn!(%error, NOT_LOOKED_AT),
             Err(_) => tracing::warn!("looking at clock and mount failed; the map is as it was"),
         }
+    }
+
+    /// What its maps took so far.
+    pub(crate) fn took(&self) -> Took {
+        self.stopwatch.took()
     }
 
     /// What the newest estimate found.

@@ -23,6 +23,7 @@ use echosplat_mapper::MapperConfig;
 use echosplat_model::{Pose, PosedPing};
 use echosplat_prediction::frame_check::{FrameVerdict, VehiclePing, judge, judge_tilt};
 
+use super::effort::{Stopwatch, Took};
 use watch::Watch;
 
 /// Name of the thread; its time is not the mapper's.
@@ -52,6 +53,7 @@ struct Shared {
     /// Nearer than this pings may ring, metres, as the bits of a number.
     rings_until_m: AtomicU64,
     confirmed: Mutex<Option<FrameVerdict>>,
+    stopwatch: Stopwatch,
 }
 
 impl Shared {
@@ -101,6 +103,11 @@ impl FrameCheck {
     /// Whether its thread is alive.
     pub(crate) fn heartbeat(&self) -> &Heartbeat {
         &self.heartbeat
+    }
+
+    /// What checks took so far.
+    pub(crate) fn took(&self) -> Took {
+        self.shared.stopwatch.took()
     }
 
     /// Never waits.
@@ -161,12 +168,17 @@ fn check_all(pings: &Receiver<Arrived>, config: &MapperConfig, mount: &Pose, sha
             blanking_m: config.blanking_m.max(rings_until_m),
             ..config.clone()
         };
-        let verdict = judge(watch.window(), mount, config);
+        let window = watch.window();
+        let visits = window.len() as u64;
+        let stopwatch = &shared.stopwatch;
+        let verdict = stopwatch.time(visits, || judge(window, mount, config));
         tracing::debug!(?verdict, "how poses are read");
         watch.checked(verdict);
         let is_telling = verdict.is_some_and(|verdict| verdict.is_telling);
         // Poses that are read wrong look tilted, too.
-        let tilt = judge_tilt(watch.dive(), mount, config).filter(|_| !is_telling);
+        let dive = watch.dive();
+        let tilt = stopwatch.time(dive.len() as u64, || judge_tilt(dive, mount, config));
+        let tilt = tilt.filter(|_| !is_telling);
         tracing::debug!(?tilt, "how the sonar is mounted");
         shared.show(watch.confirmed.or(tilt.filter(|tilt| tilt.is_telling)));
         is_telling
