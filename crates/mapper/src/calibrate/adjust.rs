@@ -25,7 +25,8 @@ const ROUNDS: usize = 15;
 /// Steps before scatter is looked at; found.
 const FIRST_SCATTER: usize = 3;
 /// Prior sigmas of a step, derived.
-/// A kernel is done with once a step is this short: a hundredth of what pings tell at best.
+/// A kernel is done with once a step is this short: a sixth of the sigma that half a fence's survey tells the clock with,
+/// and less of all others.
 const CONVERGED: f64 = 1e-3;
 /// Prior sigmas of a step, at most; found.
 /// Longest step over the prior, and of a landmark, metres.

@@ -30,7 +30,8 @@ use crate::{ConfigError, MapperConfig};
 /// Pings that such a map is made of, and its work.
 const MAP_PINGS: usize = 2048;
 /// Pings of a map for ranges; found.
-/// How long ranges are is known to less than what no ping tells of it by half as many.
+/// With half as many pings as for landmarks, they still leave less of the speed of sound open than the thickness of what is
+/// heard does.
 const RANGES_MAP_PINGS: usize = 1024;
 /// Pairs of such a map; bounds work.
 const MAP_PAIRS: u64 = 300_000_000;
