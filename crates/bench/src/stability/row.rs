@@ -207,7 +207,7 @@ mod tests {
     fn the_naive_way_is_judged_by_itself() {
         let truth = [1.0, 4.0];
         let c = Comparison::of_many(&truth, &[1.5_f32, 4.0]).with_naive(8.0, 4.0);
-        assert_eq!(c.naive, Some((8.0, 1.0)));
+        assert_eq!(c.naive, Some((8.0, 1.75)));
         let d = Comparison::of(1.0, 1.0, 1.0).with_naive(f64::NAN, 1.0);
         assert!(c.worse(d).naive.is_some_and(|naive| naive.1.is_nan()));
         assert!((c.worse(d).error - 0.125).abs() < 1e-12);
