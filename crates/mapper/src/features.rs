@@ -35,11 +35,14 @@ pub struct Features {
     /// Ground is a layer of its own that explains its echoes; with auto the map asserts it once its onset was seen
     /// to follow the vehicle's height and tilt. Without it, ground is a structure like any other.
     pub seabed: Switch,
+    /// Poses that drift against the map are corrected; with auto once corrected ones foretell pings far better. Off leaves them
+    /// as they come and asks nothing.
+    pub drift: Switch,
 }
 
 impl Features {
     /// Names of all.
-    pub const NAMES: [&'static str; 11] = [
+    pub const NAMES: [&'static str; 12] = [
         "occlusion",
         "elevation",
         "anisotropy",
@@ -51,6 +54,7 @@ impl Features {
         "redundant",
         "empty",
         "seabed",
+        "drift",
     ];
 
     /// Of maps that are compared with one another: places that few observations lit are left out of all unless switched on,

@@ -52,6 +52,7 @@ mod calibrate;
 mod classify;
 mod config;
 mod detect;
+mod drift;
 mod effort;
 mod features;
 mod mapper;
@@ -64,6 +65,7 @@ mod world;
 pub use accumulate::history::geometry_of;
 pub use calibrate::{Calibration, Estimate};
 pub use config::{ConfigError, MapperConfig};
+pub use drift::PoseDrift;
 pub use effort::{Counted, Task, TaskCounts, TaskEnd};
 pub use features::{Features, LeftOut};
 pub use mapper::{

@@ -81,6 +81,11 @@ impl World {
         }
     }
 
+    /// World from the mapper's own axes, a turn about z.
+    pub(crate) fn heading(&self) -> DQuat {
+        self.heading
+    }
+
     /// Heading of the mapper's own x axis, from the world's x to y, radians.
     pub(crate) fn axis_rad(&self) -> f64 {
         2.0 * self.heading.z.atan2(self.heading.w)

@@ -3,7 +3,7 @@
 use fearless_simd::{Level, dispatch};
 use glam::{EulerRot, Mat3, Quat, Vec3};
 
-use crate::heard::Detail;
+use crate::heard::{Bins, Detail, PoseScore, View};
 use crate::pulse::Weighted;
 use crate::twin::Twin;
 use crate::{
@@ -240,6 +240,63 @@ fn the_twins_score_is_the_slope_of_the_likelihood() {
     }
     let forth = ahead.normalize().as_dvec3();
     assert!(forth.dot(information * forth) > 0.0 && gradient.dot(forth) > 0.0);
+}
+
+/// What pings say of their pose, heard from where `moved` puts them.
+fn pose_score(scene: &Scene, geometry: &PingGeometry, measured: &[f32]) -> PoseScore {
+    let level = simd_level::level();
+    let mut listener = Listener::with_level(level);
+    let predicted = listener.hear(scene, geometry, NOISE, Detail::Full).to_vec();
+    let (view, alone) = (View::of(geometry, true), vec![NOISE; predicted.len()]);
+    let mut weight = vec![1.0; geometry.bin_count as usize];
+    weight.resize(predicted.len(), 0.0);
+    let bins = Bins {
+        predicted: &predicted,
+        measured,
+        weight: &weight,
+    };
+    dispatch!(level, simd => listener.hearing.tell_pose(simd, &view, bins, &alone))
+}
+
+#[test]
+fn a_poses_score_is_the_slope_of_the_likelihood() {
+    let geometry = geometry();
+    let scene = Scene::of(
+        &elements(&geometry, true)
+            .into_iter()
+            .step_by(25)
+            .collect::<Vec<_>>(),
+    );
+    let moved = |state: usize, by: f32| {
+        let mut moved = geometry;
+        match state {
+            0..3 => moved.pose.position_m[state] += by,
+            3 => moved.pose.axes = Mat3::from_rotation_z(by) * moved.pose.axes,
+            _ => moved.range_start_m += by,
+        }
+        moved
+    };
+    let mut listener = Listener::with_level(simd_level::level());
+    // Of a sensor that is elsewhere by a centimetre or two.
+    let mut elsewhere = moved(0, 0.012);
+    elsewhere.pose.position_m += Vec3::new(0.0, -0.02, 0.01);
+    let measured = listener
+        .hear(&scene, &elsewhere, NOISE, Detail::Full)
+        .to_vec();
+    let score = pose_score(&scene, &geometry, &measured);
+    for (state, by) in [(0, 1e-3), (1, 1e-3), (2, 1e-3), (3, 2e-4), (4, 1e-3)] {
+        let gain = |by: f32| pose_score(&scene, &moved(state, by), &measured).gain_nats;
+        let slope = (gain(by) - gain(-by)) / f64::from(2.0 * by);
+        let (told, size) = (
+            score.gradient[state],
+            score.information[state][state].sqrt(),
+        );
+        assert!(
+            (told - slope).abs() < 0.15 * slope.abs() + 0.5 * size,
+            "{state}: {told} for {slope}"
+        );
+        assert!(score.information[state][state] > 0.0);
+    }
 }
 
 #[test]

@@ -10,6 +10,7 @@ use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
 use crate::MapperConfig;
 use crate::accumulate::fan::{Fan, GROUP_PINGS, Reach, Sides};
 use crate::detect::profile::Profile;
+use crate::drift::Correction;
 
 /// Sigmas of the beam, derived: it is at 1 %.
 /// Slices are cut where the beam has fallen to 1 %.
@@ -37,6 +38,8 @@ pub(crate) struct Keyframe {
     pub(crate) gain_index: i16,
     /// Brightness of the seabed by this ping's gain.
     pub(crate) brightness: f32,
+    /// What was added to its pose.
+    pub(crate) correction: Correction,
 }
 
 impl Keyframe {
@@ -79,7 +82,25 @@ impl History {
         }
     }
 
+    /// Gives each ping another correction.
+    pub(crate) fn correct_anew(&mut self, correction: impl Fn(&Keyframe) -> Correction) {
+        let pings = std::mem::take(&mut self.pings);
+        self.groups.clear();
+        for mut keyframe in pings {
+            let to = correction(&keyframe);
+            let changed = Arc::make_mut(&mut keyframe);
+            changed.geometry = changed.corrected(to);
+            changed.correction = to;
+            changed.fan = Fan::of(&changed.blurred_geometry(), FAN_SIGMAS);
+            self.add(keyframe);
+        }
+    }
+
     pub(crate) fn push(&mut self, keyframe: Keyframe) {
+        self.add(Arc::new(keyframe));
+    }
+
+    fn add(&mut self, keyframe: Arc<Keyframe>) {
         let in_group = (self.first_in_group() + self.pings.len()) % GROUP_PINGS;
         if in_group == 0 || self.groups.is_empty() {
             self.groups.push_back(Group {
@@ -91,7 +112,7 @@ impl History {
             group.reach.add(&keyframe.fan);
             group.sides.set(in_group, &keyframe.fan);
         }
-        self.pings.push(Arc::new(keyframe));
+        self.pings.push(keyframe);
     }
 
     /// Whether more are held than may be.
@@ -284,6 +305,7 @@ pub(crate) fn keyframe_of(
         time: posed.ping.transmit_time(),
         gain_index: posed.ping.settings().gain_index,
         brightness,
+        correction: Correction::default(),
     }
 }
 

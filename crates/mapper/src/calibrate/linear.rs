@@ -1,10 +1,10 @@
 //! Small symmetric systems of equations.
 
 /// Shape `[N][N]`, both triangles filled.
-pub(super) type Square<const N: usize> = [[f64; N]; N];
+pub(crate) type Square<const N: usize> = [[f64; N]; N];
 
 /// Lower Cholesky factor; `None` unless positive definite and finite.
-pub(super) fn cholesky<const N: usize>(a: &Square<N>) -> Option<Square<N>> {
+pub(crate) fn cholesky<const N: usize>(a: &Square<N>) -> Option<Square<N>> {
     let mut l = [[0.0; N]; N];
     for i in 0..N {
         for j in 0..=i {
@@ -22,7 +22,7 @@ pub(super) fn cholesky<const N: usize>(a: &Square<N>) -> Option<Square<N>> {
 }
 
 /// Solves `L Lᵀ x = b`.
-pub(super) fn solve<const N: usize>(l: &Square<N>, b: &[f64; N]) -> [f64; N] {
+pub(crate) fn solve<const N: usize>(l: &Square<N>, b: &[f64; N]) -> [f64; N] {
     let mut x = *b;
     for i in 0..N {
         let sum: f64 = (0..i).map(|k| l[i][k] * x[k]).sum();
@@ -36,7 +36,7 @@ pub(super) fn solve<const N: usize>(l: &Square<N>, b: &[f64; N]) -> [f64; N] {
 }
 
 /// `(L Lᵀ)⁻¹ M`.
-pub(super) fn inverse_times<const N: usize>(l: &Square<N>, m: &Square<N>) -> Square<N> {
+pub(crate) fn inverse_times<const N: usize>(l: &Square<N>, m: &Square<N>) -> Square<N> {
     let columns: Square<N> = std::array::from_fn(|j| {
         let column = std::array::from_fn(|i| m[i][j]);
         solve(l, &column)

@@ -6,7 +6,7 @@
 
 mod adjust;
 mod landmarks;
-mod linear;
+pub(crate) mod linear;
 mod moving;
 mod parameters;
 mod point;

@@ -29,13 +29,24 @@ const NEARER_SIGMA_M: f64 = 0.019;
 /// Another speed of sound is believed so many sigmas away.
 const BELIEVED_SIGMAS: f64 = 4.0;
 
-/// Fraction, derived: the prior.
-/// Where nothing is known of the speed of sound beyond what any water has.
-pub(crate) const ANY_WATER: Estimate = Estimate {
-    value: 0.0,
-    sigma: PRIOR[RANGE],
-    is_believed: false,
-};
+/// Fraction, measured on a fence and a frame.
+/// What fraction of an error of ranges a dive's own map shows: it takes up the rest.
+const SHOWN: f64 = 0.5;
+
+/// Whether maps of their own would believe an error of ranges of which a dive's own map shows this much.
+pub(crate) fn is_worth_asking((shown, _): (f64, f64), range_m: f64) -> bool {
+    shown.abs() > SHOWN * BELIEVED_SIGMAS * NEARER_SIGMA_M / range_m
+}
+
+/// What a dive's own map tells, of what it shows and one sigma of it; never believed.
+pub(crate) fn by_own_map((shown, sigma): (f64, f64)) -> Estimate {
+    let top = Top {
+        value: shown / SHOWN,
+        own_sigma: sigma / SHOWN,
+        common_sigma: 0.0,
+    };
+    top.told(false)
+}
 
 /// The top of a likelihood, as a fraction of the speed of sound, less 1.
 #[derive(Debug, Clone, Copy)]
@@ -215,6 +226,18 @@ mod tests {
             ..vague
         };
         assert!((sure.told(true).value - 0.057).abs() < 1e-5);
+    }
+
+    #[test]
+    fn maps_are_asked_of_what_they_would_believe() {
+        let (small, large) = ((0.003, 1e-3), (-0.0075, 1e-3));
+        assert!(!is_worth_asking(small, RANGE_M) && is_worth_asking(large, RANGE_M));
+        let told = by_own_map(large);
+        assert!(
+            !told.is_believed && (told.value + 0.015).abs() < 3e-4,
+            "{told:?}"
+        );
+        assert!((told.sigma - 2e-3).abs() < 1e-4, "{told:?}");
     }
 
     #[test]

@@ -64,13 +64,16 @@ impl Purpose {
     }
 }
 
-/// What is asked of a dive.
+/// How closely a dive is asked.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Questions {
-    /// What its own map tells: all but the speed of sound.
-    AllButSound,
-    /// Also the speed of sound, which only maps of their own tell.
-    All,
+    /// Maps of their own are made where its own map shows more off than it does of dives with nothing off; of the speed of sound
+    /// none.
+    InPassing,
+    /// The same, of the speed of sound too.
+    AtEnd,
+    /// Maps are made where its own map shows anything off, and of the speed of sound in any case.
+    InFull,
 }
 
 /// What a dive so far tells of its clock, its mount and the speed of sound; apart from the mapper it came from, so
@@ -134,7 +137,7 @@ impl Calibrator {
     /// the dive does not tell. On one thread, which has the priority of the calling one.
     ///
     /// Cost: where the own map shows nothing off, a visit to at most 8,192 pings; else a map of at most 2,048 pings, and one
-    /// more for each value tried. For the speed of sound three maps of 1,024 pings, or more if it is far off.
+    /// more for each value tried. Where the speed of sound is asked, three maps of 1,024 pings, or more if it is far off.
     ///
     /// # Errors
     /// If the thread cannot be started.
@@ -152,20 +155,26 @@ impl Calibrator {
     fn estimate(&self, questions: Questions) -> Option<Calibration> {
         let told = moving(&self.pings);
         let (mut seen, mut verdict) = (self.own.seen(&told, &self.blank)?, Verdict::default());
+        if questions != Questions::InFull {
+            seen = seen.of_own_map();
+        }
+        let range_m = mean_range_m(&told)?;
+        let shown = seen.as_told.sound();
         if self.step(&seen, &verdict).is_some() {
             (seen, verdict) = self.tried(&told)?;
         }
-        let mut sound = None;
-        if questions == Questions::All {
-            sound = self.sound(&told, &verdict);
-        }
+        let sound = match questions {
+            Questions::InPassing => None,
+            Questions::AtEnd if !sound::is_worth_asking(shown, range_m) => None,
+            Questions::AtEnd | Questions::InFull => self.sound(&told, range_m, &verdict),
+        };
         if let Some(sound) = sound.filter(|sound| sound.is_believed) {
             verdict.values[RANGE] = sound.value;
             let corrected = corrected(&told, &verdict.values);
             seen = Trial::of(&self.blank, corrected)?.seen;
         }
         let compass = seen.deviating.compass(&verdict, self.axis_rad());
-        let sound = sound.unwrap_or(sound::ANY_WATER);
+        let sound = sound.unwrap_or_else(|| sound::by_own_map(shown));
         Some(seen.as_told.told(&verdict, sound, compass))
     }
 
@@ -209,8 +218,7 @@ impl Calibrator {
 
     /// The most likely speed of sound with what else was believed. A map of few pings may be better than another by chance, so
     /// that what would be believed is asked once more of maps of other pings.
-    fn sound(&self, told: &[Moving], verdict: &Verdict) -> Option<Estimate> {
-        let range_m = mean_range_m(told)?;
+    fn sound(&self, told: &[Moving], range_m: f64, verdict: &Verdict) -> Option<Estimate> {
         let blocks = |told: &[Moving], fraction: f64| {
             let mut values = verdict.values;
             values[RANGE] = fraction;
@@ -262,6 +270,14 @@ struct Seen {
 }
 
 impl Seen {
+    /// With what any dive's own map shows off although nothing is.
+    fn of_own_map(self) -> Self {
+        Self {
+            as_told: self.as_told.of_own_map(),
+            deviating: self.deviating.of_own_map(),
+        }
+    }
+
     fn difference(&self, compass: Compass) -> &Difference {
         match compass {
             Compass::True => &self.as_told,

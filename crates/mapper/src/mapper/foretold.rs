@@ -54,38 +54,46 @@ impl Foretelling {
 }
 
 impl Mapper {
-    /// Asks the newest `fresh` pings, of which the map was told nothing yet.
+    /// Asks the newest `fresh` pings, of which the map was told nothing yet. Whether poses are corrected from now on, and were not
+    /// before.
     ///
-    /// Cost: one visit for every eighth ping, and a copy of the map after each work-out.
-    pub(super) fn foretell(&mut self, fresh: usize) {
-        let Some(world) = &self.world else { return };
+    /// Cost: one visit for every eighth ping and what [`crate::drift`] takes, and a copy of the map after each work-out.
+    pub(super) fn foretell(&mut self, fresh: usize) -> bool {
+        let Some(world) = &self.world else {
+            return false;
+        };
         let pings = self.history.pings();
-        let asked = pings[pings.len() - fresh..].iter();
-        let asked = asked.filter(|keyframe| keyframe.sequence % EVERY == 0);
-        for keyframe in asked {
-            let told = &mut self.foretold;
-            let gaussians = &self.gaussians;
-            let field = told.field.get_or_insert_with(|| {
-                let is_worked = |&slot: &usize| gaussians.stage[slot] == Stage::Worked;
-                Field::of_these(
-                    &world.evidence,
-                    gaussians,
-                    gaussians.slots().filter(is_worked),
-                )
-            });
-            if field.slots().is_empty() {
+        let terms = PassTerms {
+            is_blurred: false,
+            at_work: self.at_work,
+        };
+        let mut opens = false;
+        for keyframe in &pings[pings.len() - fresh..] {
+            let (is_asked, is_complete) =
+                (keyframe.sequence % EVERY == 0, self.drift.gather(keyframe));
+            if !(is_asked || is_complete) {
                 continue;
             }
-            let terms = PassTerms {
-                is_blurred: false,
-                at_work: self.at_work,
-            };
+            let gaussians = &self.gaussians;
+            let told = &mut self.foretold;
+            let field = told.field.get_or_insert_with(|| {
+                let is_worked = |&slot: &usize| gaussians.stage[slot] == Stage::Worked;
+                let worked = gaussians.slots().filter(is_worked);
+                Field::of_these(&world.evidence, gaussians, worked)
+            });
+            if is_complete {
+                opens |= self.drift.follow(field, terms);
+            }
+            if !is_asked || field.slots().is_empty() {
+                continue;
+            }
             told.sight.observe(keyframe, terms, field, Detail::Strength);
             let (gain_nats, bins) = told.sight.gain_over_noise(keyframe);
             told.pings += 1;
             told.bins += bins;
             told.gain_nats += gain_nats;
         }
+        opens
     }
 }
 

@@ -134,7 +134,7 @@ impl Mapper {
         let config = &self.config;
         let begun = || World::begun_by(posed, config);
         let world = self.world.get_or_insert_with(begun);
-        let posed = &world.enter(posed);
+        let posed = &self.drift.correct(world.enter(posed));
         let geometry = geometry_of(posed, DVec3::ZERO, config);
         let blur = pose_blur(posed, config);
         let range_sigma_m = range_sigma_m(posed, config);
@@ -198,7 +198,10 @@ impl Mapper {
             blur_m: range_sigma_m,
             jitter_m: jitter_m(posed),
         });
-        keyframe_of(geometry, blur, profile, weight, brightness, posed)
+        Keyframe {
+            correction: self.drift.correction(),
+            ..keyframe_of(geometry, blur, profile, weight, brightness, posed)
+        }
     }
 
     /// The range of the ping's strongest echo, and the strength at which a Gaussian of one voxel would make it.
@@ -322,6 +325,19 @@ impl Mapper {
         self.judge_all();
     }
 
+    /// Gives every remembered ping the correction that was found for its time, and makes anew what was made of them; where some
+    /// are forgotten, those to come alone are corrected.
+    fn correct_all(&mut self) {
+        let Some(world) = &self.world else { return };
+        if self.history.forgotten() > 0 {
+            return;
+        }
+        let (voxel_m, drift) = (world.evidence.voxel_m(), &self.drift);
+        self.history
+            .correct_anew(|keyframe| drift.at(keyframe.time));
+        self.divide_anew(voxel_m);
+    }
+
     /// Learns what the receiver and the vehicle themselves do to pings, and refers them to one gain. Returns what is news and can
     /// be taken over of the power of range that noise grows by, 0 if only something else is.
     fn learn_of_unit(&mut self, slice: &mut [PosedPing]) -> Option<f32> {
@@ -369,7 +385,9 @@ impl Mapper {
             ..Counted::default()
         };
         self.tasks.end(begun, heard);
-        self.foretell(fresh);
+        if self.foretell(fresh) {
+            self.correct_all();
+        }
         self.forget(fresh);
         self.sum_up(fresh + SUMMED_UP_ANEW);
         let Some(world) = &mut self.world else {

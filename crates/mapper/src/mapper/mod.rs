@@ -14,7 +14,7 @@ mod workout;
 use std::sync::Arc;
 
 use echosplat_measurement::PingGeometry;
-use echosplat_model::glam::DVec3;
+use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{PosedPing, Snapshot, Standing, Timestamp};
 use rayon::{ThreadPool, ThreadPoolBuilder};
 
@@ -26,6 +26,7 @@ use crate::detect::receiver::Receiver;
 use crate::detect::repeats::Repeats;
 use crate::detect::walkers::Walkers;
 use crate::detect::working_range::WorkingRange;
+use crate::drift::Drift;
 use crate::effort::{Counted, Task, TaskEnd, Tasks};
 use crate::features::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::mapper::workout::Workout;
@@ -76,6 +77,7 @@ pub struct Mapper {
     progress: Progress,
     tasks: Tasks,
     foretold: Foretelling,
+    drift: Drift,
 }
 
 impl Mapper {
@@ -96,6 +98,7 @@ impl Mapper {
         Self {
             history: History::new(config.history_pings.max(2 * config.slice_pings)),
             seabed: Seabed::new(&config.beam, config.parts.seabed),
+            drift: Drift::new(config.parts.drift),
             config,
             pool,
             world: None,
@@ -218,6 +221,9 @@ impl Mapper {
             ground_log_ratio: self.seabed.log_ratio(),
             water_surface_m: self.water_surface_m(),
             foretold: self.foretold.told(),
+            drift: self
+                .drift
+                .told(self.world.as_ref().map_or(DQuat::IDENTITY, World::heading)),
             tasks: self.tasks.counts(),
             ..self.status
         }

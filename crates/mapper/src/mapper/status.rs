@@ -5,6 +5,7 @@ use serde::ser::SerializeMap;
 use serde::{Serialize, Serializer};
 
 use super::foretold::Foretold;
+use crate::drift::PoseDrift;
 use crate::effort::TaskCounts;
 
 /// What one ping did.
@@ -118,6 +119,8 @@ pub struct MapperStatus {
     pub reasons: ReasonCounts,
     /// How likely the map makes pings that it has not taken in yet.
     pub foretold: Foretold,
+    /// How poses drift against the map.
+    pub drift: PoseDrift,
     /// How much work of each kind was done; who measures its time tells both.
     #[serde(skip)]
     pub tasks: TaskCounts,

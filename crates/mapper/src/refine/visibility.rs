@@ -3,13 +3,17 @@
 //! Cost of a ping: one test for each Gaussian of the blocks in its fan, four for one heard; two sums and two look-ups for each
 //! heard, and convolutions of its bins.
 
-use echosplat_measurement::heard::{Bins, Detail, Hearing, Moments, Pulses, Rows, Run, View};
+use echosplat_measurement::PingGeometry;
+use echosplat_measurement::heard::{
+    Bins, Detail, Hearing, Moments, PoseScore, Pulses, Rows, Run, View,
+};
 use echosplat_measurement::lanes::LANES;
 use echosplat_measurement::pulse::GROUP;
 use echosplat_measurement::simd_level;
 use fearless_simd::dispatch;
 
-use crate::accumulate::history::Keyframe;
+use crate::accumulate::fan::Fan;
+use crate::accumulate::history::{FAN_SIGMAS, Keyframe};
 use crate::detect::bin_state::BinState;
 use crate::features::Extent;
 use crate::refine::field::Field;
@@ -26,6 +30,8 @@ pub(crate) struct Sight {
     /// Predicted intensity per bin, noise included; it goes on beyond the last bin.
     pub(crate) predicted: Vec<f32>,
     measured: Vec<f32>,
+    /// Predicted without echoes.
+    alone: Vec<f32>,
     /// Power of the noise.
     background: f32,
     /// What each bin counts: 0 in the blanking, little in a shadow, 0 beyond the last.
@@ -75,6 +81,34 @@ impl Sight {
             self.slots
                 .extend(places.map(|&place| field.slots()[place as usize]));
         }
+    }
+
+    /// What the bins of `keyframe` say of its pose, were it heard from elsewhere and the map that much louder.
+    pub(crate) fn score_pose(
+        &mut self,
+        keyframe: &Keyframe,
+        geometry: &PingGeometry,
+        louder_ln: f64,
+        terms: PassTerms,
+        field: &Field,
+    ) -> PoseScore {
+        self.listen(keyframe, terms);
+        self.alone.clear();
+        self.alone.extend(&self.predicted);
+        let view = View::of(geometry, terms.at_work.elevation);
+        field.in_fan(&Fan::of(geometry, FAN_SIGMAS), &mut self.near);
+        let near = self.near.iter().map(|&block| {
+            let (members, size) = field.block(block);
+            (block, members, size)
+        });
+        let louder = louder_ln.exp() as f32;
+        dispatch!(simd_level::level(), simd => {
+            self.hearing.find(simd, &view, field.numbers(), near, Detail::Full);
+            self.hearing.rows.echo.iter_mut().for_each(|echo| *echo *= louder);
+            self.hearing.spread(simd, &mut self.predicted);
+            let bins = bins_of(&self.predicted, &self.measured, &self.bin_weight);
+            self.hearing.tell_pose(simd, &view, bins, &self.alone)
+        })
     }
 
     /// What the ping measured, and the noise it has to be told from.

@@ -5,6 +5,7 @@ use std::ops::Range;
 use fearless_simd::prelude::*;
 
 use super::footprint::{project_round, project_shaped};
+use super::pose_score::Columns;
 use super::pulses::Pulses;
 use super::rows::{Detail, Rows};
 use super::told::Gathered;
@@ -21,6 +22,7 @@ pub struct Hearing {
     /// Their energies.
     pub pulses: Pulses,
     pub(super) gathered: Gathered,
+    pub(super) columns: Columns,
 }
 
 /// Rows of one block.
@@ -122,6 +124,7 @@ impl Hearing {
     /// Adds all echoes to `predicted`, power per bin, with room for whole groups beyond the last bin.
     #[inline(always)]
     pub fn spread<S: Simd>(&mut self, simd: S, predicted: &mut [f32]) {
-        self.pulses.spread(simd, &self.rows, predicted);
+        let Self { pulses, rows, .. } = self;
+        pulses.spread(simd, rows, &rows.echo, predicted);
     }
 }

@@ -111,10 +111,14 @@ impl Pulses {
         self.pair_count += (echoes * pulse.width()) as u64;
     }
 
-    /// Adds all rows' echoes to `predicted`, power per bin, with room for whole groups beyond the last bin.
+    /// Adds `echoes`, one for each row, to `predicted`, power per bin, with room for whole groups beyond the last bin.
     #[inline(always)]
-    pub fn spread<S: Simd>(&mut self, simd: S, rows: &Rows, predicted: &mut [f32]) {
-        let echoes = rows.echo.iter().zip(&rows.fraction);
+    pub fn spread<S: Simd>(&mut self, simd: S, rows: &Rows, echoes: &[f32], predicted: &mut [f32]) {
+        let end = self.steps.last().map_or(0, Steps::end);
+        self.energies.clear();
+        // The last group reads beyond the last step.
+        self.energies.resize(end + GROUP, 0.0);
+        let echoes = echoes.iter().zip(&rows.fraction);
         for (&at, (&echo, &fraction)) in rows.at[..rows.len()].iter().zip(echoes) {
             let beyond = echo * fraction;
             if let [before, next] = &mut self.energies[at as usize..at as usize + 2] {
@@ -122,8 +126,6 @@ impl Pulses {
                 *next += beyond;
             }
         }
-        // The last group reads beyond the last step.
-        self.energies.resize(self.energies.len() + GROUP, 0.0);
         for (steps, &touched) in self.steps.iter().zip(&self.touched) {
             let pulse = &self.pulses[steps.pulse as usize];
             steps.spread(simd, pulse, touched, &self.energies, predicted);

@@ -163,7 +163,7 @@ impl Dive {
         }
         let calibration = mapper.calibrator();
         let calibration = calibration
-            .map(|calibrator| calibrator.run(Questions::All))
+            .map(|calibrator| calibrator.run(Questions::InFull))
             .transpose()?;
         Ok(calibration.flatten())
     }

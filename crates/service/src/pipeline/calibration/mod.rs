@@ -87,14 +87,14 @@ impl Watch {
             return;
         }
         self.next_pings = Some(GROWN * pings);
-        self.begin(mapper, Questions::AllButSound);
+        self.begin(mapper, Questions::InPassing);
     }
 
-    /// At the end of a log: begins the last estimate, which asks for the speed of sound too, once the one under way is done.
+    /// At the end of a log: begins the last estimate, of the speed of sound too, once the one under way is done.
     pub(crate) fn end(&mut self, mapper: &Mapper) {
         self.wait();
         if self.next_pings.is_some() && mapper.status().pings >= FIRST_PINGS {
-            self.begin(mapper, Questions::All);
+            self.begin(mapper, Questions::AtEnd);
         }
     }
 

@@ -28,6 +28,32 @@ pub(crate) fn calibration(status: &Status) -> Vec<Finding> {
         .collect()
 }
 
+/// Shifts of a drift below this are not worth a word, metres.
+const TOLD_SHIFT_M: f64 = 0.1;
+
+/// Poses that drift, and whether they are corrected.
+fn drift(status: &Status) -> Option<Finding> {
+    let drift = status.report.mapper.drift;
+    let told = |sentence| Some(warning("pose-drift", sentence));
+    if drift.is_corrected && drift.longest_shift_m >= TOLD_SHIFT_M {
+        let [x, y, _] = drift.shift_m;
+        return told(format!(
+            "poses drift against what the sonar hears: the map corrects them, by {:.2} m and {:.1}° now and up to {:.2} m so far; \
+             what was seen once stays where the poses put it (mapper.parts.drift = \"off\" leaves poses as they come)",
+            x.hypot(y),
+            drift.turn_deg,
+            drift.longest_shift_m,
+        ));
+    }
+    let is_only_suspected = drift.is_suspected && !drift.is_corrected;
+    is_only_suspected.then(|| {
+        let sentence = "poses may drift: the sonar hears the map elsewhere than poses put it, too little or too unclearly to correct \
+                        them, and the map may be smeared; aid the vehicle's position, or replay the log with \
+                        mapper.parts.drift = \"on\" and compare the maps";
+        warning("pose-drift", sentence.to_owned())
+    })
+}
+
 impl Diagnosis {
     /// Poses, or a mount, that cannot be what they are read as.
     pub(crate) fn frames(&self, status: &Status) -> Option<Finding> {
@@ -88,6 +114,7 @@ impl Diagnosis {
         }
         findings.extend(self.frames(status));
         findings.extend(calibration(status));
+        findings.extend(drift(status));
     }
 
     fn malformed(&mut self, poses: &PoseReport, now: Instant) -> Option<Finding> {

@@ -1,0 +1,365 @@
+//! How poses drift against the map, and what is added to them.
+//!
+//! A filter follows every dive. Poses are corrected from the moment on at which they are further off than a map draws them that
+//! has not seen all aspects, and corrected ones foretell pings so much better that it is no chance; those remembered are then
+//! corrected too.
+//!
+//! Cost: of every second ping five visits in full detail, and eight convolutions each.
+
+mod filter;
+
+use std::sync::Arc;
+
+use echosplat_measurement::PingGeometry;
+use echosplat_measurement::heard::PoseScore;
+use echosplat_model::glam::{DQuat, DVec3, Mat3, Vec3};
+use echosplat_model::{Pose, PosedPing, Switch, Timestamp};
+use serde::Serialize;
+
+use crate::accumulate::history::Keyframe;
+use crate::refine::field::Field;
+use crate::refine::terms::PassTerms;
+use crate::refine::visibility::Sight;
+pub(crate) use filter::Correction;
+use filter::{Filter, Trial};
+
+/// Pings, found: fewer know nothing across the beam.
+/// Pings of a slice.
+const SLICE: usize = 32;
+/// Pings; bounds work.
+/// One ping in so many is asked: those beside it would say nearly the same.
+const EVERY: usize = 2;
+/// Slices; found.
+/// Gains are remembered for so many slices.
+const REMEMBERED: f64 = 50.0;
+/// Standard errors; assumed.
+/// Gains of so many standard errors are no chance.
+const NO_CHANCE: f64 = 3.0;
+/// Fraction, measured without drift: 0.55 at most.
+/// Poses as they come are refuted where they lack this fraction of what corrected ones explain. Aspects that the map has not
+/// seen, and poses that are a little off, leave half of it.
+const LEAST_GAIN: f64 = 0.67;
+/// Fraction, measured without drift: 0.1 at most.
+/// From this fraction on it is told that poses may drift, although nothing is done about it.
+const SUSPECT_GAIN: f64 = 0.2;
+/// Metres, measured: twice what unseen aspects draw by.
+/// Poses that are not corrected are believed to be off from this level distance on.
+const LEAST_SHIFT_M: f64 = 0.15;
+/// Seconds; bounds what is believed of the clock.
+/// Between two slices no more time counts.
+const LONGEST_S: f64 = 60.0;
+
+/// What was found of the drift of poses.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct PoseDrift {
+    /// Whether pings were foretold better with other poses than those in use, more than a map without drift has them.
+    pub is_suspected: bool,
+    /// Whether poses are corrected by it.
+    pub is_corrected: bool,
+    /// What is added to the newest position, metres, world axes; 0 where poses are not corrected.
+    pub shift_m: [f64; 3],
+    /// And to the newest heading, degrees, from the world's x to y.
+    pub turn_deg: f64,
+    /// The longest shift so far, metres.
+    pub longest_shift_m: f64,
+    /// One sigma of the newest shift, along the worse of two level axes, metres, and of the turn, degrees: without the error
+    /// that map and poses share.
+    pub shift_sigma_m: f64,
+    /// See `shift_sigma_m`.
+    pub turn_sigma_deg: f64,
+}
+
+/// Follows the poses of a dive.
+#[derive(Debug)]
+pub(crate) struct Drift {
+    switch: Switch,
+    filter: Filter,
+    /// Pings since the last slice.
+    slice: Vec<Arc<Keyframe>>,
+    /// When and where the last slice ended, by poses as they came.
+    last: Option<(Timestamp, Vec3)>,
+    /// What was found after each slice.
+    track: Vec<(Timestamp, Correction)>,
+    gains: Gains,
+    is_suspected: bool,
+    is_corrected: bool,
+    longest_shift_m: f64,
+    sight: Sight,
+}
+
+/// What corrected poses gained over those in use, forgotten slowly.
+#[derive(Debug, Default)]
+struct Gains {
+    gained: f64,
+    squared: f64,
+    explained: f64,
+}
+
+impl Gains {
+    /// Adds the log likelihoods of a slice above that of noise, with poses corrected and as they are, nats.
+    fn add(&mut self, corrected: f64, as_they_are: f64) {
+        let keep = 1.0 - REMEMBERED.recip();
+        let gained = corrected - as_they_are;
+        self.gained = keep * self.gained + gained;
+        self.squared = keep * self.squared + gained * gained;
+        self.explained = keep * self.explained + corrected.max(as_they_are).max(0.0);
+    }
+
+    /// Whether they are at least this fraction of what is explained, and no chance.
+    fn are(&self, fraction: f64) -> bool {
+        self.gained > NO_CHANCE * self.squared.sqrt() && self.gained > fraction * self.explained
+    }
+}
+
+impl Drift {
+    pub(crate) fn new(switch: Switch) -> Self {
+        Self {
+            switch,
+            filter: Filter::default(),
+            slice: Vec::new(),
+            last: None,
+            track: Vec::new(),
+            gains: Gains::default(),
+            is_suspected: false,
+            is_corrected: switch == Switch::On,
+            longest_shift_m: 0.0,
+            sight: Sight::default(),
+        }
+    }
+
+    /// What is added to poses now.
+    pub(crate) fn correction(&self) -> Correction {
+        match self.is_corrected {
+            true => self.filter.correction(),
+            false => Correction::default(),
+        }
+    }
+
+    /// A ping on the map's axes, corrected.
+    pub(crate) fn correct(&self, mut posed: PosedPing) -> PosedPing {
+        let Correction { shift_m, turn_rad } = self.correction();
+        if self.is_corrected {
+            let pose = &posed.world_from_sensor;
+            posed.world_from_sensor = Pose {
+                translation_m: pose.translation_m + DVec3::from_array(shift_m),
+                rotation: (DQuat::from_rotation_z(turn_rad) * pose.rotation).normalize(),
+            };
+        }
+        posed
+    }
+
+    /// Gathers a ping that the map was not told of yet; whether its slice is complete.
+    pub(crate) fn gather(&mut self, keyframe: &Arc<Keyframe>) -> bool {
+        if self.switch == Switch::Off {
+            return false;
+        }
+        self.slice.push(Arc::clone(keyframe));
+        self.slice.len() >= SLICE
+    }
+
+    /// Follows the slice that is complete, against the map as it is. Whether poses are corrected from now on and were not
+    /// before: then those of all pings remembered are to be.
+    pub(crate) fn follow(&mut self, field: &Field, terms: PassTerms) -> bool {
+        let slice = std::mem::take(&mut self.slice);
+        let Some(newest) = slice.last() else {
+            return false;
+        };
+        let seconds = self.go_on(newest);
+        if !field.slots().is_empty() {
+            let Self { filter, sight, .. } = self;
+            let in_use = newest.correction;
+            let mut score = |trial: Trial| score_of(&slice, trial, (sight, terms, field));
+            // Before it is taken in.
+            let [corrected, as_they_are] =
+                [filter.correction(), in_use].map(|to| score(Trial::sharp(to)).gain_nats);
+            filter.update(seconds, score);
+            self.gains.add(corrected, as_they_are);
+        }
+        let found = self.filter.correction();
+        self.track.push((newest.time, found));
+        let is_far = self.filter.level_shift_m() > LEAST_SHIFT_M;
+        self.is_suspected |= is_far && self.gains.are(SUSPECT_GAIN);
+        let opens = !self.is_corrected && is_far && self.gains.are(LEAST_GAIN);
+        self.is_corrected |= opens;
+        if self.is_corrected {
+            let shift_m = DVec3::from_array(found.shift_m).length();
+            self.longest_shift_m = self.longest_shift_m.max(shift_m);
+        }
+        opens
+    }
+
+    /// Predicts until this ping. Returns the seconds since the slice before.
+    fn go_on(&mut self, newest: &Keyframe) -> f64 {
+        let added_m = DVec3::from_array(newest.correction.shift_m).as_vec3();
+        let at_m = newest.geometry.pose.position_m - added_m;
+        let before = self.last.replace((newest.time, at_m));
+        let Some((time, before_m)) = before else {
+            return 0.0;
+        };
+        let seconds = newest.time.seconds_since(time).clamp(1e-3, LONGEST_S);
+        let speed_mps = f64::from(at_m.distance(before_m)) / seconds;
+        self.filter.predict(seconds, speed_mps);
+        seconds
+    }
+
+    /// What was found for this time: between two slices in proportion.
+    pub(crate) fn at(&self, time: Timestamp) -> Correction {
+        let next = self.track.partition_point(|(of, _)| *of <= time);
+        let last = self.track.len().saturating_sub(1);
+        let ends = self
+            .track
+            .get(next.saturating_sub(1))
+            .zip(self.track.get(next.min(last)));
+        let Some((before, after)) = ends else {
+            return Correction::default();
+        };
+        let all_s = after.0.seconds_since(before.0);
+        let share = match all_s > 0.0 {
+            true => (time.seconds_since(before.0) / all_s).clamp(0.0, 1.0),
+            false => 0.0,
+        };
+        let between = |a: f64, b: f64| a + share * (b - a);
+        let (before, after) = (before.1, after.1);
+        Correction {
+            shift_m: std::array::from_fn(|i| between(before.shift_m[i], after.shift_m[i])),
+            turn_rad: between(before.turn_rad, after.turn_rad),
+        }
+    }
+
+    /// `world_from_map` turns what was found along the map's axes.
+    pub(crate) fn told(&self, world_from_map: DQuat) -> PoseDrift {
+        let Correction { shift_m, turn_rad } = self.correction();
+        let (shift_sigma_m, turn_sigma_rad) = self.filter.sigmas();
+        PoseDrift {
+            is_suspected: self.is_suspected,
+            is_corrected: self.is_corrected,
+            shift_m: (world_from_map * DVec3::from_array(shift_m)).to_array(),
+            turn_deg: turn_rad.to_degrees(),
+            longest_shift_m: self.longest_shift_m,
+            shift_sigma_m,
+            turn_sigma_deg: turn_sigma_rad.to_degrees(),
+        }
+    }
+}
+
+/// What some pings say of their poses, each asked standing for [`EVERY`].
+fn score_of(
+    slice: &[Arc<Keyframe>],
+    trial: Trial,
+    (sight, terms, field): (&mut Sight, PassTerms, &Field),
+) -> PoseScore {
+    let mut sum = PoseScore::default();
+    for keyframe in slice.iter().step_by(EVERY) {
+        let geometry = tried(keyframe, trial);
+        sum.add(&sight.score_pose(keyframe, &geometry, trial.louder_ln, terms, field));
+    }
+    sum.times(EVERY as f64)
+}
+
+/// Where a ping would have been heard from with another correction, and how blurred.
+fn tried(keyframe: &Keyframe, trial: Trial) -> PingGeometry {
+    let mut geometry = keyframe.corrected(trial.correction);
+    let middle_m = f64::from(geometry.pose.reference_range_m.max(geometry.bin_length_m));
+    let blur_rad = trial.blur_rad.hypot(trial.blur_m / middle_m);
+    geometry.range_start_m += trial.nearer_m as f32;
+    geometry.range_variance_m2 += trial.blur_m.powi(2) as f32;
+    geometry.azimuth_variance_rad2 += blur_rad.powi(2) as f32;
+    geometry
+}
+
+impl Keyframe {
+    /// Its geometry with another correction than it was given.
+    pub(crate) fn corrected(&self, to: Correction) -> PingGeometry {
+        let given = self.correction;
+        let shift: [f64; 3] = std::array::from_fn(|i| to.shift_m[i] - given.shift_m[i]);
+        let turn = Mat3::from_rotation_z((to.turn_rad - given.turn_rad) as f32);
+        let mut geometry = self.geometry;
+        geometry.pose.position_m += DVec3::from_array(shift).as_vec3();
+        geometry.pose.axes = turn * geometry.pose.axes;
+        geometry
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use echosplat_model::Standing;
+
+    use crate::detect::posed;
+    use crate::{Mapper, MapperConfig, PoseDrift};
+
+    use super::*;
+
+    const PINGS: u32 = 3000;
+
+    /// Ranges at which a vehicle at a place hears three upright posts some 4 m ahead, at its own height.
+    fn ranges_m(at_m: DVec3, yaw_rad: f64) -> Vec<f64> {
+        let posts = [(4.0, -0.6), (4.5, 0.1), (3.7, 0.7)];
+        let into = DQuat::from_rotation_z(-yaw_rad);
+        let heard = posts.iter().filter_map(|&(x, y)| {
+            let q = into * (DVec3::new(x, y, at_m.z) - at_m);
+            (q.y.abs() < 0.03 * q.x).then(|| q.x.hypot(q.y))
+        });
+        heard.collect()
+    }
+
+    /// Of a vehicle that goes to and fro, up and down, and looks about; its poses are off by so much a second along y.
+    fn sweeping(number: u32, drift_mps: f64) -> PosedPing {
+        let time_s = 0.05 * f64::from(number);
+        let at_m = DVec3::new(
+            0.4 * (0.4 * time_s).sin(),
+            (0.25 * time_s).sin(),
+            0.6 * (0.31 * time_s).sin(),
+        );
+        let yaw_rad = 0.35 * (0.9 * time_s).sin();
+        let ranges = ranges_m(at_m, yaw_rad);
+        let power = |bin: u32| {
+            let range_m = (f64::from(bin) + 0.5) * 0.02;
+            let echo = |m: &f64| 60.0 * (-0.5 * ((m - range_m) / 0.025).powi(2)).exp();
+            let speckle = -((f64::from((bin * 97 + number * 31) % 300) + 0.5) / 300.0).ln();
+            (speckle * (1.0 + ranges.iter().map(echo).sum::<f64>())) as f32
+        };
+        let told = Pose {
+            translation_m: at_m + DVec3::Y * drift_mps * time_s,
+            rotation: DQuat::from_rotation_z(yaw_rad),
+        };
+        posed(number, (0..300).map(power).collect(), told)
+    }
+
+    /// What is found of such a dive, how many Gaussians its map asserts, and how far they lie from the posts, metres, the mean.
+    fn dive(drift_mps: f64, switch: Switch) -> (PoseDrift, usize, f64) {
+        let mut config = MapperConfig::default();
+        config.parts.drift = switch;
+        let mut mapper = Mapper::new(config).unwrap();
+        (0..PINGS).for_each(|number| _ = mapper.insert(&sweeping(number, drift_mps)));
+        let map = mapper.finish();
+        let asserted = map.gaussians.iter();
+        let asserted = asserted.filter(|gaussian| gaussian.standing == Standing::Confident);
+        let off_m = |at: Vec3| {
+            let posts = [(4.0, -0.6), (4.5, 0.1), (3.7, 0.7)];
+            let off = posts.map(|(x, y)| (at.x - x).hypot(at.y - y));
+            off.into_iter().fold(f32::INFINITY, f32::min)
+        };
+        let off: Vec<f32> = asserted.map(|gaussian| off_m(gaussian.mean_m)).collect();
+        let mean_m = f64::from(off.iter().sum::<f32>()) / off.len() as f64;
+        (mapper.status().drift, off.len(), mean_m)
+    }
+
+    #[test]
+    fn poses_that_drift_are_corrected_and_those_that_do_not_are_left_alone() {
+        let (still, count, near_m) = dive(0.0, Switch::Auto);
+        assert!(
+            !still.is_suspected
+                && !still.is_corrected
+                && DVec3::from_array(still.shift_m) == DVec3::ZERO,
+            "{still:?}"
+        );
+        assert!(count > 500 && near_m < 0.1, "{count} {near_m}");
+        let (off, without, _) = dive(5e-3, Switch::Off);
+        assert!(!off.is_corrected);
+        let (drift, count, near_m) = dive(5e-3, Switch::Auto);
+        assert!(drift.is_corrected, "{drift:?}");
+        assert!((drift.shift_m[1] + 0.75).abs() < 0.2, "{drift:?}");
+        assert!(count > 200 && near_m < 0.2, "{count} {near_m}");
+        assert!(10 * without < count, "{without} {count}");
+    }
+}
