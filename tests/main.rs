@@ -17,6 +17,7 @@ mod device;
 mod disturbances;
 mod dive;
 mod doors;
+mod earth;
 mod emulated;
 mod extension;
 mod fake_sonar;

@@ -246,7 +246,7 @@ fn a_map_is_exported_to_formats_there_are_and_not_over_itself() {
     let map = map.display().to_string();
     refused(
         &["export", &map, "map.stl"],
-        &["map.stl", ".splat, .pcd, .npz or .ply"],
+        &["map.stl", ".splat, .pcd, .npz, .ply, .glb"],
     );
     refused(&["export", &map, "map.obj"], &["map.obj", "--mesh"]);
     refused(&["export", &map, &map], &["the map itself"]);

@@ -29,8 +29,9 @@ mod status;
 mod tum_file;
 mod url;
 
-pub use log::{LogPoses, LogPosesError, poses_of_mcap, poses_of_svlog};
+pub use log::{LogPoses, LogPosesError, SvlogPoses, poses_of_mcap, poses_of_svlog};
 pub use log::{McapSurvey, McapTopic, TopicPoses, survey_of_mcap};
+pub use mavlink::origin::ToldOrigin;
 pub use only::Only;
 pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
 pub use status::{PoseSender, PoseSourceStatus, Several};

@@ -6,6 +6,7 @@ use echosplat_model::Timestamp;
 use serde::Serialize;
 
 use crate::fault::Fault;
+use crate::mavlink::origin::ToldOrigin;
 
 /// What became of the poses of a source.
 #[derive(Debug, Clone, Default, PartialEq, Serialize)]
@@ -47,6 +48,9 @@ pub struct PoseSourceStatus {
     pub clock_method: Option<String>,
     /// Of a source with a link: `up`, `waiting for …`, `lost: …`.
     pub link: Option<String>,
+    /// Where on Earth its poses count from, if it says so.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub origin: Option<ToldOrigin>,
     /// What the source lacks for poses, and what would give it.
     pub missing: Option<String>,
 }

@@ -1,12 +1,14 @@
 //! The map in formats of other programs: `.splat` for web viewers, PCD for point cloud tools, npz for
-//! numpy, and PLY in one file; a surface made of it as PLY or OBJ.
+//! numpy, PLY in one file, and glTF; a surface made of it as PLY, OBJ or glTF; on Earth, what [`placed`] has.
 //!
 //! All in world coordinates. All but npz and OBJ have single precision, which keeps a millimetre up to
 //! 10 km from the world's origin; [`in_world`] leaves a map beyond that relative to its own origin.
 //! Readers of point clouds take no double: PCL reads such coordinates and then has no point.
 
+mod glb;
 mod mesh;
 mod npz;
+pub mod placed;
 mod up;
 
 use std::io::{self, Write};
@@ -17,6 +19,7 @@ use echosplat_ply::Written;
 
 use crate::ply::{MapFile, notes};
 use crate::ramp::color_of_reflectivity;
+pub use glb::{write_gaussians_glb, write_mesh_glb};
 pub use mesh::{WrittenMesh, write_mesh_obj, write_mesh_ply};
 pub use npz::write_npz;
 pub use up::Up;

@@ -22,6 +22,7 @@ pub mod logging;
 mod logs;
 pub mod maps;
 pub mod pipeline;
+mod placing;
 pub mod processor;
 mod recorder;
 mod replayed;

@@ -1,7 +1,9 @@
 //! Maps as files, with errors that name them.
 
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, OnceLock};
 
+use echosplat_georeference::Georeference;
 use echosplat_model::glam::DVec3;
 use echosplat_model::{Snapshot, Standing, Timestamp};
 use echosplat_recording::ply::{self, MapFile, ambiguous_path, is_worth_keeping};
@@ -10,6 +12,36 @@ use crate::exit::{Finish, Usage};
 use crate::files;
 
 pub use echosplat_recording::ply::MapNotes;
+
+/// What is said in every map of a run. Where on Earth it lies may become known while it goes on.
+#[derive(Debug, Clone, Default)]
+pub struct RunNotes {
+    notes: MapNotes,
+    learned: Arc<OnceLock<Georeference>>,
+}
+
+impl RunNotes {
+    /// Has all copies say from now on where the maps lie; whether that was not known yet.
+    pub(crate) fn learn(&self, place: Georeference) -> bool {
+        self.notes.georeference.is_none() && self.learned.set(place).is_ok()
+    }
+
+    fn now(&self) -> MapNotes {
+        let mut notes = self.notes.clone();
+        let learned = || self.learned.get().cloned();
+        notes.georeference = notes.georeference.or_else(learned);
+        notes
+    }
+}
+
+impl From<MapNotes> for RunNotes {
+    fn from(notes: MapNotes) -> Self {
+        Self {
+            notes,
+            learned: Arc::default(),
+        }
+    }
+}
 
 /// Where a map went.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -34,7 +66,7 @@ pub(crate) fn prepare(map: &Path) -> anyhow::Result<()> {
 ///
 /// # Errors
 /// If one of the two cannot be written; an earlier map is then as it was.
-pub fn write(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Result<Written> {
+pub fn write(snapshot: &Snapshot, map: &Path, notes: &RunNotes) -> anyhow::Result<Written> {
     check_replaceable(map)?;
     let sound = || snapshot.gaussians.iter().filter(|g| g.is_sound());
     let asserts = sound().any(|g| g.standing == Standing::Confident);
@@ -72,10 +104,10 @@ pub(crate) fn check_replaceable(map: &Path) -> anyhow::Result<()> {
     Ok(())
 }
 
-fn write_to(snapshot: &Snapshot, map: &Path, notes: &MapNotes) -> anyhow::Result<()> {
+fn write_to(snapshot: &Snapshot, map: &Path, notes: &RunNotes) -> anyhow::Result<()> {
     check_replaceable(map)?;
     let (origin_m, unit) = (snapshot.origin_m, snapshot.intensity_unit);
-    let written = ply::write_map(map, origin_m, unit, &snapshot.gaussians, notes)
+    let written = ply::write_map(map, origin_m, unit, &snapshot.gaussians, &notes.now())
         .map_err(|error| files::cannot_write(map, &error))?;
     tracing::info!(
         map = %map.display(),
@@ -188,10 +220,10 @@ mod tests {
         use Standing::{Ambiguous, Confident};
         let folder = tempfile::tempdir().unwrap();
         let map = folder.path().join("map.ply");
-        let notes = MapNotes {
+        let notes = RunNotes::from(MapNotes {
             held_out_every: 20,
             ..MapNotes::default()
-        };
+        });
         let write = |standings: &[Standing]| write(&snapshot(standings), &map, &notes).unwrap();
         let there = Written {
             path: Some(map.clone()),
@@ -231,7 +263,7 @@ mod tests {
     fn what_cannot_be_written_leaves_the_earlier_map() {
         let folder = tempfile::tempdir().unwrap();
         let map = folder.path().join("map.ply");
-        let notes = MapNotes::default();
+        let notes = RunNotes::default();
         write(&snapshot(&[Standing::Confident]), &map, &notes).unwrap();
         // Where the ambiguous part would go is a directory by now.
         let beside = ambiguous_path(&map);

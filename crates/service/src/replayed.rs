@@ -3,9 +3,11 @@
 
 use std::fs;
 use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
 
 use echosplat_bus::Bus;
 use echosplat_driver::{DriverConfig, Pause, SonarUrl, Tape, TapeItem};
+use echosplat_georeference::Georeference;
 use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_pose::{PoseSource, PoseUrl};
 use echosplat_recording::mcap::{Messages, Record, Recording, RecordingReader, Scan};
@@ -17,7 +19,7 @@ use crate::decided::Decided;
 use crate::exit::Usage;
 use crate::inputs;
 use crate::kind::Kind;
-use crate::pipeline::{Input, Patience, Poses};
+use crate::pipeline::{Input, Patience, Poses, georeference_of};
 use crate::recorder::{BEGIN, Recorder};
 
 /// Topics named in an error.
@@ -28,6 +30,8 @@ pub(crate) struct Replayed {
     paths: Vec<PathBuf>,
     pause: Pause,
     dive: Option<RecordedDive>,
+    /// Where on Earth the poses inside the logs count from.
+    origin: OnceLock<Georeference>,
 }
 
 /// What a recording says of its dive beside the bytes.
@@ -66,6 +70,7 @@ impl Replayed {
                 paths: paths.to_owned(),
                 pause: Pause::default(),
                 dive: None,
+                origin: OnceLock::new(),
             });
         }
         if recordings < paths.len() {
@@ -80,6 +85,7 @@ impl Replayed {
             paths: paths.to_owned(),
             pause: Pause::default(),
             dive: Some(RecordedDive::of(scan)),
+            origin: OnceLock::new(),
         })
     }
 
@@ -217,12 +223,26 @@ impl Replayed {
         decided
     }
 
+    /// Where on Earth the dive learned that its world lies; of a log once its own poses were asked for.
+    pub(crate) fn georeference(&self) -> Option<Georeference> {
+        let dive = self.dive.as_ref().filter(|dive| !dive.is_log);
+        let events = dive.map_or(&[][..], |dive| &dive.scan.events);
+        let recorded = events.iter().find_map(|(_, event)| georeference_of(event));
+        recorded.or_else(|| self.origin.get().cloned())
+    }
+
     /// Poses in `MAVLink` packets of the logs.
     fn poses_of_logs(&self) -> Vec<ArrivedPose> {
         let mut all = Vec::new();
         for path in self.paths.iter().filter(|path| !is_recording(path)) {
             match echosplat_pose::poses_of_svlog(path) {
-                Ok(poses) => all.extend(poses),
+                Ok(found) => {
+                    all.extend(found.poses);
+                    if let Some(place) = found.origin.and_then(|told| told.georeference()) {
+                        // The first log's: the poses of the others count from it too.
+                        let _ = self.origin.set(place);
+                    }
+                }
                 Err(error) => tracing::debug!(%error, "no poses inside the log"),
             }
         }

@@ -7,6 +7,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, UNIX_EPOCH};
 
 use echosplat_driver::Pause;
+use echosplat_georeference::Georeference;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{Snapshot, Standing};
 use echosplat_recording::ply::{self, MapFile};
@@ -51,6 +52,7 @@ impl Page {
             recorder: Mutex::default(),
             pause: Mutex::default(),
             held_out_every: config.pipeline.hold_back_every,
+            georeference: config.georeference.georeference(),
         });
         let control = Arc::clone(&service);
         let runtime = runtime::handle()?;
@@ -112,6 +114,7 @@ struct Service {
     /// Of what is replayed.
     pause: Mutex<Option<Pause>>,
     held_out_every: u64,
+    georeference: Option<Georeference>,
 }
 
 impl Service {
@@ -133,6 +136,7 @@ impl Control for Service {
             intensity_unit: map.intensity_unit,
             notes: MapNotes {
                 held_out_every: self.held_out_every,
+                georeference: self.georeference.clone(),
                 ..MapNotes::default()
             },
             gaussians: wanted.copied().collect(),

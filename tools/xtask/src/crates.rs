@@ -39,12 +39,14 @@ pub(crate) const MAPPER: &str = "echosplat-mapper";
 pub(crate) const FIRMWARE_PROTOCOL: &str = "echosplat-firmware-protocol";
 
 /// Every crate of the workspace: name, folder, kind.
-pub(crate) const CRATES: [(&str, &str, Kind); 26] = [
+pub(crate) const CRATES: [(&str, &str, Kind); 28] = [
     (FIRMWARE_PROTOCOL, "firmware-protocol/", PURE),
     ("echosplat-model", "crates/model/", PURE),
     ("echosplat-ros", "crates/ros/", PURE),
     ("echosplat-ply", "crates/ply/", PURE),
     ("echosplat-surface", "crates/surface/", PURE),
+    ("echosplat-survey", "crates/survey/", PURE),
+    ("echosplat-georeference", "crates/georeference/", PURE),
     ("echosplat-session", "crates/session/", PURE),
     ("echosplat-join", "crates/join/", PURE),
     ("echosplat-input", "crates/input/", PURE_WITH_FILES),

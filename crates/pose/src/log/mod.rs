@@ -12,4 +12,4 @@ mod svlog;
 pub use self::found::LogPosesError;
 pub use self::mcap::{LogPoses, poses_of_mcap};
 pub use self::survey::{McapSurvey, McapTopic, TopicPoses, survey_of_mcap};
-pub use self::svlog::poses_of_svlog;
+pub use self::svlog::{SvlogPoses, poses_of_svlog};

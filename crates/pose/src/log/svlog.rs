@@ -15,6 +15,7 @@ use echosplat_recording::svlog::{SessionHeader, SvlogError, SvlogReader};
 use super::found::{LogPosesError, in_order};
 use crate::mavlink::json;
 use crate::mavlink::message::{Message, Sender, Station};
+use crate::mavlink::origin::ToldOrigin;
 use crate::mavlink::vehicle::Vehicle;
 use echosplat_join::{ArrivedPose, StampClock};
 
@@ -22,11 +23,20 @@ const NANOS_PER_MILLI: i64 = 1_000_000;
 /// Stamps beyond 2001 are Unix time already, not time since boot.
 const LEAST_UNIX_NANOS: i64 = 1_000_000_000_000_000_000;
 
+/// Poses of a log, and where on Earth they count from.
+#[derive(Debug)]
+pub struct SvlogPoses {
+    /// On the time that the log's profiles are given.
+    pub poses: Vec<ArrivedPose>,
+    /// If the vehicle says so.
+    pub origin: Option<ToldOrigin>,
+}
+
 /// The poses of one vehicle in a log, of several of an autopilot and of the one with most, on the time that the log's profiles are given.
 ///
 /// # Errors
 /// If it is no `.svlog`, or there are no poses in it; then what it holds instead.
-pub fn poses_of_svlog(path: &Path) -> Result<Vec<ArrivedPose>, LogPosesError> {
+pub fn poses_of_svlog(path: &Path) -> Result<SvlogPoses, LogPosesError> {
     let io = |reason| LogPosesError::Io {
         path: path.to_owned(),
         reason,
@@ -140,6 +150,10 @@ impl Log {
         if let Message::Heartbeat(station) = message {
             voice.is_autopilot = station == Station::Autopilot;
         }
+        if let Message::GlobalOrigin(_) | Message::GlobalPosition { .. } = message {
+            voice.vehicle.take(message, Timestamp::ZERO);
+            return;
+        }
         let Some(boot) = boot_nanos(&message) else {
             return;
         };
@@ -176,7 +190,7 @@ impl Log {
             .for_each(|voice| voice.end_session(start));
     }
 
-    fn finish(mut self, path: &Path) -> Result<Vec<ArrivedPose>, String> {
+    fn finish(mut self, path: &Path) -> Result<SvlogPoses, String> {
         let made = self.voices.iter();
         let made_count: usize = made.map(|v| v.session.poses.len() + v.poses.len()).sum();
         self.end_session();
@@ -187,8 +201,12 @@ impl Log {
             .filter(|voice| !voice.poses.is_empty());
         if let Some(voice) = with_poses.max_by_key(place) {
             let (sender, poses) = (voice.sender, std::mem::take(&mut voice.poses));
+            let origin = voice.vehicle.origin();
             self.tell_others(path, sender);
-            return Ok(in_order(poses));
+            return Ok(SvlogPoses {
+                poses: in_order(poses),
+                origin,
+            });
         }
         let statuses = self
             .voices
@@ -321,7 +339,7 @@ mod tests {
         mavlink("LOCAL_POSITION_NED", boot_ms, fields)
     }
 
-    fn poses_of(frames: &[Vec<u8>]) -> Result<Vec<ArrivedPose>, LogPosesError> {
+    fn poses_of(frames: &[Vec<u8>]) -> Result<SvlogPoses, LogPosesError> {
         let start = Timestamp::from_millis(1_714_564_800_000);
         let header = SessionHeader::new(start, 3, "tcp://192.168.2.92:51200");
         let mut writer = SvlogWriter::new(Vec::new(), &header).unwrap();
@@ -343,7 +361,17 @@ mod tests {
             frames.push(position(now_ms + 10));
             frames.push(attitude(now_ms + 20 + (i % 3) * 10));
         }
-        let poses = poses_of(&frames).unwrap();
+        let fields = r#""lat":601700000,"lon":249400000,"alt":-1500"#;
+        frames.insert(8, mavlink("GLOBAL_POSITION_INT", 1_110, fields));
+        let found = poses_of(&frames).unwrap();
+        let origin = found.origin.expect("the vehicle says where it is on Earth");
+        // It is 1 m north and 2 m east of there, and 3 m below.
+        assert!(
+            (origin.latitude_deg - 60.17 + 1.0 / 111_420.0).abs() < 1e-7,
+            "{origin:?}"
+        );
+        assert!((origin.height_m - 1.5).abs() < 1e-3, "{origin:?}");
+        let poses = found.poses;
         assert_eq!(poses.len(), 100);
         // At the first profile boot time is 1,000 ms; the first attitude is 20 ms behind it.
         let since_start_ms = poses[0].pose.time.nanos() / 1_000_000 - 1_714_564_800_000;

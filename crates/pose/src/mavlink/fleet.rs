@@ -179,6 +179,7 @@ impl Fleet {
             status.clock_offset_s = of_it.clock_offset_s;
             status.clock_method = of_it.clock_method;
             status.missing = of_it.missing;
+            status.origin = of_it.origin;
         }
         let likeliest = self.likeliest();
         for (index, member) in self.members.iter().enumerate() {

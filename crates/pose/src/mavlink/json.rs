@@ -9,6 +9,7 @@ use echosplat_model::glam::DVec3;
 use serde_json::{Map, Value};
 
 use super::message::{Message, Odometry, Sender, Station, ned_from_frd, of_wxyz};
+use super::origin::Fix;
 use crate::fault::quoted;
 
 /// Longest text read; an `ODOMETRY` with both covariances has some 1,500 bytes.
@@ -86,6 +87,13 @@ fn message(fields: &Fields<'_>) -> Result<Option<Message>, String> {
             fields.name_of("autopilot")?,
             fields.name_of("mavtype")?,
         )),
+        "GPS_GLOBAL_ORIGIN" => {
+            Message::GlobalOrigin(fields.fix(["latitude", "longitude", "altitude"])?)
+        }
+        "GLOBAL_POSITION_INT" => Message::GlobalPosition {
+            boot_ms: fields.integer("time_boot_ms")?,
+            fix: fields.fix(["lat", "lon", "alt"])?,
+        },
         _ => return Ok(None),
     }))
 }
@@ -123,6 +131,19 @@ impl Fields<'_> {
     fn integer<T: TryFrom<u64>>(&self, key: &str) -> Result<T, String> {
         let found = self.value(key)?.as_u64().and_then(|n| n.try_into().ok());
         found.ok_or_else(|| format!("`{key}` of {} is out of range", quoted(self.name)))
+    }
+
+    /// Whole numbers of 1e-7 degrees, and of millimetres.
+    fn fix(&self, keys: [&str; 3]) -> Result<Fix, String> {
+        let [latitude_e7, longitude_e7, height_mm] = keys.map(|key| {
+            let found = self.value(key)?.as_i64().and_then(|n| n.try_into().ok());
+            found.ok_or_else(|| format!("`{key}` of {} is out of range", quoted(self.name)))
+        });
+        Ok(Fix {
+            latitude_e7: latitude_e7?,
+            longitude_e7: longitude_e7?,
+            height_mm: height_mm?,
+        })
     }
 
     fn vector(&self, keys: [&str; 3]) -> Result<DVec3, String> {

@@ -5,6 +5,8 @@ use std::fmt;
 use echosplat_model::glam::{DQuat, DVec3, EulerRot};
 use mavlink::dialects::ardupilotmega::MavMessage;
 
+use super::origin::Fix;
+
 /// Who sent a message.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub(crate) struct Sender {
@@ -101,6 +103,10 @@ pub(crate) enum Message {
     SystemTime { unix_us: u64, boot_ms: u32 },
     /// `HEARTBEAT` (0).
     Heartbeat(Station),
+    /// `GPS_GLOBAL_ORIGIN` (49).
+    GlobalOrigin(Fix),
+    /// `GLOBAL_POSITION_INT` (33).
+    GlobalPosition { boot_ms: u32, fix: Fix },
 }
 
 /// `ODOMETRY` (331).
@@ -176,6 +182,19 @@ impl Message {
                 &format!("{:?}", m.autopilot),
                 &format!("{:?}", m.mavtype),
             )),
+            MavMessage::GPS_GLOBAL_ORIGIN(m) => Self::GlobalOrigin(Fix {
+                latitude_e7: m.latitude,
+                longitude_e7: m.longitude,
+                height_mm: m.altitude,
+            }),
+            MavMessage::GLOBAL_POSITION_INT(m) => Self::GlobalPosition {
+                boot_ms: m.time_boot_ms,
+                fix: Fix {
+                    latitude_e7: m.lat,
+                    longitude_e7: m.lon,
+                    height_mm: m.alt,
+                },
+            },
             _ => return None,
         })
     }

@@ -9,6 +9,7 @@ pub(crate) mod frames;
 pub(crate) mod json;
 pub(crate) mod message;
 pub(crate) mod order;
+pub(crate) mod origin;
 pub(crate) mod over_bus;
 pub(crate) mod requests;
 pub(crate) mod run;

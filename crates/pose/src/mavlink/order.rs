@@ -374,7 +374,10 @@ pub(crate) fn content_of(message: &Message) -> u64 {
             add(&[f64::from(*reset_counter)]);
         }
         Message::SystemTime { unix_us, .. } => unix_us.hash(&mut hasher),
-        Message::TimeSync { .. } | Message::Heartbeat { .. } => {}
+        Message::TimeSync { .. }
+        | Message::Heartbeat { .. }
+        | Message::GlobalOrigin(_)
+        | Message::GlobalPosition { .. } => {}
     }
     hasher.finish()
 }

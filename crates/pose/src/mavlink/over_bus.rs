@@ -28,11 +28,13 @@ const RAW_PREFERRED_FOR_S: f64 = 3.0;
 /// What the key of raw messages ends in.
 const RAW_END: &str = "_raw/out";
 /// Names of the messages that are taken as JSON.
-const JSON_MESSAGES: [&str; 6] = [
+const JSON_MESSAGES: [&str; 8] = [
     "ATTITUDE",
     "ATTITUDE_QUATERNION",
     "HEARTBEAT",
     "LOCAL_POSITION_NED",
+    "GPS_GLOBAL_ORIGIN",
+    "GLOBAL_POSITION_INT",
     "ODOMETRY",
     "SYSTEM_TIME",
 ];

@@ -17,12 +17,15 @@ const SYSTEM_TIME: u32 = 2;
 const ATTITUDE: u32 = 30;
 const ATTITUDE_QUATERNION: u32 = 31;
 const LOCAL_POSITION_NED: u32 = 32;
+const GPS_GLOBAL_ORIGIN: u32 = 49;
 const ODOMETRY: u32 = 331;
 
 /// Microseconds between attitudes, positions and odometry: 50 Hz.
 const POSE_INTERVAL_US: f32 = 20_000.0;
 /// Microseconds between `SYSTEM_TIME`s.
 const TIME_INTERVAL_US: f32 = 1_000_000.0;
+/// Microseconds between origins on Earth, which an autopilot may learn in mid-dive.
+const ORIGIN_INTERVAL_US: f32 = 5_000_000.0;
 const RATE_HZ: u16 = 50;
 
 /// Something that is due again after a while. A clock that was set makes it due, never overdue.
@@ -96,6 +99,7 @@ impl Requests {
         let missing: Vec<u32> = missing.collect();
         if self.round.is_multiple_of(10) {
             messages.push(interval(to, SYSTEM_TIME, TIME_INTERVAL_US));
+            messages.push(interval(to, GPS_GLOBAL_ORIGIN, ORIGIN_INTERVAL_US));
         }
         // With odometry nothing else is needed, and without it the other two do.
         let has_poses = fleet.comes(ODOMETRY, now) || missing == [ODOMETRY];

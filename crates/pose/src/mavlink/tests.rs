@@ -297,6 +297,7 @@ fn messages_are_asked_for_until_they_come_and_then_no_more() {
             "COMMAND_LONG",
             "COMMAND_LONG",
             "COMMAND_LONG",
+            "COMMAND_LONG",
             "COMMAND_LONG"
         ]
     );

@@ -14,6 +14,7 @@ use mavlink::dialects::ardupilotmega::MavFrame;
 use super::clock::{VehicleClock, is_unix_us};
 use super::message::{Message, Odometry};
 use super::order::{CountsFrom, MessageKind, Order, Step, content_of};
+use super::origin::{Origin, ToldOrigin};
 use crate::advance::Motion;
 use crate::clock::UnknownClock;
 use crate::fault::{self, Fault};
@@ -80,6 +81,8 @@ pub(crate) struct Vehicle {
     odometry: Option<Heard>,
     /// When the newest pose was made.
     newest_pose: Option<Timestamp>,
+    /// Of what positions count from, on Earth.
+    origin: Origin,
     /// How far the newest position lay behind what else is known of the vehicle's clock.
     position_lag_s: f64,
 }
@@ -102,6 +105,7 @@ impl Vehicle {
             position: None,
             odometry: None,
             newest_pose: None,
+            origin: Origin::default(),
             position_lag_s: 0.0,
         }
     }
@@ -142,8 +146,22 @@ impl Vehicle {
     pub(crate) fn status(&self, now: Timestamp) -> PoseSourceStatus {
         PoseSourceStatus {
             missing: self.missing(now),
+            origin: self.origin(),
             ..self.status.clone()
         }
+    }
+
+    /// Where on Earth its poses count from, if their world has true north.
+    pub(crate) fn origin(&self) -> Option<ToldOrigin> {
+        let is_enu = match self.kind {
+            Some(Kind::Attitude) => true,
+            Some(Kind::Odometry(frame)) => {
+                frame == MavFrame::MAV_FRAME_LOCAL_NED as u32
+                    || frame == MavFrame::MAV_FRAME_LOCAL_ENU as u32
+            }
+            None => false,
+        };
+        self.origin.told().filter(|_| is_enu)
     }
 
     fn missing(&self, now: Timestamp) -> Option<String> {
@@ -237,6 +255,18 @@ impl Vehicle {
                 Ok(None)
             }
             Message::Heartbeat(_) => Ok(None),
+            Message::GlobalOrigin(fix) => {
+                self.origin.says(fix);
+                Ok(None)
+            }
+            Message::GlobalPosition { boot_ms, fix } => {
+                let time = Timestamp::from_millis(boot_ms.into());
+                let motion = self.motion.as_ref();
+                if let Some(local_m) = motion.and_then(|motion| motion.position_at(time)) {
+                    self.origin.is_beside(fix, local_m);
+                }
+                Ok(None)
+            }
         }
     }
 

@@ -34,7 +34,7 @@ pub struct WrittenMesh {
 }
 
 impl WrittenMesh {
-    fn of(surface: &Surface) -> Self {
+    pub(super) fn of(surface: &Surface) -> Self {
         Self {
             vertex_count: surface.vertices.len(),
             triangle_count: surface.triangles.len(),

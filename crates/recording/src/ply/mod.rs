@@ -9,10 +9,12 @@
 //! ([`echosplat_model::Why`]). Added to x y z, the
 //! header's `comment origin_m X Y Z` gives the world's coordinates; times opacity, reflectivity and
 //! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it. Where
-//! pings were kept from the map to judge it by, `comment held_out_every N` says which. `comment echosplat_map N` is the
+//! pings were kept from the map to judge it by, `comment held_out_every N` says which. `comment georeference …` says where
+//! on Earth the world lies ([`Georeference::line`]). `comment echosplat_map N` is the
 //! version of all this; a file without is of the first, and one of a later than is known here is refused.
 
 pub(crate) mod notes;
+mod placed;
 mod read;
 mod write;
 
@@ -20,6 +22,7 @@ use std::fmt;
 use std::io::{self, BufReader};
 use std::path::{Path, PathBuf};
 
+use echosplat_georeference::Georeference;
 use echosplat_input::open_file;
 use echosplat_model::glam::DVec3;
 use echosplat_model::{Gaussian, Standing, Unsound};
@@ -27,7 +30,9 @@ use echosplat_ply::{Header, PlyError};
 
 use crate::export::Up;
 use crate::replace::Replacement;
+pub use placed::georeference_map;
 pub use read::{MapFileError, read};
+pub(crate) use write::HARMONIC_0;
 pub use write::write;
 
 /// A header names the properties, and what the numbers mean in a few lines.
@@ -73,12 +78,14 @@ pub const WHY: [&str; 3] = ["reason", "clear", "measured"];
 pub const ROW_BYTES: usize = PROPERTIES.len() * size_of::<f32>() + COLORS.len() + WHY.len();
 
 /// What a map's header says besides where its Gaussians are.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct MapNotes {
     /// The last of so many pings was kept from the map each time; 0 if none was, or nothing is said.
     pub held_out_every: u64,
     /// Axis of the file that points up. A map that was read is upright, whatever the file's is.
     pub up: Up,
+    /// Where on Earth the world lies, if that is known.
+    pub georeference: Option<Georeference>,
     /// Comment lines for people; not read back.
     pub comments: Vec<String>,
 }

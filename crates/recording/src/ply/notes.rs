@@ -1,5 +1,6 @@
 //! What a map's header says in comments.
 
+use echosplat_georeference::Georeference;
 use echosplat_model::glam::DVec3;
 use echosplat_model::{INTENSITY_UNITS, is_origin};
 use echosplat_ply::Written;
@@ -12,6 +13,15 @@ const ORIGIN: &str = "origin_m";
 const INTENSITY_UNIT: &str = "intensity_unit";
 const HELD_OUT_EVERY: &str = "held_out_every";
 const UP_AXIS: &str = "up_axis";
+pub(super) const GEOREFERENCE: &str = "georeference";
+
+const OWN: [&str; 5] = [
+    ORIGIN,
+    INTENSITY_UNIT,
+    HELD_OUT_EVERY,
+    UP_AXIS,
+    GEOREFERENCE,
+];
 
 /// Most comment lines of a header, and the most characters of one: a reader takes 64 KiB of it.
 const MOST_COMMENTS: usize = 32;
@@ -28,6 +38,7 @@ pub(super) fn comments(map: &MapFile) -> Vec<String> {
         comments.push(format!("{HELD_OUT_EVERY} {}", map.notes.held_out_every));
     }
     comments.extend(up_axis(map.notes.up));
+    comments.extend(map.notes.georeference.iter().map(georeference));
     let free = map.notes.comments.iter().take(MOST_COMMENTS);
     comments.extend(free.filter_map(|comment| free_comment(comment)));
     comments
@@ -39,6 +50,11 @@ pub(crate) fn origin(origin_m: DVec3) -> String {
     format!("{ORIGIN} {x:?} {y:?} {z:?}")
 }
 
+/// The comment that says where on Earth the world lies.
+pub(super) fn georeference(georeference: &Georeference) -> String {
+    format!("{GEOREFERENCE} {}", georeference.line())
+}
+
 /// The comment that says which axis points up, where it is not z.
 pub(crate) fn up_axis(up: Up) -> Option<String> {
     (up != Up::Z).then(|| format!("{UP_AXIS} {}", up.name()))
@@ -47,7 +63,7 @@ pub(crate) fn up_axis(up: Up) -> Option<String> {
 /// One line without control characters; `None` if it would be read as one of ours.
 fn free_comment(text: &str) -> Option<String> {
     let words: Vec<&str> = text.split_whitespace().collect();
-    let is_own = |word: &&str| [ORIGIN, INTENSITY_UNIT, HELD_OUT_EVERY, UP_AXIS].contains(word);
+    let is_own = |word: &&str| OWN.contains(word);
     let line = words.join(" ");
     let is_own = words.first().is_some_and(is_own) || Written::is_said_by(&line);
     let shown = line.chars().filter(|c| !c.is_control());
@@ -68,6 +84,7 @@ pub(super) fn read(comments: &[String]) -> Result<MapFile, MapFileError> {
             [INTENSITY_UNIT, unit] => map.intensity_unit = positive(unit)?,
             [HELD_OUT_EVERY, every] => map.notes.held_out_every = every_nth(every)?,
             [UP_AXIS, up] => map.notes.up = axis(up)?,
+            [GEOREFERENCE, ref words @ ..] => map.notes.georeference = Some(place_on_earth(words)?),
             _ => {}
         }
     }
@@ -81,6 +98,10 @@ fn place(x: &str, y: &str, z: &str) -> Result<DVec3, MapFileError> {
     is_origin(origin_m)
         .then_some(origin_m)
         .ok_or(MapFileError::Comment(wrong))
+}
+
+fn place_on_earth(words: &[&str]) -> Result<Georeference, MapFileError> {
+    Georeference::parse(&words.join(" ")).map_err(MapFileError::Georeference)
 }
 
 fn positive(unit: &str) -> Result<f32, MapFileError> {

@@ -2,6 +2,7 @@
 
 use std::io::{BufRead, BufReader, Read};
 
+use echosplat_georeference::GeoreferenceError;
 use echosplat_model::glam::{Quat, Vec3};
 use echosplat_model::{Gaussian, SCALE_LIMITS_M, Standing, Unsound, Why};
 use echosplat_ply::{Element, Kind, PlyError, Reader, Row};
@@ -21,6 +22,9 @@ pub enum MapFileError {
     /// A comment that maps have says something that cannot be.
     #[error("header: {0}")]
     Comment(&'static str),
+    /// A comment says a place that there is not.
+    #[error("header: `comment georeference`: {0}")]
+    Georeference(GeoreferenceError),
     /// No vertices.
     #[error("header: no `element vertex`")]
     NoVertices,

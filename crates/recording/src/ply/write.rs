@@ -10,7 +10,7 @@ use super::{COLORS, MapFile, PROPERTIES, WHY, notes};
 use crate::ramp::{bytes_of_color, color_of_reflectivity};
 
 /// Zeroth spherical harmonic, by which 3DGS scales colour.
-const HARMONIC_0: f32 = 0.282_094_8;
+pub(crate) const HARMONIC_0: f32 = 0.282_094_8;
 
 /// Opacities of exactly 0 and 1 have no finite logit; this one reads back as them to 10⁻¹³.
 const MAX_LOGIT: f64 = 30.0;

@@ -3,11 +3,11 @@
 use std::path::PathBuf;
 
 use clap::Args;
+use echosplat_georeference::Datum;
 use echosplat_model::glam::DVec3;
 use echosplat_recording::export::Up;
-use echosplat_surface::CELL_M;
 
-use super::values::{not_negative, place, positive, sweep, up_axis};
+use super::values::{datum, finite, not_negative, place, positive, sweep, up_axis};
 
 #[derive(Debug, Args)]
 pub struct EvaluateArguments {
@@ -141,14 +141,14 @@ pub struct ExportArguments {
     #[arg(value_name = "MAP.ply")]
     pub(crate) map: PathBuf,
     /// Where it goes; the ending says the format
-    #[arg(value_name = "OUT.splat|pcd|npz|ply|obj")]
+    #[arg(value_name = "OUT.splat|pcd|npz|ply|obj|glb|las|laz|tif|geojson|kml|csv|tum")]
     pub(crate) out: PathBuf,
-    /// The surface of what the map asserts as open sheets of triangles, .ply (a sigma per vertex) or .obj
+    /// The surface of what the map asserts as open sheets of triangles, .ply (a sigma per vertex), .obj or .glb
     #[arg(long, conflicts_with = "all")]
     pub(crate) mesh: bool,
-    /// Edge of the mesh's cells; larger ones give fewer triangles and lose what is smaller
-    #[arg(long, value_name = "METRES", requires = "mesh", default_value_t = CELL_M)]
-    pub(crate) cell: f32,
+    /// Edge of the cells of a mesh (0.035 without) or of a .tif (0.1); larger ones lose what is smaller
+    #[arg(long, value_name = "METRES", value_parser = finite)]
+    pub(crate) cell: Option<f64>,
     /// The axis of the file that points up: z as the map has it, y for programs of computer graphics, -y for
     /// viewers of Gaussians
     #[arg(long, value_name = "z|y|-y", default_value = "z", value_parser = up_axis(), allow_hyphen_values = true)]
@@ -156,9 +156,57 @@ pub struct ExportArguments {
     /// With the ambiguous Gaussians
     #[arg(long)]
     pub(crate) all: bool,
+    /// The dive's poses, for .csv, .tum, .geojson and .kml: a TUM file, a recording or a log
+    #[arg(long, value_name = "FILE")]
+    pub(crate) track: Option<PathBuf>,
+    /// Coordinates of .las, .laz, .tif and .csv; the UTM zone of the place without
+    #[arg(long, value_name = "EPSG:CODE")]
+    pub(crate) crs: Option<String>,
+    #[command(flatten)]
+    pub(crate) place: PlaceArguments,
+    /// Height over the WGS 84 ellipsoid of what heights are counted from; they are then told over the ellipsoid
+    #[arg(long, value_name = "METRES", value_parser = finite, allow_negative_numbers = true)]
+    pub(crate) separation: Option<f64>,
     /// Only what the map asserts, as it is without this too
     #[arg(long, conflicts_with = "all")]
     pub(crate) confident: bool,
+}
+
+/// Where on Earth the world's origin lies.
+#[derive(Debug, Clone, Default, Args)]
+pub(crate) struct PlaceArguments {
+    /// Where on Earth the world's origin lies: degrees north, degrees east, metres up
+    #[arg(long, value_name = "LAT,LON,ALT", allow_hyphen_values = true)]
+    pub(crate) origin: Option<String>,
+    /// What its metres up are counted from: surface (of the water, without this), msl or ellipsoid
+    #[arg(long, value_name = "DATUM", value_parser = datum(), requires = "origin")]
+    pub(crate) datum: Option<Datum>,
+    /// Heading of the world's x axis, degrees from true north; 90, which is east, without
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, value_parser = finite)]
+    pub(crate) heading: Option<f64>,
+}
+
+#[derive(Debug, Args)]
+pub struct GeoreferenceArguments {
+    /// The map; its ambiguous part is found beside it
+    #[arg(value_name = "MAP.ply")]
+    pub(crate) map: PathBuf,
+    /// A point that is known in the map (metres) and on Earth (degrees, metres down); three find the heading too
+    #[arg(
+        long,
+        value_name = "X,Y,Z=LAT,LON,DEPTH",
+        allow_hyphen_values = true,
+        conflicts_with = "origin"
+    )]
+    pub(crate) tie: Vec<String>,
+    #[command(flatten)]
+    pub(crate) place: PlaceArguments,
+    /// Where the map with its place goes; without, into the map itself
+    #[arg(long, value_name = "OUT.ply")]
+    pub(crate) out: Option<PathBuf>,
+    /// Print one JSON object on standard output
+    #[arg(long)]
+    pub(crate) json: bool,
 }
 
 #[derive(Debug, Args)]

@@ -7,6 +7,7 @@ use echosplat_pose::PoseUrl;
 
 use super::bus::BusArguments;
 use super::dives::DiveArguments;
+use super::files::PlaceArguments;
 use super::values::{finite, not_negative, positive};
 use crate::config::RecordFormat;
 
@@ -55,6 +56,8 @@ pub(crate) struct ServiceArguments {
     pub(crate) hold_back: Option<u64>,
     #[arg(long, value_name = "ADDRESS", help = WEB_HELP)]
     pub(crate) web: Option<String>,
+    #[command(flatten)]
+    pub(crate) place: PlaceArguments,
     #[command(flatten)]
     pub(crate) bus: BusArguments,
 }

@@ -4,6 +4,7 @@ mod bus;
 mod dives;
 mod files;
 mod live;
+mod survey;
 mod values;
 
 use std::path::PathBuf;
@@ -14,13 +15,14 @@ pub(crate) use bus::BusArguments;
 pub use dives::DiveArguments;
 pub(crate) use dives::{EmulateArguments, PoseClock, SimulateArguments};
 pub(crate) use files::{
-    CalibrateArguments, EvaluateArguments, ExportArguments, InfoArguments, Parameter,
-    RecoverArguments, RenderArguments,
+    CalibrateArguments, EvaluateArguments, ExportArguments, GeoreferenceArguments, InfoArguments,
+    Parameter, PlaceArguments, RecoverArguments, RenderArguments,
 };
 pub(crate) use live::{
     DemoArguments, ProbeArguments, ReplayArguments, Role, RunArguments, ServiceArguments,
     WatchArguments,
 };
+pub(crate) use survey::{CompareArguments, MeasureArguments};
 pub use values::positive;
 
 /// The commit that this was built from; `unknown` without git.
@@ -77,8 +79,15 @@ pub enum Command {
     Calibrate(CalibrateArguments),
     /// Renders what a sonar would hear of a map, from any pose
     Render(RenderArguments),
-    /// Writes a map in another program's format: .splat, .pcd, .npz or one .ply; or its surface
-    Export(ExportArguments),
+    /// Writes a map in another program's format: .splat, .pcd, .npz, .glb or one .ply; its surface; on Earth .las, .laz,
+    /// .tif, .geojson and .kml; a track as .csv or .tum
+    Export(Box<ExportArguments>),
+    /// Says where on Earth a map lies, or puts it into the map: by its origin, or by points that are known in both
+    Georeference(GeoreferenceArguments),
+    /// Measures in a map, each size with its sigma: a distance, a pile, a plane, a profile, a section
+    Measure(MeasureArguments),
+    /// Lays one map on another of the same place, and says what came, went and moved
+    Compare(CompareArguments),
     /// Says what logs, recordings, trajectories, maps and bags of other programs hold
     Info(InfoArguments),
     /// Makes a clean file of a cut or damaged recording or log

@@ -1,6 +1,7 @@
 //! What a value on the command line must be.
 
 use clap::builder::{PossibleValuesParser, TypedValueParser};
+use echosplat_georeference::Datum;
 use echosplat_model::glam::DVec3;
 use echosplat_recording::export::Up;
 use echosplat_simulator::{DiveKind, NoiseLevel};
@@ -18,6 +19,10 @@ pub(super) fn noise_level() -> impl TypedValueParser<Value = NoiseLevel> {
 pub(super) fn up_axis() -> impl TypedValueParser<Value = Up> {
     PossibleValuesParser::new([Up::Z, Up::Y, Up::NegativeY].map(Up::name))
         .map(|name| Up::of(&name).expect("it is one of them"))
+}
+
+pub(super) fn datum() -> impl TypedValueParser<Value = Datum> {
+    PossibleValuesParser::new(Datum::ALL.map(Datum::name)).try_map(|name| name.parse::<Datum>())
 }
 
 fn number(text: &str) -> Result<f64, String> {

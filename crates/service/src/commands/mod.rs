@@ -2,13 +2,16 @@
 
 mod calibrate;
 mod check;
+mod compare;
 mod demo;
 mod dive_report;
 mod emulate;
 mod evaluate;
 mod export;
+mod georeference;
 mod info;
 mod judging;
+mod measure;
 mod probe;
 mod recover;
 mod render;
@@ -55,6 +58,9 @@ pub fn run(command: Command) -> anyhow::Result<Finish> {
         Command::Info(arguments) => info::run(&arguments),
         Command::Recover(arguments) => recover::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
+        Command::Measure(arguments) => measure::run(&arguments),
+        Command::Compare(arguments) => compare::run(&arguments),
+        Command::Georeference(arguments) => georeference::run(&arguments),
         Command::Config { basic } => {
             let text = if basic { BASIC_TOML } else { DEFAULT_TOML };
             logging::print(text.trim_end());

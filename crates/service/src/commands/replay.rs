@@ -162,6 +162,15 @@ fn once(
     }
     let found = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
     let (poses, losses_of_poses) = found;
+    // Poses of another file count from elsewhere.
+    let mut config = config.clone();
+    if poses_url.is_none() {
+        replayed
+            .georeference()
+            .iter()
+            .for_each(|place| config.georeference.learn(place));
+    }
+    let config = &config;
     let setup = Setup {
         part: Part::Whole,
         inputs,

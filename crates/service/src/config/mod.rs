@@ -4,6 +4,7 @@
 mod choices;
 mod errors;
 mod faults;
+mod georeference;
 mod keys;
 mod memory;
 mod overrides;
@@ -25,6 +26,7 @@ use serde::{Deserialize, Serialize};
 use crate::exit::Usage;
 pub(crate) use choices::{Calibrate, RecordFormat};
 use errors::BadSetting;
+pub(crate) use georeference::GeoreferenceConfig;
 #[cfg(test)]
 pub(crate) use keys::is_known;
 pub(crate) use overrides::Overrides;
@@ -50,6 +52,7 @@ pub struct Config {
     pub mapper: MapperConfig,
     /// What happens between them.
     pub pipeline: PipelineConfig,
+    pub(crate) georeference: GeoreferenceConfig,
     pub(crate) output: OutputConfig,
     pub(crate) bus: BusConfig,
     pub(crate) web: WebConfig,
@@ -252,6 +255,7 @@ impl Config {
         self.mapper.check().map_err(bad_mapper_setting)?;
         check_resolution(self.mapper.resolution_m)?;
         self.pipeline.check()?;
+        self.georeference.check()?;
         self.output.check()?;
         self.bus.check().map_err(bad_bus_setting)?;
         if let (PoseUrl::Ros2(_), None) = (&self.pose.url, self.bus.ros_domain_id) {

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use echosplat_model::Timestamp;
 use echosplat_pose::PoseUrl;
 
-use crate::arguments::{BusArguments, ServiceArguments};
+use crate::arguments::{BusArguments, PlaceArguments, ServiceArguments};
 use crate::clock;
 use crate::exit::Usage;
 
@@ -59,6 +59,7 @@ impl Config {
         config.mapper.threads = arguments.threads.unwrap_or(config.mapper.threads);
         let pipeline = &mut config.pipeline;
         pipeline.hold_back_every = arguments.hold_back.unwrap_or(pipeline.hold_back_every);
+        config.override_place(&arguments.place);
         let output = &mut config.output;
         output.map = arguments
             .map
@@ -130,6 +131,15 @@ impl Config {
         }
         config.override_bus(arguments);
         config.checked()
+    }
+
+    fn override_place(&mut self, asked: &PlaceArguments) {
+        let place = &mut self.georeference;
+        place.origin = asked.origin.clone().or(place.origin.take());
+        if let Some(datum) = asked.datum {
+            datum.name().clone_into(&mut place.datum);
+        }
+        place.x_heading_deg = asked.heading.unwrap_or(place.x_heading_deg);
     }
 
     fn override_bus(&mut self, arguments: &BusArguments) {

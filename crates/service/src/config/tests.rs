@@ -53,6 +53,10 @@ fn the_default_file_explains_every_key() {
             ros_domain_id: Some(0),
             ..BusConfig::default()
         },
+        georeference: GeoreferenceConfig {
+            origin: Some("60,25,0".into()),
+            ..GeoreferenceConfig::default()
+        },
         web: WebConfig {
             address: Some("a".into()),
             ..WebConfig::default()

@@ -10,7 +10,7 @@ use echosplat_liveness::Heartbeat;
 
 use super::outlet::{Observed, Observer, Schedule};
 use crate::exit::Usage;
-use crate::maps::{self, MapNotes};
+use crate::maps::{self, RunNotes};
 
 /// Maps that wait for the disk; beyond it the dive waits, since each was asked for.
 const QUEUE: usize = 4;
@@ -57,7 +57,7 @@ impl Album {
     ///
     /// # Errors
     /// If the folder or the thread cannot be made.
-    pub(crate) fn open(self, notes: MapNotes) -> anyhow::Result<(AlbumWriter, Observer)> {
+    pub(crate) fn open(self, notes: RunNotes) -> anyhow::Result<(AlbumWriter, Observer)> {
         let folder = &self.folder;
         std::fs::create_dir_all(folder)
             .with_context(|| format!("cannot make the folder {}", folder.display()))?;

@@ -6,14 +6,14 @@ use std::thread::JoinHandle;
 
 use echosplat_mapper::Mapper;
 
-use crate::maps::{self, MapNotes};
+use crate::maps::{self, RunNotes};
 
 /// Finishes and keeps the maps of earlier epochs.
 #[derive(Debug, Default)]
 pub(crate) struct EarlierMaps {
     /// Where the newest map goes; those before go beside it, under a number.
     map: Option<PathBuf>,
-    notes: MapNotes,
+    notes: RunNotes,
     count: u32,
     /// Of those that have ended nothing is kept: each would hold on to its thread's stack.
     finishing: Vec<JoinHandle<()>>,
@@ -21,7 +21,7 @@ pub(crate) struct EarlierMaps {
 
 impl EarlierMaps {
     /// Beside the map at this place, if it is kept.
-    pub(crate) fn beside(place: Option<(PathBuf, MapNotes)>) -> Self {
+    pub(crate) fn beside(place: Option<(PathBuf, RunNotes)>) -> Self {
         let (map, notes) = place.unzip();
         let notes = notes.unwrap_or_default();
         Self {

@@ -8,7 +8,7 @@ use std::time::{Duration, Instant};
 
 use echosplat_model::Snapshot;
 
-use crate::maps::{self, MapNotes};
+use crate::maps::{self, RunNotes};
 
 /// What a kill loses at most of a map.
 const WRITE_EVERY: Duration = Duration::from_secs(60);
@@ -17,7 +17,7 @@ const WRITE_EVERY: Duration = Duration::from_secs(60);
 #[derive(Debug)]
 pub(crate) struct Keeper {
     map: PathBuf,
-    notes: MapNotes,
+    notes: RunNotes,
     next: Instant,
     written_sequence: u64,
     writing: Option<JoinHandle<anyhow::Result<()>>>,
@@ -25,7 +25,7 @@ pub(crate) struct Keeper {
 }
 
 impl Keeper {
-    pub(crate) fn new(map: PathBuf, notes: MapNotes) -> Self {
+    pub(crate) fn new(map: PathBuf, notes: RunNotes) -> Self {
         Self {
             map,
             notes,

@@ -64,6 +64,7 @@ pub use outlet::{Moment, Observed, Observer, Schedule};
 pub use poses::{Joined, Poses};
 pub(crate) use poses::{Patience, PoseReport, Span};
 use run::Run;
+pub(crate) use run::georeference_of;
 pub(crate) use shared::{Link, Phase, Shared};
 pub use shared::{MapperReport, Spent};
 pub(crate) use shedding::Shedding;

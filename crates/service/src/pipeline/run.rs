@@ -7,9 +7,12 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::bounded;
 use echosplat_bus::Bus;
+use echosplat_georeference::Georeference;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Snapshot;
+use echosplat_recording::mcap::Record;
 use echosplat_recording::ply::map_byte_count;
+use serde_json::{Value, json};
 
 use super::album::AlbumWriter;
 use super::calibration;
@@ -28,13 +31,17 @@ use super::shared::{Phase, Shared};
 use super::status::{RateMeter, other_service};
 use super::worker::THREAD_NAME;
 use super::{Hooks, Observer, Outlet, Part, Setup, Wiring, start_worker};
+use crate::clock;
 use crate::config::Config;
 use crate::exit::Usage;
-use crate::maps::MapNotes;
+use crate::maps::{MapNotes, RunNotes};
 use crate::recorder::Recorder;
 use crate::signals::{LastWill, Stop};
 use crate::supervisor::{Policy, Supervisor, Systemd};
 use crate::{runtime, simd};
+
+/// The event of a recording that says where on Earth its map lies.
+const GEOREFERENCE: &str = "georeference";
 
 /// How often flags and heartbeats are looked at.
 const TICK: Duration = Duration::from_millis(20);
@@ -56,6 +63,7 @@ pub(super) struct Run {
     pub(super) published: Published,
     pub(super) recorder: Option<Recorder>,
     pub(super) keeper: Option<Keeper>,
+    notes: RunNotes,
     pub(super) saving: Saving,
     pub(super) album: Option<AlbumWriter>,
     pub(super) diagnosis: Diagnosis,
@@ -82,11 +90,11 @@ impl Run {
         simd::tell();
         let shared = Arc::new(Shared::new());
         let published = Published::start(&setup, config.pose.vehicle_from_sensor.pose())?;
-        let notes = notes(config);
+        let notes = RunNotes::from(notes(config));
         let place = config.output.map.clone().map(|map| (map, notes.clone()));
         let saving = Saving::new(&shared, setup.recorder.as_ref(), place.clone());
         let album = setup.hooks.album.take();
-        let album = album.map(|asked| asked.open(notes)).transpose()?;
+        let album = album.map(|asked| asked.open(notes.clone())).transpose()?;
         let (album, keeps) = album.unzip();
         let helpers = Helpers::start(config)?;
         let mut supervisor = supervisor(config, &setup, &helpers);
@@ -120,6 +128,7 @@ impl Run {
             bus: setup.bus,
             published,
             recorder: setup.recorder,
+            notes,
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
             saving,
             album,
@@ -172,6 +181,7 @@ impl Run {
                 diagnosed = Instant::now();
                 self.give_way()?;
                 self.shared.ask_for_report();
+                self.learn_place();
                 self.diagnose();
                 self.keep_room(self.shared.newest_map().as_deref());
             }
@@ -186,6 +196,21 @@ impl Run {
         self.supervise(&mut ending, stop);
         self.stop_input();
         Ok(ending)
+    }
+
+    /// The maps say where on Earth they lie as soon as the vehicle does; the recording keeps it for a replay.
+    pub(super) fn learn_place(&self) {
+        let told = self.shared.report().poses.source.origin;
+        let Some(place) = told.and_then(|told| told.georeference()) else {
+            return;
+        };
+        let line = place.line();
+        if self.notes.learn(place) {
+            tracing::info!("the map's place on Earth: {line}");
+            if let Some(recorder) = &self.recorder {
+                recorder.record(clock::now(), Record::Event(georeference_event(&line)));
+            }
+        }
     }
 
     /// Has the recording leave room on the disk for this map.
@@ -293,10 +318,23 @@ impl Helpers {
     }
 }
 
+/// As [`georeference_of`] finds it.
+fn georeference_event(line: &str) -> Value {
+    json!({ "event": GEOREFERENCE, "georeference": line })
+}
+
+/// Where on Earth a recorded dive learned that it lies.
+pub(crate) fn georeference_of(event: &Value) -> Option<Georeference> {
+    let is_it = event["event"] == GEOREFERENCE;
+    let line = event["georeference"].as_str().filter(|_| is_it)?;
+    Georeference::parse(line).ok()
+}
+
 /// What is said in every map.
 fn notes(config: &Config) -> MapNotes {
     MapNotes {
         held_out_every: config.pipeline.hold_back_every,
+        georeference: config.georeference.georeference(),
         ..MapNotes::default()
     }
 }

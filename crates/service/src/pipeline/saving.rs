@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use super::shared::Shared;
-use crate::maps::{self, MapNotes};
+use crate::maps::{self, RunNotes};
 use crate::recorder::Recorder;
 use crate::signals::LastWill;
 
@@ -14,7 +14,7 @@ pub(super) struct Saving {
     shared: Arc<Shared>,
     recorder: Option<Recorder>,
     /// Where the map goes, if it is kept.
-    map: Option<(PathBuf, MapNotes)>,
+    map: Option<(PathBuf, RunNotes)>,
     /// Whether the last map of the run is written; held while one is.
     is_written: Arc<Mutex<bool>>,
 }
@@ -23,7 +23,7 @@ impl Saving {
     pub(super) fn new(
         shared: &Arc<Shared>,
         recorder: Option<&Recorder>,
-        map: Option<(PathBuf, MapNotes)>,
+        map: Option<(PathBuf, RunNotes)>,
     ) -> Self {
         Self {
             shared: Arc::clone(shared),
@@ -81,7 +81,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("map.ply");
         let shared = Arc::new(Shared::new());
-        let place = Some((path.clone(), MapNotes::default()));
+        let place = Some((path.clone(), RunNotes::default()));
         let saving = Saving::new(&shared, None, place);
         saving.last_will()();
         assert!(!path.exists(), "there was no map yet");

@@ -47,7 +47,7 @@ pub(super) fn outcome(
     let (map, report) = mapping.finish()?;
     let peak_memory_bytes = processor::peak_memory_bytes();
     if let Some(path) = keep_map {
-        maps::write(&map, path, &maps::MapNotes::default())?;
+        maps::write(&map, path, &maps::RunNotes::default())?;
     }
     let truth = truth::of_simulated(sonar.scene(), dive);
     let back = spec.placement.pose().inverse();

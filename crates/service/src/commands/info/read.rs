@@ -304,6 +304,9 @@ pub(super) fn map(file: &Path) -> anyhow::Result<Facts> {
     }
     facts.insert("has_ambiguous_file".to_owned(), beside.is_file().into());
     facts.insert("origin_m".to_owned(), json!(map.origin_m.to_array()));
+    if let Some(place) = &map.notes.georeference {
+        facts.insert("georeference".to_owned(), place.line().into());
+    }
     facts.insert("least_m".to_owned(), json!(low.map(|p| p.to_array())));
     facts.insert("greatest_m".to_owned(), json!(high.map(|p| p.to_array())));
     Ok(facts)

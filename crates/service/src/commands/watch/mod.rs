@@ -10,7 +10,7 @@ use serde_json::Value;
 use crate::arguments::WatchArguments;
 use crate::config::Config;
 use crate::exit::Finish;
-use crate::maps::MapNotes;
+use crate::maps::RunNotes;
 use crate::pipeline::Keeper;
 use crate::signals::Stop;
 use crate::{inputs, logging, maps};
@@ -35,7 +35,7 @@ pub(crate) fn run(arguments: &WatchArguments) -> anyhow::Result<Finish> {
     let subscriber = bus.subscribe_map()?;
     // What was kept from it only the service knows.
     let keeper = arguments.map.clone();
-    let mut keeper = keeper.map(|map| Keeper::new(map, MapNotes::default()).due_at_once());
+    let mut keeper = keeper.map(|map| Keeper::new(map, RunNotes::default()).due_at_once());
     let ending = follow(&bus, &subscriber, (arguments, keeper.as_mut()), &stop)?;
     let finish = conclude(&subscriber, keeper, ending)?;
     drop(subscriber);

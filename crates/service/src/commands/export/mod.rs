@@ -1,5 +1,7 @@
 //! `echosplat export MAP.ply OUT`: the map, or its surface, for other programs, in the world's
-//! coordinates.
+//! coordinates or in those of the Earth.
+
+pub(crate) mod placed;
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -8,15 +10,17 @@ use std::path::Path;
 use echosplat_model::Standing;
 use echosplat_model::glam::DVec3;
 use echosplat_recording::export::{SINGLE_PRECISION_M, in_world};
+use echosplat_recording::export::{write_gaussians_glb, write_mesh_glb};
 use echosplat_recording::export::{write_mesh_obj, write_mesh_ply};
 use echosplat_recording::export::{write_npz, write_pcd, write_splat};
 use echosplat_recording::ply::{self, MapFile};
 use echosplat_recording::replace::replace_file;
-use echosplat_surface::{SurfaceError, surface_of};
+use echosplat_surface::{CELL_M, SurfaceError, surface_of};
 
 use crate::arguments::ExportArguments;
 use crate::exit::{Finish, Usage};
 use crate::{files, logging, maps};
+use placed::PlacedFormat;
 
 /// # Errors
 /// If the map cannot be read, or nothing be written there.
@@ -38,6 +42,7 @@ pub(crate) fn run(arguments: &ExportArguments) -> anyhow::Result<Finish> {
     let written = match output {
         Output::Mesh(format) => write_mesh(&map, format, arguments)?,
         Output::Gaussians(format) => write_gaussians(map, format, arguments)?,
+        Output::Placed(format) => placed::write(&map, format, arguments)?,
     };
     logging::print(&format!("{}: {written}", arguments.out.display()));
     Ok(finish)
@@ -50,7 +55,9 @@ fn write_gaussians(
     arguments: &ExportArguments,
 ) -> anyhow::Result<String> {
     let out = arguments.out.as_path();
-    map = arguments.up.turned(map);
+    if format != Format::Glb {
+        map = arguments.up.turned(map);
+    }
     if format.is_single_precision() {
         map = in_world(map);
         tell_of_origin(map.origin_m, out);
@@ -67,7 +74,11 @@ fn write_mesh(
     arguments: &ExportArguments,
 ) -> anyhow::Result<String> {
     let out = &arguments.out;
-    let surface = surface_of(&map.gaussians, arguments.cell).map_err(|error| {
+    let surface = surface_of(
+        &map.gaussians,
+        arguments.cell.map_or(CELL_M, |cell_m| cell_m as f32),
+    )
+    .map_err(|error| {
         let hint = match error {
             SurfaceError::Cell { .. } | SurfaceError::Large { .. } => " (--cell)",
             _ => "",
@@ -89,6 +100,10 @@ fn write_mesh(
         let mesh = match format {
             MeshFormat::Ply => write_mesh_ply(&surface, map.origin_m, arguments.up, file)?,
             MeshFormat::Obj => write_mesh_obj(&surface, map.origin_m, arguments.up, file)?,
+            MeshFormat::Glb => {
+                let place = map.notes.georeference.as_ref();
+                write_mesh_glb(&surface, map.origin_m, place, file)?
+            }
         };
         let (triangles, vertices) = (mesh.triangle_count, mesh.vertex_count);
         written = format!("{triangles} triangles between {vertices} vertices");
@@ -119,6 +134,7 @@ fn tell_of_origin(origin_m: DVec3, out: &Path) {
 enum Output {
     Gaussians(Format),
     Mesh(MeshFormat),
+    Placed(PlacedFormat),
 }
 
 impl Output {
@@ -127,15 +143,24 @@ impl Output {
         let found = match (extension, is_mesh) {
             (Some("ply"), true) => Self::Mesh(MeshFormat::Ply),
             (Some("obj"), true) => Self::Mesh(MeshFormat::Obj),
+            (Some("glb"), true) => Self::Mesh(MeshFormat::Glb),
             (Some("splat"), false) => Self::Gaussians(Format::Splat),
             (Some("pcd"), false) => Self::Gaussians(Format::Pcd),
             (Some("npz"), false) => Self::Gaussians(Format::Npz),
             (Some("ply"), false) => Self::Gaussians(Format::Ply),
-            (_, true) => return refused(out, "a mesh must end in .ply or .obj"),
+            (Some("glb"), false) => Self::Gaussians(Format::Glb),
+            (Some("las"), false) => Self::Placed(PlacedFormat::Las),
+            (Some("laz"), false) => Self::Placed(PlacedFormat::Laz),
+            (Some("tif" | "tiff"), false) => Self::Placed(PlacedFormat::GeoTiff),
+            (Some("geojson"), false) => Self::Placed(PlacedFormat::GeoJson),
+            (Some("kml"), false) => Self::Placed(PlacedFormat::Kml),
+            (Some("csv"), false) => Self::Placed(PlacedFormat::Csv),
+            (Some("tum"), false) => Self::Placed(PlacedFormat::Tum),
+            (_, true) => return refused(out, "a mesh must end in .ply, .obj or .glb"),
             (Some("obj"), false) => return refused(out, ".obj holds triangles: --mesh makes them"),
             (_, false) => {
-                let allowed =
-                    "it must end in .splat, .pcd, .npz or .ply, with --mesh in .ply or .obj";
+                let allowed = "it must end in .splat, .pcd, .npz, .ply, .glb, .las, .laz, .tif, .geojson, .kml, .csv or .tum, with \
+                     --mesh in .ply, .obj or .glb";
                 return refused(out, allowed);
             }
         };
@@ -151,6 +176,7 @@ fn refused(out: &Path, why: &str) -> anyhow::Result<Output> {
 enum MeshFormat {
     Ply,
     Obj,
+    Glb,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -159,6 +185,7 @@ enum Format {
     Pcd,
     Npz,
     Ply,
+    Glb,
 }
 
 impl Format {
@@ -172,6 +199,7 @@ impl Format {
             Self::Pcd => write_pcd(map, out),
             Self::Npz => write_npz(map, out),
             Self::Ply => ply::write(map, out),
+            Self::Glb => write_gaussians_glb(map, out),
         }
     }
 }

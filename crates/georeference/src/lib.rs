@@ -1,0 +1,23 @@
+//! Where on Earth a map lies, and in which projection it is told.
+//!
+//! A [`Georeference`] ties the world of the poses, metres with z up, to WGS 84: one point of the world with its
+//! latitude, longitude and height, and the heading of the world's x axis. [`Crs`] makes coordinates of a projection of
+//! places; [`solve`] finds a georeference from points that are known in both.
+//!
+//! Deliberately absent: geoids (heights stay over the [`Datum`] they were given over), magnetic north, files, sockets.
+
+mod crs;
+mod georeference;
+mod known_codes;
+mod place;
+mod text;
+mod ties;
+
+pub use crs::{Crs, CrsError, Grid, LengthUnit};
+pub use georeference::{Georeference, GeoreferenceError};
+pub use place::{Place, PlaceError};
+pub use text::{Datum, parse_origin};
+pub use ties::{Residual, Solved, Tie, TieError, solve};
+
+#[cfg(test)]
+mod tests;

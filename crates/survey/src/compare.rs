@@ -1,0 +1,225 @@
+//! What came, went and moved between two maps of one place.
+
+use echosplat_model::glam::DVec3;
+
+use crate::align::{Alignment, align};
+use crate::grid::Grid;
+use crate::{Sample, SurveyError};
+
+/// Metres; what is nearer to something of the other map is the same thing.
+const LEAST_M: f64 = 0.25;
+/// Sigmas of two places, beyond which they are two.
+const SIGMAS: f64 = 3.0;
+/// Metres; a sigma beyond this tells nothing of a place, and such a Gaussian nothing of a change.
+const MOST_SIGMA_M: f64 = 0.3;
+/// Metres; Gaussians of one thing are no farther from each other.
+const LINK_M: f64 = 0.3;
+/// Gaussians of a thing, at least: fewer are noise of a map.
+const FEWEST: usize = 12;
+/// Metres; a thing is at least so large.
+const LEAST_SIZE_M: f64 = 0.2;
+/// Metres; what is flatter is ground that one dive reached and the other did not.
+const LEAST_HEIGHT_M: f64 = 0.1;
+/// Metres along the ground; beyond, the other dive is taken not to have looked there.
+const LOOKED_M: f64 = 1.5;
+/// Metres; a thing that went and one that came within this may be one that moved.
+const MOVED_M: f64 = 5.0;
+/// The most that sizes of one thing differ from map to map, without a unit.
+const ALIKE: f64 = 1.6;
+
+/// What became of a thing.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// In the second map alone.
+    Came,
+    /// In the first map alone.
+    Went,
+    /// In the second map elsewhere.
+    Moved,
+}
+
+/// One thing that is different.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Change {
+    /// What became of it.
+    pub kind: Kind,
+    /// Its middle, in the world of the first map, metres; of what moved, where it is now.
+    pub at_m: DVec3,
+    /// How far it moved; zero of what did not.
+    pub by_m: DVec3,
+    /// Its extent along the axes, metres.
+    pub size_m: DVec3,
+    /// One sigma of `at_m`, or of `by_m` of what moved, along each axis, metres.
+    pub sigma_m: f64,
+    /// Its Gaussians.
+    pub count: usize,
+    /// Their mean probability that there is surface.
+    pub probability: f64,
+}
+
+/// Two maps, one on the other.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Compared {
+    /// How the second was laid on the first.
+    pub alignment: Alignment,
+    /// Largest first.
+    pub changes: Vec<Change>,
+    /// Share of the first map's Gaussians where the second dive seems not to have looked.
+    pub not_looked_at: f64,
+}
+
+/// Lays the second map on the first and tells what is different. Ambiguous Gaussians tell of no change; but where one
+/// is near, nothing is gone.
+///
+/// # Errors
+/// If the two cannot be laid on each other.
+pub fn compare(first: &[Sample], second: &[Sample]) -> Result<Compared, SurveyError> {
+    let alignment = align(first, second)?;
+    let second = alignment.apply(second);
+    let (went, unseen) = missing(first, &second, &alignment);
+    let (came, _) = missing(&second, first, &alignment);
+    let mut changes = moved(
+        things(&went, Kind::Went, &alignment),
+        things(&came, Kind::Came, &alignment),
+        &alignment,
+    );
+    changes.sort_by_key(|change| std::cmp::Reverse(change.count));
+    let confident = first.iter().filter(|sample| sample.is_confident).count();
+    Ok(Compared {
+        alignment,
+        changes,
+        not_looked_at: unseen as f64 / confident.max(1) as f64,
+    })
+}
+
+/// Confident Gaussians of the one that have nothing near them in the other, which looked there; and of how many it did
+/// not look.
+fn missing(of: &[Sample], other: &[Sample], alignment: &Alignment) -> (Vec<Sample>, usize) {
+    let reach_m = LEAST_M + SIGMAS * (2.0_f64.sqrt() * MOST_SIGMA_M + alignment.residual_m);
+    let grid = Grid::new(other.iter().map(|sample| sample.at_m), reach_m);
+    let flat = |at: DVec3| DVec3::new(at.x, at.y, 0.0);
+    let ground = Grid::new(other.iter().map(|sample| flat(sample.at_m)), LOOKED_M);
+    let (mut found, mut unseen) = (Vec::new(), 0);
+    for sample in of.iter().filter(|sample| sample.is_confident) {
+        if ground.near(flat(sample.at_m)).next().is_none() {
+            unseen += 1;
+            continue;
+        }
+        let explains = |(index, apart_m): (usize, f64)| {
+            let direction = (other[index].at_m - sample.at_m).normalize_or(DVec3::Z);
+            let along_m = sample
+                .sigma_along_m(direction)
+                .hypot(other[index].sigma_along_m(direction).min(MOST_SIGMA_M));
+            apart_m <= LEAST_M + SIGMAS * (along_m.hypot(alignment.sigma_m))
+        };
+        let is_known = sample
+            .sigma_along_m(DVec3::X)
+            .max(sample.sigma_along_m(DVec3::Y))
+            <= MOST_SIGMA_M
+            && sample.sigma_along_m(DVec3::Z) <= MOST_SIGMA_M;
+        if is_known && !grid.near(sample.at_m).any(explains) {
+            found.push(*sample);
+        }
+    }
+    (found, unseen)
+}
+
+/// Gaussians that hang together, where they are enough.
+fn things(samples: &[Sample], kind: Kind, alignment: &Alignment) -> Vec<Change> {
+    let grid = Grid::new(samples.iter().map(|sample| sample.at_m), LINK_M);
+    let mut is_taken = vec![false; samples.len()];
+    let mut found = Vec::new();
+    for start in 0..samples.len() {
+        if std::mem::replace(&mut is_taken[start], true) {
+            continue;
+        }
+        let mut members = vec![start];
+        let mut next = 0;
+        while let Some(&index) = members.get(next) {
+            next += 1;
+            for (near, _) in grid.near(samples[index].at_m) {
+                if !std::mem::replace(&mut is_taken[near], true) {
+                    members.push(near);
+                }
+            }
+        }
+        let thing: Vec<Sample> = members.iter().map(|index| samples[*index]).collect();
+        found.extend(change(&thing, kind, alignment));
+    }
+    found
+}
+
+fn change(thing: &[Sample], kind: Kind, alignment: &Alignment) -> Option<Change> {
+    let count = thing.len() as f64;
+    let first = thing.first()?.at_m;
+    let least = thing
+        .iter()
+        .fold(first, |least, sample| least.min(sample.at_m));
+    let most = thing
+        .iter()
+        .fold(first, |most, sample| most.max(sample.at_m));
+    let size_m = most - least;
+    let mean_m = thing.iter().map(|sample| sample.at_m).sum::<DVec3>() / count;
+    let spread = thing
+        .iter()
+        .map(|sample| sample.at_m.distance_squared(mean_m))
+        .sum::<f64>();
+    // What is seen of a thing differs from map to map: its middle is no better known than its places scatter, over
+    // the root of a tenth of their number.
+    let middle_m = (spread / count / 3.0).sqrt() / (0.1 * count).max(1.0).sqrt();
+    let is_thing =
+        thing.len() >= FEWEST && size_m.max_element() >= LEAST_SIZE_M && size_m.z >= LEAST_HEIGHT_M;
+    is_thing.then(|| Change {
+        kind,
+        at_m: mean_m,
+        by_m: DVec3::ZERO,
+        size_m,
+        sigma_m: middle_m.hypot(alignment.sigma_m),
+        count: thing.len(),
+        probability: thing.iter().map(|sample| sample.probability).sum::<f64>() / count,
+    })
+}
+
+/// What went and what came, where they are alike and near, as one that moved.
+fn moved(went: Vec<Change>, mut came: Vec<Change>, alignment: &Alignment) -> Vec<Change> {
+    let mut found = Vec::new();
+    for gone in went {
+        let is_alike = |new: &Change| {
+            let ratios = [
+                (gone.size_m.length(), new.size_m.length()),
+                (gone.size_m.z + LEAST_SIZE_M, new.size_m.z + LEAST_SIZE_M),
+                ((gone.count as f64).sqrt(), (new.count as f64).sqrt()),
+            ];
+            ratios
+                .iter()
+                .all(|(a, b)| (1.0 / ALIKE..=ALIKE).contains(&(a / b)))
+        };
+        let nearest = came
+            .iter()
+            .enumerate()
+            .filter(|(_, new)| is_alike(new) && new.at_m.distance(gone.at_m) <= MOVED_M)
+            .min_by(|a, b| {
+                a.1.at_m
+                    .distance(gone.at_m)
+                    .total_cmp(&b.1.at_m.distance(gone.at_m))
+            })
+            .map(|(index, _)| index);
+        match nearest {
+            None => found.push(gone),
+            Some(index) => {
+                let new = came.remove(index);
+                found.push(Change {
+                    kind: Kind::Moved,
+                    by_m: new.at_m - gone.at_m,
+                    sigma_m: gone.sigma_m.hypot(new.sigma_m).hypot(alignment.sigma_m),
+                    ..new
+                });
+            }
+        }
+    }
+    found.extend(came);
+    found
+}
+
+#[cfg(test)]
+mod tests;

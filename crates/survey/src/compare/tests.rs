@@ -1,0 +1,132 @@
+use echosplat_model::glam::DMat3;
+use rand_xoshiro::SplitMix64;
+use rand_xoshiro::rand_core::{Rng, SeedableRng};
+
+use super::*;
+
+fn share(random: &mut SplitMix64) -> f64 {
+    (random.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
+}
+
+fn within(random: &mut SplitMix64, low: f64, high: f64) -> f64 {
+    low + (high - low) * share(random)
+}
+
+fn sample(random: &mut SplitMix64, at_m: DVec3) -> Sample {
+    // About normal: the sum of four.
+    let noise =
+        |random: &mut SplitMix64| 0.02 * (0..4).map(|_| within(random, -0.85, 0.85)).sum::<f64>();
+    Sample {
+        at_m: at_m + DVec3::new(noise(random), noise(random), noise(random)),
+        covariance_m2: DMat3::from_diagonal(DVec3::splat(0.02 * 0.02)),
+        probability: 0.9,
+        is_confident: true,
+    }
+}
+
+/// Ground of 8 by 6 m, a wall, and rods at these places.
+fn scene(seed: u64, rods: &[f64], crate_at: Option<DVec3>) -> Vec<Sample> {
+    let mut random = SplitMix64::seed_from_u64(seed);
+    let r = &mut random;
+    let mut places = Vec::new();
+    for _ in 0..6_000 {
+        places.push(DVec3::new(within(r, 0.0, 8.0), within(r, 0.0, 6.0), -5.0));
+    }
+    for _ in 0..2_000 {
+        places.push(DVec3::new(within(r, 0.0, 8.0), 6.0, within(r, -5.0, -2.0)));
+    }
+    for x in rods {
+        for _ in 0..150 {
+            places.push(DVec3::new(*x, 2.0, within(r, -5.0, -2.0)));
+        }
+    }
+    if let Some(at) = crate_at {
+        for _ in 0..400 {
+            let side = DVec3::new(within(r, 0.0, 0.6), within(r, 0.0, 0.6), 0.6);
+            places.push(at + side);
+            places.push(at + DVec3::new(0.0, side.x, side.y));
+        }
+    }
+    places.into_iter().map(|at| sample(r, at)).collect()
+}
+
+/// As another dive's estimator has it.
+fn elsewhere(samples: &[Sample]) -> Vec<Sample> {
+    let alignment = Alignment {
+        turn_deg: 4.0,
+        move_m: DVec3::new(0.5, -0.3, 0.2),
+        pivot_m: DVec3::new(4.0, 3.0, -4.0),
+        residual_m: 0.0,
+        sigma_m: 0.0,
+        pairs: 0,
+    };
+    alignment.apply(samples)
+}
+
+#[test]
+fn what_did_not_change_is_not_told() {
+    let before = scene(1, &[2.0, 4.0, 6.0], None);
+    for seed in 2..8 {
+        let after = elsewhere(&scene(seed, &[2.0, 4.0, 6.0], None));
+        let found = compare(&before, &after).unwrap();
+        assert_eq!(found.changes, [], "{seed}");
+        assert!((found.alignment.turn_deg + 4.0).abs() < 0.1, "{found:?}");
+        assert!(found.alignment.residual_m < 0.15, "{found:?}");
+    }
+}
+
+#[test]
+fn a_rod_that_went_and_a_crate_that_came_are_told_and_nothing_else() {
+    let before = scene(1, &[2.0, 4.0, 6.0], None);
+    let crate_at = DVec3::new(1.0, 3.5, -5.0);
+    let after = elsewhere(&scene(9, &[2.0, 6.0], Some(crate_at)));
+    let found = compare(&before, &after).unwrap();
+    let kinds: Vec<Kind> = found.changes.iter().map(|change| change.kind).collect();
+    assert_eq!(kinds, [Kind::Came, Kind::Went], "{found:?}");
+    let [new, gone] = found.changes[..] else {
+        return;
+    };
+    assert!(
+        new.at_m.distance(crate_at + DVec3::new(0.2, 0.3, 0.5)) < 0.3,
+        "{new:?}"
+    );
+    assert!(
+        gone.at_m
+            .truncate()
+            .distance(DVec3::new(4.0, 2.0, 0.0).truncate())
+            < 0.1
+    );
+    assert!(gone.size_m.z > 2.0 && gone.sigma_m < 0.4, "{gone:?}");
+}
+
+#[test]
+fn a_crate_that_was_moved_is_told_with_how_far() {
+    let at = DVec3::new(1.0, 3.5, -5.0);
+    let by = DVec3::new(1.5, -0.5, 0.0);
+    let before = scene(1, &[2.0, 4.0, 6.0], Some(at));
+    let after = scene(5, &[2.0, 4.0, 6.0], Some(at + by));
+    let found = compare(&before, &after).unwrap();
+    let [moved] = found.changes[..] else {
+        panic!("{found:?}");
+    };
+    assert_eq!(moved.kind, Kind::Moved);
+    assert!(
+        moved.by_m.distance(by) < 2.0 * moved.sigma_m.max(0.05),
+        "{moved:?}"
+    );
+}
+
+#[test]
+fn maps_of_two_places_are_not_compared() {
+    let here = scene(1, &[2.0], None);
+    let mut there = scene(2, &[2.0], None);
+    there.iter_mut().for_each(|sample| sample.at_m.x += 50.0);
+    assert!(matches!(
+        compare(&here, &there),
+        Err(SurveyError::Apart { .. })
+    ));
+    assert!(matches!(
+        compare(&here, &[]),
+        Err(SurveyError::Apart { .. })
+    ));
+}
