@@ -4,7 +4,8 @@
 //! has not seen all aspects, and corrected ones foretell pings so much better that it is no chance; those remembered are then
 //! corrected too.
 //!
-//! Cost: of every second ping five visits in full detail, and eight convolutions each.
+//! Cost: of every fourth ping three visits in full detail, with eight convolutions each, and two in brief; of every second once
+//! poses are corrected.
 
 mod filter;
 
@@ -27,8 +28,11 @@ use filter::{Filter, Trial};
 /// Pings of a slice.
 const SLICE: usize = 32;
 /// Pings; bounds work.
-/// One ping in so many is asked: those beside it would say nearly the same.
+/// One ping in so many is asked once poses are corrected: those beside it would say nearly the same.
 const EVERY: usize = 2;
+/// Pings; bounds work.
+/// The same before.
+const EVERY_BEFORE: usize = 4;
 /// Slices; found.
 /// Gains are remembered for so many slices.
 const REMEMBERED: f64 = 50.0;
@@ -168,12 +172,20 @@ impl Drift {
         if !field.slots().is_empty() {
             let Self { filter, sight, .. } = self;
             let in_use = newest.correction;
-            let mut score = |trial: Trial| score_of(&slice, trial, (sight, terms, field));
-            // Before it is taken in.
-            let [corrected, as_they_are] =
-                [filter.correction(), in_use].map(|to| score(Trial::sharp(to)).gain_nats);
-            filter.update(seconds, score);
-            self.gains.add(corrected, as_they_are);
+            let every = if self.is_corrected {
+                EVERY
+            } else {
+                EVERY_BEFORE
+            };
+            if !self.is_corrected {
+                // Before it is taken in.
+                let [corrected, as_they_are] = [filter.correction(), in_use]
+                    .map(|to| gain_of(&slice, every, to, (sight, terms, field)));
+                self.gains.add(corrected, as_they_are);
+            }
+            filter.update(seconds, |trial| {
+                score_of(&slice, every, trial, (sight, terms, field))
+            });
         }
         let found = self.filter.correction();
         self.track.push((newest.time, found));
@@ -242,18 +254,34 @@ impl Drift {
     }
 }
 
-/// What some pings say of their poses, each asked standing for [`EVERY`].
+/// What some pings say of their poses, each asked standing for `every`.
 fn score_of(
     slice: &[Arc<Keyframe>],
+    every: usize,
     trial: Trial,
     (sight, terms, field): (&mut Sight, PassTerms, &Field),
 ) -> PoseScore {
     let mut sum = PoseScore::default();
-    for keyframe in slice.iter().step_by(EVERY) {
+    for keyframe in slice.iter().step_by(every) {
         let geometry = tried(keyframe, trial);
         sum.add(&sight.score_pose(keyframe, &geometry, trial.louder_ln, terms, field));
     }
-    sum.times(EVERY as f64)
+    sum.times(every as f64)
+}
+
+/// Log likelihood of some pings with this correction above that of noise, nats.
+fn gain_of(
+    slice: &[Arc<Keyframe>],
+    every: usize,
+    correction: Correction,
+    (sight, terms, field): (&mut Sight, PassTerms, &Field),
+) -> f64 {
+    let asked = slice.iter().step_by(every);
+    let of_ping = |keyframe: &Arc<Keyframe>| {
+        let geometry = tried(keyframe, Trial::sharp(correction));
+        sight.gain_of_pose(keyframe, &geometry, terms, field)
+    };
+    asked.map(of_ping).sum()
 }
 
 /// Where a ping would have been heard from with another correction, and how blurred.

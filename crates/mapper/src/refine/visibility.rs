@@ -83,6 +83,41 @@ impl Sight {
         }
     }
 
+    /// Readies what `keyframe` would measure from elsewhere.
+    fn listen_from(
+        &mut self,
+        keyframe: &Keyframe,
+        geometry: &PingGeometry,
+        terms: PassTerms,
+        field: &Field,
+    ) -> View {
+        self.listen(keyframe, terms);
+        self.alone.clear();
+        self.alone.extend(&self.predicted);
+        field.in_fan(&Fan::of(geometry, FAN_SIGMAS), &mut self.near);
+        View::of(geometry, terms.at_work.elevation)
+    }
+
+    /// Log likelihood of a ping above that without echoes, were it heard from elsewhere, nats, with heavy tails.
+    pub(crate) fn gain_of_pose(
+        &mut self,
+        keyframe: &Keyframe,
+        geometry: &PingGeometry,
+        terms: PassTerms,
+        field: &Field,
+    ) -> f64 {
+        let view = self.listen_from(keyframe, geometry, terms, field);
+        let near = self.near.iter().map(|&block| {
+            let (members, size) = field.block(block);
+            (block, members, size)
+        });
+        dispatch!(simd_level::level(), simd => {
+            self.hearing.find(simd, &view, field.numbers(), near, Detail::Strength);
+            self.hearing.spread(simd, &mut self.predicted);
+        });
+        bins_of(&self.predicted, &self.measured, &self.bin_weight).gain_nats(&self.alone)
+    }
+
     /// What the bins of `keyframe` say of its pose, were it heard from elsewhere and the map that much louder.
     pub(crate) fn score_pose(
         &mut self,
@@ -92,11 +127,7 @@ impl Sight {
         terms: PassTerms,
         field: &Field,
     ) -> PoseScore {
-        self.listen(keyframe, terms);
-        self.alone.clear();
-        self.alone.extend(&self.predicted);
-        let view = View::of(geometry, terms.at_work.elevation);
-        field.in_fan(&Fan::of(geometry, FAN_SIGMAS), &mut self.near);
+        let view = self.listen_from(keyframe, geometry, terms, field);
         let near = self.near.iter().map(|&block| {
             let (members, size) = field.block(block);
             (block, members, size)

@@ -172,11 +172,28 @@ fn summed(columns: &[Vec<f32>; POSE_STATES], bins: Bins<'_>, alone: &[f32]) -> P
                 score.information[i][j] += f64::from(curvature) * of_state * other;
             }
         }
-        score.gain_nats += f64::from(
-            weight * (log_likelihood(measured, with) - log_likelihood(measured, without)),
-        );
+        score.gain_nats += f64::from(bins.gain_of(bin, without));
     }
     score
+}
+
+impl Bins<'_> {
+    /// Log likelihood with heavy tails above that of what is predicted without echoes, `alone`, nats.
+    #[must_use]
+    pub fn gain_nats(&self, alone: &[f32]) -> f64 {
+        let bins = (0..self.predicted.len()).map(|bin| self.gain_of(bin, alone[bin]));
+        bins.map(f64::from).sum()
+    }
+
+    /// Of a bin; 0 where it tells nothing of echoes.
+    #[inline(always)]
+    fn gain_of(&self, bin: usize, without: f32) -> f32 {
+        let (with, weight, measured) = (self.predicted[bin], self.weight[bin], self.measured[bin]);
+        match weight > 0.0 && with - without > LEAST_ECHO * without {
+            true => weight * (log_likelihood(measured, with) - log_likelihood(measured, without)),
+            false => 0.0,
+        }
+    }
 }
 
 /// Of a bin's power with heavy tails, up to what does not depend on what is predicted.
