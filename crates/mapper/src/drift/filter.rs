@@ -16,7 +16,7 @@ const UP: usize = 2;
 const TURN: usize = 3;
 /// Place of the nearness; layout.
 const NEARER: usize = 4;
-/// States and the logarithm of the map's power, which each slice has for itself; layout.
+/// States with the map's power, of each slice; layout.
 const WITH_POWER: usize = STATES + 1;
 /// Place of each state of a [`PoseScore`]; layout.
 const OBSERVED: [usize; POSE_STATES] = [0, 1, 2, 3, 4, STATES];
