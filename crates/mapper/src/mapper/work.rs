@@ -352,7 +352,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use echosplat_model::glam::{DVec3, Vec3};
-    use echosplat_model::{Gaussian, Pose, PosedPing, Standing};
+    use echosplat_model::{Gaussian, Pose, PosedPing, Standing, Switch};
 
     use super::*;
     use crate::MapperConfig;
@@ -555,7 +555,10 @@ mod tests {
     }
 
     fn hovering(pings: u32) -> Mapper {
-        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
+        let mut config = MapperConfig::default();
+        // One rod tells nothing along itself.
+        config.parts.drift = Switch::Off;
+        let mut mapper = Mapper::new(config).unwrap();
         (0..pings).for_each(|number| _ = mapper.insert(&at_one_place(number)));
         mapper
     }
