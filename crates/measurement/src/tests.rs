@@ -242,8 +242,8 @@ fn the_twins_score_is_the_slope_of_the_likelihood() {
     assert!(forth.dot(information * forth) > 0.0 && gradient.dot(forth) > 0.0);
 }
 
-/// What pings say of their pose, heard from where `moved` puts them.
-fn pose_score(scene: &Scene, geometry: &PingGeometry, measured: &[f32]) -> PoseScore {
+/// What a ping that measured this says of its pose, and its log likelihood above that without echoes.
+fn pose_score(scene: &Scene, geometry: &PingGeometry, measured: &[f32]) -> (PoseScore, f64) {
     let level = simd_level::level();
     let mut listener = Listener::with_level(level);
     let predicted = listener.hear(scene, geometry, NOISE, Detail::Full).to_vec();
@@ -255,7 +255,8 @@ fn pose_score(scene: &Scene, geometry: &PingGeometry, measured: &[f32]) -> PoseS
         measured,
         weight: &weight,
     };
-    dispatch!(level, simd => listener.hearing.tell_pose(simd, &view, bins, &alone))
+    let score = dispatch!(level, simd => listener.hearing.tell_pose(simd, &view, bins, &alone));
+    (score, bins.gain_nats(&alone))
 }
 
 #[test]
@@ -283,9 +284,9 @@ fn a_poses_score_is_the_slope_of_the_likelihood() {
     let measured = listener
         .hear(&scene, &elsewhere, NOISE, Detail::Full)
         .to_vec();
-    let score = pose_score(&scene, &geometry, &measured);
+    let (score, _) = pose_score(&scene, &geometry, &measured);
     for (state, by) in [(0, 1e-3), (1, 1e-3), (2, 1e-3), (3, 2e-4), (4, 1e-3)] {
-        let gain = |by: f32| pose_score(&scene, &moved(state, by), &measured).gain_nats;
+        let gain = |by: f32| pose_score(&scene, &moved(state, by), &measured).1;
         let slope = (gain(by) - gain(-by)) / f64::from(2.0 * by);
         let (told, size) = (
             score.gradient[state],

@@ -352,7 +352,7 @@ mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
 
     use echosplat_model::glam::{DVec3, Vec3};
-    use echosplat_model::{Gaussian, Pose, PosedPing, Standing, Switch};
+    use echosplat_model::{Gaussian, Pose, PosedPing, Standing};
 
     use super::*;
     use crate::MapperConfig;
@@ -555,11 +555,13 @@ mod tests {
     }
 
     fn hovering(pings: u32) -> Mapper {
-        let mut config = MapperConfig::default();
-        // One rod tells nothing along itself.
-        config.parts.drift = Switch::Off;
-        let mut mapper = Mapper::new(config).unwrap();
+        let mut mapper = Mapper::new(MapperConfig::default()).unwrap();
         (0..pings).for_each(|number| _ = mapper.insert(&at_one_place(number)));
+        assert!(
+            !mapper.status().drift.is_corrected,
+            "{:?}",
+            mapper.status().drift
+        );
         mapper
     }
 

@@ -207,6 +207,17 @@ impl Field {
         (members, (*size).min(self.sizes_m.len()))
     }
 
+    /// Of some blocks their numbers and what [`Self::block`] tells.
+    pub(crate) fn members_of<'a>(
+        &'a self,
+        blocks: &'a [u32],
+    ) -> impl Iterator<Item = (u32, &'a Members, usize)> {
+        blocks.iter().map(|&block| {
+            let (members, size) = self.block(block);
+            (block, members, size)
+        })
+    }
+
     /// Finds the blocks that a fan may see.
     pub(crate) fn in_fan(&self, fan: &Fan, found: &mut Vec<u32>) {
         found.clear();

@@ -66,10 +66,7 @@ impl Sight {
         self.listen(keyframe, terms);
         let view = View::of(&geometry, terms.at_work.elevation);
         field.in_fan(&keyframe.fan, &mut self.near);
-        let near = self.near.iter().map(|&block| {
-            let (members, size) = field.block(block);
-            (block, members, size)
-        });
+        let near = field.members_of(&self.near);
         dispatch!(simd_level::level(), simd => {
             self.hearing.find(simd, &view, field.numbers(), near, detail);
             self.hearing.spread(simd, &mut self.predicted);
@@ -107,10 +104,7 @@ impl Sight {
         field: &Field,
     ) -> f64 {
         let view = self.listen_from(keyframe, geometry, terms, field);
-        let near = self.near.iter().map(|&block| {
-            let (members, size) = field.block(block);
-            (block, members, size)
-        });
+        let near = field.members_of(&self.near);
         dispatch!(simd_level::level(), simd => {
             self.hearing.find(simd, &view, field.numbers(), near, Detail::Strength);
             self.hearing.spread(simd, &mut self.predicted);
@@ -128,10 +122,7 @@ impl Sight {
         field: &Field,
     ) -> PoseScore {
         let view = self.listen_from(keyframe, geometry, terms, field);
-        let near = self.near.iter().map(|&block| {
-            let (members, size) = field.block(block);
-            (block, members, size)
-        });
+        let near = field.members_of(&self.near);
         let louder = louder_ln.exp() as f32;
         dispatch!(simd_level::level(), simd => {
             self.hearing.find(simd, &view, field.numbers(), near, Detail::Full);

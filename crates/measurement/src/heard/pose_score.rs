@@ -29,8 +29,6 @@ pub struct PoseScore {
     pub gradient: [f64; POSE_STATES],
     /// Per two states, both triangles.
     pub information: [[f64; POSE_STATES]; POSE_STATES],
-    /// Log likelihood of bins that hold echoes, above that without echoes.
-    pub gain_nats: f64,
 }
 
 impl PoseScore {
@@ -44,7 +42,6 @@ impl PoseScore {
                 *sum += other;
             }
         }
-        self.gain_nats += other.gain_nats;
     }
 
     /// As if there had been so many alike.
@@ -53,7 +50,6 @@ impl PoseScore {
         let numbers = self.information.as_flattened_mut().iter_mut();
         let numbers = numbers.chain(&mut self.gradient);
         numbers.for_each(|number| *number *= factor);
-        self.gain_nats *= factor;
         self
     }
 }
@@ -172,7 +168,6 @@ fn summed(columns: &[Vec<f32>; POSE_STATES], bins: Bins<'_>, alone: &[f32]) -> P
                 score.information[i][j] += f64::from(curvature) * of_state * other;
             }
         }
-        score.gain_nats += f64::from(bins.gain_of(bin, without));
     }
     score
 }
