@@ -96,7 +96,7 @@ fn what_makes_no_surface_is_told() {
     write_wall(Path::new(&map), DVec3::ZERO);
     for (arguments, told) in [
         (&["mesh.obj"][..], "--mesh makes them"),
-        (&["mesh.splat", "--mesh"], ".ply or .obj"),
+        (&["mesh.splat", "--mesh"], ".ply, .obj or .glb"),
         (&["mesh.ply", "--mesh", "--all"], "cannot be used with"),
         (&["mesh.ply", "--mesh", "--cell", "1e-6"], "0.005 to 5 m"),
         (&["mesh.ply", "--cell", "0.1"], "--mesh"),

@@ -10,14 +10,16 @@ use crate::readme::{blocks, start};
 const LONG: Duration = Duration::from_secs(300);
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 /// Subcommands that need no sonar, no network and less than 10 s.
-const QUICK: [&str; 9] = [
+const QUICK: [&str; 11] = [
     "--version",
     "check",
     "completions",
     "config",
     "evaluate",
     "export",
+    "georeference",
     "info",
+    "measure",
     "recover",
     "render",
 ];

@@ -12,6 +12,8 @@ use serde::Serialize;
 pub enum Task {
     /// Listening to pings: noise, echoes, ground, and what is no echo of anything.
     Detect,
+    /// How poses drift, asked of slices of pings.
+    Drift,
     /// Evidence of pings, added to voxels.
     Evidence,
     /// New Gaussians where evidence asks for them, and those gone that it speaks against.
@@ -40,8 +42,9 @@ pub enum Task {
 
 impl Task {
     /// All of them, in the order of their numbers.
-    pub const ALL: [Self; 13] = [
+    pub const ALL: [Self; 14] = [
         Self::Detect,
+        Self::Drift,
         Self::Evidence,
         Self::Spawn,
         Self::Begin,
@@ -61,6 +64,7 @@ impl Task {
     pub fn name(self) -> &'static str {
         match self {
             Self::Detect => "detect",
+            Self::Drift => "drift",
             Self::Evidence => "evidence",
             Self::Spawn => "spawn",
             Self::Begin => "begin",
@@ -94,6 +98,16 @@ pub struct Counted {
     /// Observations of voxels.
     #[serde(skip_serializing_if = "is_none")]
     pub voxel_looks: u64,
+}
+
+impl Counted {
+    /// Of so many visits of a ping.
+    pub(crate) fn of_visits(visits: u64) -> Self {
+        Self {
+            visits,
+            ..Self::default()
+        }
+    }
 }
 
 /// What a task never has is left out.

@@ -6,6 +6,7 @@ use std::sync::Arc;
 use echosplat_measurement::{PingGeometry, PingPose};
 use echosplat_model::glam::{DMat3, DQuat, DVec3, Vec3};
 use echosplat_model::{PingSettings, PoseUncertainty, PosedPing, Timestamp};
+use rayon::prelude::*;
 
 use crate::MapperConfig;
 use crate::accumulate::fan::{Fan, GROUP_PINGS, Reach, Sides};
@@ -68,6 +69,8 @@ pub(crate) struct History {
     /// What each [`GROUP_PINGS`] can see, counted from the first ping ever; of pings let go at most those of one group
     /// are still in it.
     groups: VecDeque<Group>,
+    /// Pings after those, which wait to be taken in again.
+    again: VecDeque<Arc<Keyframe>>,
     capacity: usize,
     forgotten: u64,
 }
@@ -77,6 +80,7 @@ impl History {
         Self {
             pings: Vec::new(),
             groups: VecDeque::new(),
+            again: VecDeque::new(),
             capacity,
             forgotten: 0,
         }
@@ -88,16 +92,46 @@ impl History {
         self.groups.clear();
         for mut keyframe in pings {
             let to = correction(&keyframe);
-            let changed = Arc::make_mut(&mut keyframe);
-            changed.geometry = changed.corrected(to);
-            changed.correction = to;
-            changed.fan = Fan::of(&changed.blurred_geometry(), FAN_SIGMAS);
+            Arc::make_mut(&mut keyframe).correct(to);
             self.add(keyframe);
         }
     }
 
+    /// Has all wait to be taken in again.
+    pub(crate) fn begin_again(&mut self) {
+        self.groups.clear();
+        self.again = std::mem::take(&mut self.pings).into();
+    }
+
+    /// Takes in at most so many of those that wait, with this correction. Returns how many.
+    pub(crate) fn go_on_again(&mut self, most: usize, correction: Correction) -> usize {
+        let count = most.min(self.again.len());
+        for _ in 0..count {
+            let Some(mut keyframe) = self.again.pop_front() else {
+                break;
+            };
+            Arc::make_mut(&mut keyframe).correct(correction);
+            self.add(keyframe);
+        }
+        count
+    }
+
+    /// Whether any wait to be taken in again.
+    pub(crate) fn is_behind(&self) -> bool {
+        !self.again.is_empty()
+    }
+
+    /// The last ping that came.
+    pub(crate) fn newest(&self) -> Option<&Arc<Keyframe>> {
+        self.again.back().or(self.pings.last())
+    }
+
+    /// Remembers a ping, behind those that wait.
     pub(crate) fn push(&mut self, keyframe: Keyframe) {
-        self.add(Arc::new(keyframe));
+        match self.is_behind() {
+            true => self.again.push_back(Arc::new(keyframe)),
+            false => self.add(Arc::new(keyframe)),
+        }
     }
 
     fn add(&mut self, keyframe: Arc<Keyframe>) {
@@ -140,9 +174,15 @@ impl History {
         self.pings.drain(..count).collect()
     }
 
-    /// Each ping, for changing what is made of it, by [`Arc::make_mut`]: one that is being worked with is copied first.
-    pub(crate) fn pings_mut(&mut self) -> &mut [Arc<Keyframe>] {
-        &mut self.pings
+    /// Each ping, those that wait last, for changing what is made of it, by [`Arc::make_mut`]: one that is being worked with is
+    /// copied first.
+    pub(crate) fn pings_mut(&mut self) -> impl Iterator<Item = &mut Arc<Keyframe>> {
+        self.pings.iter_mut().chain(&mut self.again)
+    }
+
+    /// The same, on all threads.
+    pub(crate) fn par_pings_mut(&mut self) -> impl ParallelIterator<Item = &mut Arc<Keyframe>> {
+        self.pings.par_iter_mut().chain(self.again.par_iter_mut())
     }
 
     pub(crate) fn pings(&self) -> &[Arc<Keyframe>] {
@@ -395,5 +435,34 @@ mod tests {
             );
         }
         assert_eq!(history.within_reach(count, |_| true).count(), count);
+    }
+
+    #[test]
+    fn pings_are_taken_in_again_in_order_with_those_that_come_meanwhile_behind_them() {
+        let mut history = History::new(1000);
+        (0..200).for_each(|sequence| history.push(keyframe(0.1 * sequence as f64, sequence)));
+        history.begin_again();
+        assert!(history.pings().is_empty() && history.is_behind());
+        let correction = Correction {
+            shift_m: [0.0, 1.0, 0.0],
+            turn_rad: 0.0,
+        };
+        let mut sequence = 200;
+        while history.is_behind() {
+            history.push(keyframe(0.1 * sequence as f64, sequence));
+            assert_eq!(history.newest().unwrap().sequence, sequence);
+            assert_eq!(history.pings_mut().count(), sequence as usize + 1);
+            sequence += 1;
+            assert!(history.go_on_again(3, correction) <= 3);
+        }
+        assert_eq!(history.go_on_again(3, correction), 0);
+        let pings = history.pings();
+        assert_eq!((pings.len() as u64, sequence), (sequence, 300));
+        for (number, keyframe) in pings.iter().enumerate() {
+            assert_eq!(keyframe.sequence, number as u64);
+            let off_m =
+                keyframe.geometry.pose.position_m - Vec3::new(0.1 * number as f32, 1.0, 0.0);
+            assert!(off_m.length() < 1e-4 && keyframe.correction == correction);
+        }
     }
 }

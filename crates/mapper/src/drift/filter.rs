@@ -1,25 +1,33 @@
 //! How far poses have drifted: a Kalman filter over slices of pings, whose bins it sees by score and Fisher information.
 //!
-//! Cost of a slice: a few products and factors of 9 × 9 numbers beside the visits that score it.
+//! Cost of a slice: a few products and factors of 14 × 14 numbers beside the visits that score it.
 
 use echosplat_measurement::heard::{POSE_STATES, PoseScore};
+use echosplat_model::glam::DVec2;
 
 use crate::calibrate::linear::{Square, cholesky, inverse_times, solve};
 
 /// States; layout.
 /// Shift of the sensor along x, y and z, m; its turn about z, rad; how much nearer than they are echoes are heard, m; velocity of
-/// the shift along x and y, m/s; rate of the turn, rad/s.
-const STATES: usize = 8;
+/// the shift along x and y, m/s; rate of the turn, rad/s; shift along x and y and turn of a finished map; what aspects that the
+/// map has too little of draw by along x and y, m.
+const STATES: usize = 13;
 /// Place of the shift up; layout.
 const UP: usize = 2;
 /// Place of the turn; layout.
 const TURN: usize = 3;
 /// Place of the nearness; layout.
 const NEARER: usize = 4;
+/// Places of the map's own shift; layout.
+const MAP: [usize; 2] = [8, 9];
+/// Place of the map's own turn; layout.
+const MAP_TURN: usize = 10;
+/// Places of what aspects draw by; layout.
+const DRAWN: [usize; 2] = [11, 12];
 /// States with the map's power, of each slice; layout.
 const WITH_POWER: usize = STATES + 1;
-/// Place of each state of a [`PoseScore`]; layout.
-const OBSERVED: [usize; POSE_STATES] = [0, 1, 2, 3, 4, STATES];
+/// Places of what pings tell of, in a [`PoseScore`]; layout.
+const OBSERVED: [usize; POSE_STATES] = [0, 1, UP, TURN, NEARER, STATES];
 /// Steps of a slice; bounds work.
 /// Steps of Gauss and Newton with each slice.
 const ROUNDS: usize = 3;
@@ -56,6 +64,15 @@ const NEARER_SIGMA_M: f64 = 0.02;
 /// Seconds; assumed.
 /// Time constant of that.
 const NEARER_TIME_S: f64 = 20.0;
+/// Metres, measured: aspects draw by 5 to 8 cm.
+/// One sigma of where a finished map lies, against where its first poses put it, and of what aspects draw by.
+const DRAWN_SIGMA_M: f64 = 0.05;
+/// Radians; assumed.
+/// One sigma of how a finished map is turned.
+const MAP_TURN_SIGMA_RAD: f64 = 0.5 * DEGREE;
+/// Seconds, assumed: a structure's side goes by.
+/// Time constant of what aspects draw by.
+const DRAWN_TIME_S: f64 = 20.0;
 /// Logarithm of power; assumed.
 /// One sigma of how much louder a slice is than the map has it.
 const POWER_SIGMA: f64 = 0.5;
@@ -107,16 +124,29 @@ impl Trial {
     }
 }
 
+/// What makes the next state of one.
+pub(super) type Transition = Square<STATES>;
+
+/// What pings are compared with.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Against {
+    /// The map as it grows: it lies where its first poses put it.
+    Growing,
+    /// The map of the whole dive, which poses that drifted have moved as a whole.
+    Finished,
+}
+
 /// What poses have drifted by, as far as is known.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(super) struct Filter {
+    against: Against,
     state: [f64; STATES],
     covariance: Square<STATES>,
 }
 
-impl Default for Filter {
+impl Filter {
     /// At the first ping nothing has drifted: that is where the map begins.
-    fn default() -> Self {
+    pub(super) fn of(against: Against) -> Self {
         let velocity = OF_SPEED * FIRST_SPEED_MPS;
         let [x, y, ..] = WANDER;
         let sigmas = [
@@ -128,21 +158,21 @@ impl Default for Filter {
             velocity,
             velocity,
             TURN_RATE_RADPS,
+            DRAWN_SIGMA_M,
+            DRAWN_SIGMA_M,
+            MAP_TURN_SIGMA_RAD,
+            DRAWN_SIGMA_M,
+            DRAWN_SIGMA_M,
         ];
         Self {
+            against,
             state: [0.0; STATES],
             covariance: diagonal(sigmas.map(|sigma| sigma * sigma)),
         }
     }
-}
 
-impl Filter {
     pub(super) fn correction(&self) -> Correction {
-        let [x, y, z, turn_rad, ..] = self.state;
-        Correction {
-            shift_m: [x, y, z],
-            turn_rad,
-        }
+        correction_of(&self.state)
     }
 
     pub(super) fn level_shift_m(&self) -> f64 {
@@ -159,12 +189,12 @@ impl Filter {
         (self.sigma(0).max(self.sigma(1)), self.sigma(TURN))
     }
 
-    /// Goes on by so many seconds of a vehicle of this speed.
-    pub(super) fn predict(&mut self, seconds: f64, speed_mps: f64) {
+    /// Goes on by so many seconds of a vehicle of this speed. Returns what makes the next state of the one before.
+    pub(super) fn predict(&mut self, seconds: f64, speed_mps: f64) -> Transition {
         let fades = |time_s: f64| (-seconds / time_s).exp();
         let fresh = |sigma: f64, time_s: f64| sigma * sigma * (1.0 - fades(time_s).powi(2));
-        let [of_nearer, of_velocity, of_rate] =
-            [NEARER_TIME_S, VELOCITY_TIME_S, TURN_TIME_S].map(fades);
+        let [of_nearer, of_velocity, of_rate, of_drawn] =
+            [NEARER_TIME_S, VELOCITY_TIME_S, TURN_TIME_S, DRAWN_TIME_S].map(fades);
         let mut step = diagonal([
             1.0,
             1.0,
@@ -174,10 +204,16 @@ impl Filter {
             of_velocity,
             of_velocity,
             of_rate,
+            1.0,
+            1.0,
+            1.0,
+            of_drawn,
+            of_drawn,
         ]);
         (step[0][5], step[1][6], step[TURN][7]) = (seconds, seconds, seconds);
         let [x, y, z, turn] = WANDER.map(|by| by * by * seconds);
         let velocity = fresh(OF_SPEED * speed_mps, VELOCITY_TIME_S);
+        let drawn = fresh(DRAWN_SIGMA_M, DRAWN_TIME_S);
         let noise = [
             x,
             y,
@@ -187,28 +223,61 @@ impl Filter {
             velocity,
             velocity,
             fresh(TURN_RATE_RADPS, TURN_TIME_S),
+            0.0,
+            0.0,
+            0.0,
+            drawn,
+            drawn,
         ];
         self.state = step.map(|row| row.iter().zip(&self.state).map(|(a, b)| a * b).sum());
         self.covariance = product(&product(&step, &self.covariance), &transposed(&step));
         for (i, noise) in noise.into_iter().enumerate() {
             self.covariance[i][i] += noise;
         }
+        step
     }
 
-    /// Takes in a slice of so many seconds, scored at one trial after the other. What is not finite changes nothing.
-    pub(super) fn update(&mut self, seconds: f64, mut score: impl FnMut(Trial) -> PoseScore) {
+    /// By how much each state, and the power, changes what pings from around this level place tell of.
+    fn seen_from(&self, at_m: DVec2) -> [[f64; WITH_POWER]; POSE_STATES] {
+        let mut seen = [[0.0; WITH_POWER]; POSE_STATES];
+        for (row, of) in seen.iter_mut().zip(OBSERVED) {
+            row[of] = 1.0;
+        }
+        if self.against == Against::Finished {
+            // A map that is moved is seen as a sensor that is moved the other way.
+            for (axis, lever_m) in [at_m.y, -at_m.x].into_iter().enumerate() {
+                seen[axis][MAP[axis]] = -1.0;
+                seen[axis][MAP_TURN] = lever_m;
+                seen[axis][DRAWN[axis]] = 1.0;
+            }
+            seen[TURN][MAP_TURN] = -1.0;
+        }
+        seen
+    }
+
+    /// Takes in a slice of so many seconds around a level place, scored at one trial after the other. What is not finite changes
+    /// nothing.
+    pub(super) fn update(
+        &mut self,
+        seconds: f64,
+        at_m: DVec2,
+        mut score: impl FnMut(Trial) -> PoseScore,
+    ) {
         let Some(factor) = cholesky(&self.covariance) else {
             return;
         };
         let prior = inverse_times(&factor, &diagonal([1.0; STATES]));
-        let (sigma_m, sigma_rad) = self.sigmas();
-        let blur_rad = sigma_rad.max(LEAST_BLUR_RAD);
-        let (mut now, mut louder_ln) = (self.state, 0.0);
+        let seen = self.seen_from(at_m);
+        let sigma_of = |row: usize| self.variance_along(&seen[row]).max(0.0).sqrt();
+        let sigma_m = sigma_of(0).max(sigma_of(1));
+        let blur_rad = sigma_of(TURN).max(LEAST_BLUR_RAD);
+        let mut now = [0.0; WITH_POWER];
+        now[..STATES].copy_from_slice(&self.state);
         let mut covariance = None;
         for round in 0..ROUNDS {
             let widened = if round == 0 { FIRST_BLUR } else { 1.0 };
             let blur_m = widened * sigma_m.max(LEAST_BLUR_M);
-            let [x, y, z, turn_rad, nearer_m, ..] = now;
+            let [x, y, z, turn_rad, nearer_m, louder_ln] = seen.map(|row| along(&row, &now));
             let told = score(Trial {
                 correction: Correction {
                     shift_m: [x, y, z],
@@ -219,7 +288,7 @@ impl Filter {
                 blur_m,
                 blur_rad,
             });
-            let (gradient, curvature) = self.system((&prior, seconds), (&now, louder_ln), &told);
+            let (gradient, curvature) = self.system((&prior, seconds), &seen, &now, &told);
             let Some(factor) = cholesky(&curvature) else {
                 return;
             };
@@ -236,7 +305,6 @@ impl Filter {
             for (now, step) in now.iter_mut().zip(step) {
                 *now += share * step;
             }
-            louder_ln += share * step[STATES];
             covariance = Some(inverse_times(&factor, &diagonal([1.0; WITH_POWER])));
         }
         if let Some(all) = covariance
@@ -245,16 +313,23 @@ impl Filter {
                 .chain(all.as_flattened())
                 .all(|value| value.is_finite())
         {
-            self.state = now;
+            self.state = std::array::from_fn(|i| now[i]);
             self.covariance = std::array::from_fn(|i| std::array::from_fn(|j| all[i][j]));
         }
+    }
+
+    /// Variance of what is seen of the state, the power not counted.
+    fn variance_along(&self, row: &[f64; WITH_POWER]) -> f64 {
+        let times = |covariance: &[f64; STATES]| along(row, covariance);
+        along(row, &self.covariance.each_ref().map(times))
     }
 
     /// Gradient and curvature of all states: what the slice tells, what was known before, and the depth sensor.
     fn system(
         &self,
         (prior, seconds): (&Square<STATES>, f64),
-        (now, louder_ln): (&[f64; STATES], f64),
+        seen: &[[f64; WITH_POWER]; POSE_STATES],
+        now: &[f64; WITH_POWER],
         told: &PoseScore,
     ) -> ([f64; WITH_POWER], Square<WITH_POWER>) {
         let (mut gradient, mut curvature) = ([0.0; WITH_POWER], [[0.0; WITH_POWER]; WITH_POWER]);
@@ -267,11 +342,15 @@ impl Filter {
         }
         let of_power = POWER_SIGMA.powi(-2);
         curvature[STATES][STATES] = of_power;
-        gradient[STATES] = -of_power * louder_ln;
-        for (of, &i) in OBSERVED.iter().enumerate() {
-            gradient[i] += COUNTS * told.gradient[of];
-            for (other, &j) in OBSERVED.iter().enumerate() {
-                curvature[i][j] += COUNTS * told.information[of][other];
+        gradient[STATES] = -of_power * now[STATES];
+        for (of, row) in seen.iter().enumerate() {
+            let mut by_state = [0.0; WITH_POWER];
+            for (other, information) in seen.iter().zip(told.information[of]) {
+                (0..WITH_POWER).for_each(|j| by_state[j] += information * other[j]);
+            }
+            for i in (0..WITH_POWER).filter(|&i| row[i].abs() > 0.0) {
+                gradient[i] += COUNTS * row[i] * told.gradient[of];
+                (0..WITH_POWER).for_each(|j| curvature[i][j] += COUNTS * row[i] * by_state[j]);
             }
         }
         let of_depth = DEPTH_SIGMA_M.powi(-2) * seconds / DEPTH_TIME_S;
@@ -279,6 +358,53 @@ impl Filter {
         gradient[UP] -= of_depth * now[UP];
         (gradient, curvature)
     }
+}
+
+/// What was known of a slice.
+#[derive(Debug)]
+pub(super) struct Known {
+    /// What made its state of the one before.
+    pub(super) step: Transition,
+    /// Before it was heard.
+    pub(super) before: Filter,
+    /// After.
+    pub(super) after: Filter,
+}
+
+/// What is known of each slice when those after it are heard too (Rauch, Tung and Striebel).
+pub(super) fn smoothed(known: &[Known]) -> Vec<Correction> {
+    let mut corrections: Vec<Correction> = Vec::with_capacity(known.len());
+    let mut later: Option<([f64; STATES], &Known)> = None;
+    for now in known.iter().rev() {
+        let mut state = now.after.state;
+        if let Some((of_next, next)) = later
+            && let Some(factor) = cholesky(&next.before.covariance)
+        {
+            // Transposed.
+            let gain = inverse_times(&factor, &product(&next.step, &now.after.covariance));
+            for (of, gain) in of_next.iter().zip(&next.before.state).zip(gain) {
+                let off = of.0 - of.1;
+                (0..STATES).for_each(|i| state[i] += gain[i] * off);
+            }
+        }
+        corrections.push(correction_of(&state));
+        later = Some((state, now));
+    }
+    corrections.reverse();
+    corrections
+}
+
+fn correction_of(state: &[f64; STATES]) -> Correction {
+    let [x, y, z, turn_rad, ..] = *state;
+    Correction {
+        shift_m: [x, y, z],
+        turn_rad,
+    }
+}
+
+/// Their product as far as both go.
+fn along(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 fn diagonal<const N: usize>(of: [f64; N]) -> Square<N> {
@@ -312,14 +438,14 @@ mod tests {
 
     #[test]
     fn a_steady_drift_is_followed_and_its_sigma_is_that_of_what_pings_tell() {
-        let mut filter = Filter::default();
+        let mut filter = Filter::of(Against::Growing);
         let truth = |slice: u32| {
             let seconds = 0.5 * f64::from(slice);
             [6e-3 * seconds, -3e-3 * seconds, 0.0, 1e-4 * seconds]
         };
         for slice in 1..=240 {
             filter.predict(0.5, 0.4);
-            filter.update(0.5, |trial| told(truth(slice), 1e5, trial));
+            filter.update(0.5, DVec2::ZERO, |trial| told(truth(slice), 1e5, trial));
         }
         let (found, truth) = (filter.correction(), truth(240));
         for (found, truth) in found.shift_m.iter().zip(truth) {
@@ -337,10 +463,10 @@ mod tests {
     #[test]
     fn where_nothing_is_heard_the_shift_grows_unsure_with_the_way_and_stays_where_it_was() {
         let sigma_after = |speed_mps: f64| {
-            let mut filter = Filter::default();
+            let mut filter = Filter::of(Against::Growing);
             for _ in 0..400 {
                 filter.predict(0.5, speed_mps);
-                filter.update(0.5, |_| PoseScore::default());
+                filter.update(0.5, DVec2::ZERO, |_| PoseScore::default());
             }
             assert_eq!(filter.correction(), Correction::default());
             filter.sigmas().0
@@ -351,12 +477,77 @@ mod tests {
         assert!((0.5..3.0).contains(&fast), "{fast}");
     }
 
+    /// Of a slice heard around a place by a map that is moved and turned by so much.
+    fn told_of_map((moved_m, turned_rad): (DVec2, f64), at_m: DVec2, trial: Trial) -> PoseScore {
+        let lever_m = turned_rad * DVec2::new(at_m.y, -at_m.x);
+        let seen_m = lever_m - moved_m;
+        told([seen_m.x, seen_m.y, 0.0, -turned_rad], 1e5, trial)
+    }
+
+    #[test]
+    fn a_map_that_lies_elsewhere_as_a_whole_does_not_move_poses_with_it() {
+        let map = (DVec2::new(0.05, -0.04), 0.3 * DEGREE);
+        let longest_m = |against: Against| {
+            let mut filter = Filter::of(against);
+            let mut known = Vec::new();
+            for slice in 0..240 {
+                let at_m = 3.0 * DVec2::from_angle(0.05 * f64::from(slice));
+                let step = filter.predict(0.5, 0.1);
+                let before = filter.clone();
+                filter.update(0.5, at_m, |trial| told_of_map(map, at_m, trial));
+                let after = filter.clone();
+                known.push(Known {
+                    step,
+                    before,
+                    after,
+                });
+            }
+            let track = smoothed(&known);
+            let lengths = track.iter().map(|found| {
+                let [x, y, _] = found.shift_m;
+                x.hypot(y)
+            });
+            lengths.fold(0.0, f64::max)
+        };
+        let (growing_m, finished_m) = (longest_m(Against::Growing), longest_m(Against::Finished));
+        assert!(growing_m > 0.05, "{growing_m}");
+        assert!(finished_m < 0.5 * growing_m, "{finished_m} {growing_m}");
+    }
+
+    #[test]
+    fn what_comes_later_tells_of_slices_in_which_nothing_was_heard() {
+        let mut filter = Filter::of(Against::Growing);
+        let mut known = Vec::new();
+        for slice in 1..=200 {
+            let step = filter.predict(0.5, 0.4);
+            let before = filter.clone();
+            let truth_m = 2e-3 * f64::from(slice);
+            let is_deaf = (60..140).contains(&slice);
+            filter.update(0.5, DVec2::ZERO, |trial| match is_deaf {
+                true => PoseScore::default(),
+                false => told([truth_m, 0.0, 0.0, 0.0], 1e5, trial),
+            });
+            known.push(Known {
+                step,
+                before,
+                after: filter.clone(),
+            });
+        }
+        let track = smoothed(&known);
+        let off_m = |found: &Correction| (found.shift_m[0] - 2e-3 * 139.0).abs();
+        let (filtered_m, smoothed_m) = (off_m(&known[138].after.correction()), off_m(&track[138]));
+        assert_eq!(track.len(), known.len());
+        assert_eq!(track[199], known[199].after.correction());
+        assert!(smoothed_m < 0.02, "{smoothed_m}");
+        assert!(filtered_m > 3.0 * smoothed_m, "{filtered_m} {smoothed_m}");
+    }
+
     #[test]
     fn what_is_no_number_changes_nothing() {
-        let mut filter = Filter::default();
+        let mut filter = Filter::of(Against::Growing);
         filter.predict(0.5, 0.4);
         let before = filter.sigmas();
-        filter.update(0.5, |_| PoseScore {
+        filter.update(0.5, DVec2::ZERO, |_| PoseScore {
             gradient: [f64::NAN; POSE_STATES],
             ..PoseScore::default()
         });

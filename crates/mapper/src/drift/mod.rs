@@ -2,10 +2,11 @@
 //!
 //! A filter follows every dive. Poses are corrected from the moment on at which they are further off than a map draws them that
 //! has not seen all aspects, and corrected ones foretell pings so much better that it is no chance; those remembered are then
-//! corrected too.
+//! taken in again, each corrected by the map of those before it. When the data ends, all are smoothed by the map of the whole
+//! dive.
 //!
 //! Cost: of every fourth ping three visits in full detail, with eight convolutions each, and two in brief; of every second once
-//! poses are corrected.
+//! poses are corrected. At the end of a dive whose poses were, three visits to every second ping.
 
 mod filter;
 
@@ -13,16 +14,17 @@ use std::sync::Arc;
 
 use echosplat_measurement::PingGeometry;
 use echosplat_measurement::heard::PoseScore;
-use echosplat_model::glam::{DQuat, DVec3, Mat3, Vec3};
+use echosplat_model::glam::{DQuat, DVec2, DVec3, Mat3, Vec3};
 use echosplat_model::{Pose, PosedPing, Switch, Timestamp};
 use serde::Serialize;
 
-use crate::accumulate::history::Keyframe;
+use crate::accumulate::fan::Fan;
+use crate::accumulate::history::{FAN_SIGMAS, Keyframe};
 use crate::refine::field::Field;
 use crate::refine::terms::PassTerms;
 use crate::refine::visibility::Sight;
 pub(crate) use filter::Correction;
-use filter::{Filter, Trial};
+use filter::{Against, Filter, Known, Transition, Trial, smoothed};
 
 /// Pings, found: fewer know nothing across the beam.
 /// Pings of a slice.
@@ -52,6 +54,9 @@ const LEAST_SHIFT_M: f64 = 0.15;
 /// Seconds; bounds what is believed of the clock.
 /// Between two slices no more time counts.
 const LONGEST_S: f64 = 60.0;
+/// Seconds; bounds input.
+/// Slices at the same time are so much apart where a speed is told from them.
+const LEAST_S: f64 = 1e-3;
 
 /// What was found of the drift of poses.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
@@ -82,8 +87,6 @@ pub(crate) struct Drift {
     slice: Vec<Arc<Keyframe>>,
     /// When and where the last slice ended, by poses as they came.
     last: Option<(Timestamp, Vec3)>,
-    /// What was found after each slice until poses were corrected.
-    track: Vec<(Timestamp, Correction)>,
     gains: Gains,
     is_suspected: bool,
     is_corrected: bool,
@@ -121,10 +124,9 @@ impl Drift {
     pub(crate) fn new(switch: Switch) -> Self {
         Self {
             switch,
-            filter: Filter::default(),
+            filter: Filter::of(Against::Growing),
             slice: Vec::new(),
             last: None,
-            track: Vec::new(),
             gains: Gains::default(),
             is_suspected: false,
             is_corrected: switch == Switch::On,
@@ -164,84 +166,93 @@ impl Drift {
     }
 
     /// Follows the slice that is complete, against the map as it is. Whether poses are corrected from now on and were not
-    /// before: then those of all pings remembered are to be.
-    pub(crate) fn follow(&mut self, field: &Field, terms: PassTerms) -> bool {
+    /// before: then all pings remembered are to be taken in again. Also how many pings it asked.
+    pub(crate) fn follow(&mut self, field: &Field, terms: PassTerms) -> (bool, u64) {
         let slice = std::mem::take(&mut self.slice);
         let Some(newest) = slice.last() else {
-            return false;
+            return (false, 0);
         };
-        let seconds = self.go_on(newest);
+        let (seconds, _) = self.go_on(newest);
+        let every = match self.is_corrected {
+            true => EVERY,
+            false => EVERY_BEFORE,
+        };
+        let mut asked = 0;
         if !field.slots().is_empty() {
             let Self { filter, sight, .. } = self;
-            let in_use = newest.correction;
-            let every = if self.is_corrected {
-                EVERY
-            } else {
-                EVERY_BEFORE
-            };
             if !self.is_corrected {
                 // Before it is taken in.
-                let [corrected, as_they_are] = [filter.correction(), in_use]
+                let [corrected, as_they_are] = [filter.correction(), newest.correction]
                     .map(|to| gain_of(&slice, every, to, (sight, terms, field)));
                 self.gains.add(corrected, as_they_are);
             }
-            filter.update(seconds, |trial| {
+            filter.update(seconds, level_m(newest), |trial| {
                 score_of(&slice, every, trial, (sight, terms, field))
             });
+            asked = slice.len().div_ceil(every) as u64;
         }
-        let found = self.filter.correction();
         let is_far = self.filter.level_shift_m() > LEAST_SHIFT_M;
         self.is_suspected |= is_far && self.gains.are(SUSPECT_GAIN);
         let opens = !self.is_corrected && is_far && self.gains.are(LEAST_GAIN);
-        if !self.is_corrected {
-            self.track.push((newest.time, found));
-        }
         self.is_corrected |= opens;
-        if self.is_corrected {
-            let shift_m = DVec3::from_array(found.shift_m).length();
+        if self.is_corrected && !opens {
+            let shift_m = DVec3::from_array(self.filter.correction().shift_m).length();
             self.longest_shift_m = self.longest_shift_m.max(shift_m);
         }
-        opens
+        (opens, asked)
     }
 
-    /// Predicts until this ping. Returns the seconds since the slice before.
-    fn go_on(&mut self, newest: &Keyframe) -> f64 {
+    /// Whether poses are corrected.
+    pub(crate) fn is_corrected(&self) -> bool {
+        self.is_corrected
+    }
+
+    /// Begins with the first ping again, poses corrected.
+    pub(crate) fn begin_again(&mut self) {
+        self.filter = Filter::of(Against::Growing);
+        self.slice.clear();
+        self.last = None;
+    }
+
+    /// Follows all pings of a dive against the map that was made of them, there and back.
+    pub(crate) fn smooth(
+        &mut self,
+        pings: &[Arc<Keyframe>],
+        field: &Field,
+        terms: PassTerms,
+    ) -> Track {
+        self.begin_again();
+        self.filter = Filter::of(Against::Finished);
+        let (mut times, mut known) = (Vec::new(), Vec::new());
+        for slice in pings.chunks(SLICE) {
+            let Some(newest) = slice.last() else { continue };
+            let (seconds, step) = self.go_on(newest);
+            let Self { filter, sight, .. } = self;
+            let before = filter.clone();
+            filter.update(seconds, level_m(newest), |trial| {
+                score_of(slice, EVERY, trial, (sight, terms, field))
+            });
+            times.push(newest.time);
+            known.push(Known {
+                step,
+                before,
+                after: filter.clone(),
+            });
+        }
+        Track(times.into_iter().zip(smoothed(&known)).collect())
+    }
+
+    /// Predicts until this ping. Returns the seconds since the slice before, and what made the filter's state of that before.
+    fn go_on(&mut self, newest: &Keyframe) -> (f64, Transition) {
         let added_m = DVec3::from_array(newest.correction.shift_m).as_vec3();
         let at_m = newest.geometry.pose.position_m - added_m;
         let before = self.last.replace((newest.time, at_m));
-        let Some((time, before_m)) = before else {
-            return 0.0;
-        };
-        let seconds = newest.time.seconds_since(time).clamp(1e-3, LONGEST_S);
+        let (time, before_m) = before.unwrap_or((newest.time, at_m));
+        let seconds = newest.time.seconds_since(time).clamp(0.0, LONGEST_S);
         // Depth is measured: reckoning is off by a part of the level way.
         let way_m = at_m.truncate().distance(before_m.truncate());
-        let speed_mps = f64::from(way_m) / seconds;
-        self.filter.predict(seconds, speed_mps);
-        seconds
-    }
-
-    /// What was found for this time: between two slices in proportion.
-    pub(crate) fn at(&self, time: Timestamp) -> Correction {
-        let next = self.track.partition_point(|(of, _)| *of <= time);
-        let last = self.track.len().saturating_sub(1);
-        let ends = self
-            .track
-            .get(next.saturating_sub(1))
-            .zip(self.track.get(next.min(last)));
-        let Some((before, after)) = ends else {
-            return Correction::default();
-        };
-        let all_s = after.0.seconds_since(before.0);
-        let share = match all_s > 0.0 {
-            true => (time.seconds_since(before.0) / all_s).clamp(0.0, 1.0),
-            false => 0.0,
-        };
-        let between = |a: f64, b: f64| a + share * (b - a);
-        let (before, after) = (before.1, after.1);
-        Correction {
-            shift_m: std::array::from_fn(|i| between(before.shift_m[i], after.shift_m[i])),
-            turn_rad: between(before.turn_rad, after.turn_rad),
-        }
+        let speed_mps = f64::from(way_m) / seconds.max(LEAST_S);
+        (seconds, self.filter.predict(seconds, speed_mps))
     }
 
     /// `world_from_map` turns what was found along the map's axes.
@@ -258,6 +269,41 @@ impl Drift {
             turn_sigma_deg: turn_sigma_rad.to_degrees(),
         }
     }
+}
+
+/// What was found for the end of each slice.
+#[derive(Debug)]
+pub(crate) struct Track(Vec<(Timestamp, Correction)>);
+
+impl Track {
+    /// What was found for this time: between two slices in proportion.
+    pub(crate) fn at(&self, time: Timestamp) -> Correction {
+        let Self(track) = self;
+        let next = track.partition_point(|(of, _)| *of <= time);
+        let last = track.len().saturating_sub(1);
+        let ends = track
+            .get(next.saturating_sub(1))
+            .zip(track.get(next.min(last)));
+        let Some((before, after)) = ends else {
+            return Correction::default();
+        };
+        let all_s = after.0.seconds_since(before.0);
+        let share = match all_s > 0.0 {
+            true => (time.seconds_since(before.0) / all_s).clamp(0.0, 1.0),
+            false => 0.0,
+        };
+        let between = |a: f64, b: f64| a + share * (b - a);
+        let (before, after) = (before.1, after.1);
+        Correction {
+            shift_m: std::array::from_fn(|i| between(before.shift_m[i], after.shift_m[i])),
+            turn_rad: between(before.turn_rad, after.turn_rad),
+        }
+    }
+}
+
+/// A level place.
+fn level_m(keyframe: &Keyframe) -> DVec2 {
+    keyframe.geometry.pose.position_m.truncate().as_dvec2()
 }
 
 /// What some pings say of their poses, each asked standing for `every`.
@@ -312,11 +358,18 @@ impl Keyframe {
         geometry.pose.axes = turn * geometry.pose.axes;
         geometry
     }
+
+    /// Gives it another correction.
+    pub(crate) fn correct(&mut self, to: Correction) {
+        self.geometry = self.corrected(to);
+        self.correction = to;
+        self.fan = Fan::of(&self.blurred_geometry(), FAN_SIGMAS);
+    }
 }
 
 #[cfg(test)]
 mod tests {
-    use echosplat_model::Standing;
+    use echosplat_model::{Snapshot, Standing};
 
     use crate::detect::posed;
     use crate::{Mapper, MapperConfig, PoseDrift};
@@ -359,13 +412,14 @@ mod tests {
         posed(number, (0..300).map(power).collect(), told)
     }
 
-    /// What is found of such a dive, how many Gaussians its map asserts, and how far they lie from the posts, metres, the mean.
-    fn dive(drift_mps: f64, switch: Switch) -> (PoseDrift, usize, f64) {
+    fn mapper_of(switch: Switch) -> Mapper {
         let mut config = MapperConfig::default();
         config.parts.drift = switch;
-        let mut mapper = Mapper::new(config).unwrap();
-        (0..PINGS).for_each(|number| _ = mapper.insert(&sweeping(number, drift_mps)));
-        let map = mapper.finish();
+        Mapper::new(config).unwrap()
+    }
+
+    /// How many Gaussians a map asserts, and how far they lie from the posts, metres, the mean.
+    fn asserted_of(map: &Snapshot) -> (usize, f64) {
         let asserted = map.gaussians.iter();
         let asserted = asserted.filter(|gaussian| gaussian.standing == Standing::Confident);
         let off_m = |at: Vec3| {
@@ -375,7 +429,31 @@ mod tests {
         };
         let off: Vec<f32> = asserted.map(|gaussian| off_m(gaussian.mean_m)).collect();
         let mean_m = f64::from(off.iter().sum::<f32>()) / off.len() as f64;
-        (mapper.status().drift, off.len(), mean_m)
+        (off.len(), mean_m)
+    }
+
+    /// What is found of such a dive, and [`asserted_of`] its map.
+    fn dive(drift_mps: f64, switch: Switch) -> (PoseDrift, usize, f64) {
+        let mut mapper = mapper_of(switch);
+        (0..PINGS).for_each(|number| _ = mapper.insert(&sweeping(number, drift_mps)));
+        let (count, mean_m) = asserted_of(&mapper.finish());
+        (mapper.status().drift, count, mean_m)
+    }
+
+    #[test]
+    fn a_dive_that_ends_as_soon_as_poses_are_corrected_is_mapped_whole() {
+        let mut mapper = mapper_of(Switch::Auto);
+        let mut number = 0;
+        while !mapper.status().drift.is_corrected {
+            assert!(number < PINGS);
+            mapper.insert(&sweeping(number, 5e-3));
+            number += 1;
+        }
+        let map = mapper.finish();
+        let (count, near_m) = asserted_of(&map);
+        assert!(count > 200 && near_m < 0.2, "{count} {near_m}");
+        let behind = u64::from(number) - map.through_ping;
+        assert!(behind <= 4, "{behind}");
     }
 
     #[test]

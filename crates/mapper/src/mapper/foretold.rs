@@ -3,10 +3,12 @@
 use serde::Serialize;
 
 use super::Mapper;
+use crate::effort::{Counted, Task};
 use crate::refine::field::Field;
 use crate::refine::terms::PassTerms;
 use crate::refine::visibility::Sight;
-use crate::spawn::gaussians::Stage;
+use crate::spawn::gaussians::{Gaussians, Stage};
+use crate::world::World;
 use echosplat_measurement::heard::Detail;
 
 /// Pings; bounds work.
@@ -53,7 +55,22 @@ impl Foretelling {
     }
 }
 
+/// The map as it was last worked out.
+pub(super) fn field_of(world: &World, gaussians: &Gaussians) -> Field {
+    let is_worked = |&slot: &usize| gaussians.stage[slot] == Stage::Worked;
+    let worked = gaussians.slots().filter(is_worked);
+    Field::of_these(&world.evidence, gaussians, worked)
+}
+
 impl Mapper {
+    /// With what pings are compared with the map.
+    pub(super) fn terms(&self) -> PassTerms {
+        PassTerms {
+            is_blurred: false,
+            at_work: self.at_work,
+        }
+    }
+
     /// Asks the newest `fresh` pings, of which the map was told nothing yet. Whether poses are corrected from now on, and were not
     /// before.
     ///
@@ -63,10 +80,7 @@ impl Mapper {
             return false;
         };
         let pings = self.history.pings();
-        let terms = PassTerms {
-            is_blurred: false,
-            at_work: self.at_work,
-        };
+        let terms = self.terms();
         let mut opens = false;
         for keyframe in &pings[pings.len() - fresh..] {
             let (is_asked, is_complete) =
@@ -76,13 +90,12 @@ impl Mapper {
             }
             let gaussians = &self.gaussians;
             let told = &mut self.foretold;
-            let field = told.field.get_or_insert_with(|| {
-                let is_worked = |&slot: &usize| gaussians.stage[slot] == Stage::Worked;
-                let worked = gaussians.slots().filter(is_worked);
-                Field::of_these(&world.evidence, gaussians, worked)
-            });
+            let field = told.field.get_or_insert_with(|| field_of(world, gaussians));
             if is_complete {
-                opens |= self.drift.follow(field, terms);
+                let begun = self.tasks.begin(Task::Drift);
+                let (is_opened, visits) = self.drift.follow(field, terms);
+                self.tasks.end(begun, Counted::of_visits(visits));
+                opens |= is_opened;
             }
             if !is_asked || field.slots().is_empty() {
                 continue;

@@ -7,6 +7,7 @@ use echosplat_model::glam::{DVec3, Vec3};
 use echosplat_model::{Ping, PosedPing, Standing};
 use rayon::prelude::*;
 
+use super::foretold::field_of;
 use super::status::InsertReport;
 use super::{Mapper, SPAWN_STRENGTH};
 use crate::MapperConfig;
@@ -27,6 +28,9 @@ use crate::world::{World, first_voxel_m, useful_range_m};
 /// Evidence that is summed up anew takes in so many pings with each slice, so that pings that come meanwhile need not wait:
 /// of pings that come at 58 a second, eight times as many, in about the work that they allow.
 const SUMMED_UP_ANEW: usize = 32;
+/// Pings a slice; bounds latency.
+/// Pings that are taken in again come so many with each slice, beside work on the map: four times as many as come meanwhile.
+const TAKEN_IN_AGAIN: usize = 12;
 /// Seconds on the pings' clock; bounds latency.
 /// On the pings' clock, a slice does not wait longer than this to be complete.
 const LONGEST_SLICE_S: f64 = 0.1;
@@ -255,7 +259,7 @@ impl Mapper {
         self.working_range = WorkingRange::default();
         self.seabed = Seabed::new(&self.config.beam, self.config.parts.seabed);
         let (ground, config) = (Backdrop::default(), &self.config);
-        for keyframe in self.history.pings_mut().iter_mut().map(Arc::make_mut) {
+        for keyframe in self.history.pings_mut().map(Arc::make_mut) {
             self.progress.tell();
             let range_m = |bin: usize| {
                 keyframe.geometry.range_start_m
@@ -313,7 +317,7 @@ impl Mapper {
         self.foretold.forget_map();
         let begun = self.tasks.begin(Task::Anew);
         self.leave_voxels_for(voxel_m);
-        let pings = self.history.pings_mut().par_iter_mut();
+        let pings = self.history.par_pings_mut();
         let tolerate = || {
             pings.map(Arc::make_mut).for_each(|keyframe| {
                 let tolerance_m = tolerance_m(voxel_m, keyframe.range_sigma_m());
@@ -325,17 +329,57 @@ impl Mapper {
         self.judge_all();
     }
 
-    /// Gives every remembered ping the correction that was found for its time, and makes anew what was made of them; where some
-    /// are forgotten, those to come alone are corrected.
-    fn correct_all(&mut self) {
+    /// Takes in all remembered pings again, each corrected against the map of those before it.
+    fn begin_again(&mut self) {
         let Some(world) = &self.world else { return };
+        // What forgotten pings told cannot be told again: those to come alone are corrected.
         if self.history.forgotten() > 0 {
             return;
         }
-        let (voxel_m, drift) = (world.evidence.voxel_m(), &self.drift);
-        self.history
-            .correct_anew(|keyframe| drift.at(keyframe.time));
+        let voxel_m = world.evidence.voxel_m();
+        self.history.begin_again();
+        self.drift.begin_again();
         self.divide_anew(voxel_m);
+    }
+
+    /// Of what a slice added those that are taken in now: as many of those that wait to be taken in again as there is time for,
+    /// where there are any.
+    fn go_on_again(&mut self, fresh: usize) -> usize {
+        if !self.history.is_behind() {
+            return fresh;
+        }
+        let most = fresh + TAKEN_IN_AGAIN;
+        let count = self.history.go_on_again(most, self.drift.correction());
+        (0..count.saturating_sub(fresh)).for_each(|_| self.allow_work_of_a_ping());
+        count
+    }
+
+    /// Takes in all that wait to be taken in again.
+    pub(super) fn catch_up(&mut self) {
+        while self.history.is_behind() {
+            let count = self.go_on_again(0);
+            self.take_in_remembered(count);
+            self.work();
+        }
+    }
+
+    /// Gives every ping the correction that follows from the whole dive, and makes anew what was made of them.
+    pub(super) fn smooth_poses(&mut self) {
+        let Some(world) = &self.world else { return };
+        if !self.drift.is_corrected() || self.history.forgotten() > 0 {
+            return;
+        }
+        let (voxel_m, terms) = (world.evidence.voxel_m(), self.terms());
+        let field = field_of(world, &self.gaussians);
+        let pings = self.history.pings();
+        let begun = self.tasks.begin(Task::Drift);
+        let track = self.drift.smooth(pings, &field, terms);
+        self.tasks
+            .end(begun, Counted::of_visits(pings.len() as u64));
+        self.history
+            .correct_anew(|keyframe| track.at(keyframe.time));
+        self.divide_anew(voxel_m);
+        self.sum_up(usize::MAX);
     }
 
     /// Learns what the receiver and the vehicle themselves do to pings, and refers them to one gain. Returns what is news and can
@@ -380,13 +424,16 @@ impl Mapper {
         }
         let begun = self.tasks.begin(Task::Detect);
         let fresh = slice.iter().filter(|posed| self.remember(posed)).count();
-        let heard = Counted {
-            visits: slice.len() as u64,
-            ..Counted::default()
-        };
-        self.tasks.end(begun, heard);
+        self.tasks
+            .end(begun, Counted::of_visits(slice.len() as u64));
+        let fresh = self.go_on_again(fresh);
+        self.take_in_remembered(fresh)
+    }
+
+    /// Goes on with the newest `fresh` pings of those remembered.
+    fn take_in_remembered(&mut self, fresh: usize) -> InsertReport {
         if self.foretell(fresh) {
-            self.correct_all();
+            self.begin_again();
         }
         self.forget(fresh);
         self.sum_up(fresh + SUMMED_UP_ANEW);
@@ -401,11 +448,7 @@ impl Mapper {
         let (added, pruned) = self
             .pool
             .install(|| from_evidence::spawn_and_prune(evidence, map, spawn, strength));
-        let heard = Counted {
-            visits: fresh as u64,
-            ..Counted::default()
-        };
-        self.tasks.end(begun, heard);
+        self.tasks.end(begun, Counted::of_visits(fresh as u64));
         InsertReport {
             slice_taken_in: true,
             added,

@@ -173,7 +173,7 @@ impl Mapper {
 
     fn copied(&mut self) -> Snapshot {
         self.sequence += 1;
-        let newest = self.history.pings().last();
+        let newest = self.history.newest();
         let intensity_unit = published::intensity_unit(self.unit_strength);
         let mut gaussians = Vec::new();
         if let Some(world) = &self.world {

@@ -63,9 +63,11 @@ impl Mapper {
         if !self.waiting.is_empty() {
             self.take_in_slice();
         }
+        self.catch_up();
         // What it was told is in the pings, and its tiles are due still.
         self.workout = None;
         self.sum_up(usize::MAX);
+        self.smooth_poses();
         self.judge_anew();
         self.work_all_out();
         if !self.config.live_map && self.finds_surface() {
@@ -128,11 +130,8 @@ impl Mapper {
 
     /// Ends what visited every remembered ping.
     pub(super) fn end_anew(&mut self, begun: Begun) {
-        let counted = Counted {
-            visits: self.history.pings().len() as u64,
-            ..Counted::default()
-        };
-        self.tasks.end(begun, counted);
+        let visits = self.history.pings().len() as u64;
+        self.tasks.end(begun, Counted::of_visits(visits));
     }
 
     /// Remembered pings that evidence was not told of yet: none but where it is summed up anew.
@@ -331,7 +330,7 @@ pub(super) fn due_at_end(evidence: &Evidence) -> Option<Due> {
 }
 
 fn judge_all(history: &mut History, seabed: &Seabed, repeats: &Repeats, progress: &Progress) {
-    history.pings_mut().par_iter_mut().for_each(|keyframe| {
+    history.par_pings_mut().for_each(|keyframe| {
         progress.tell();
         let keyframe = Arc::make_mut(keyframe);
         let ground = seabed.backdrop(&keyframe.geometry, keyframe.brightness);
