@@ -216,12 +216,22 @@ fn a_dive_among_meshes_stands_alone() {
     fs::rename(path("dive"), path("elsewhere")).unwrap();
     write_some_map(&path("map.ply"), DVec3::ZERO);
     let (map, truth) = (argument("map.ply"), argument("elsewhere"));
-    let mut judged = Program::echosplat(&["evaluate", &map, "--truth", &truth, "--json"]);
+    let evaluate = ["evaluate", &map, "--truth", &truth, "--aligned"];
+    let mut judged = Program::echosplat(&[&evaluate[..], &["--json"]].concat());
     judged.wait_exit_code(0, LONG);
+    let said = judged.only_json();
+    let (raw, aligned) = (&said["accuracy_m"], &said["aligned"]["accuracy_m"]);
+    let is_nearer = aligned
+        .as_f64()
+        .zip(raw.as_f64())
+        .is_some_and(|(a, b)| a <= b);
+    assert!(is_nearer, "{}", judged.account());
+    let mut told = Program::echosplat(&evaluate);
+    told.wait_exit_code(0, LONG);
     assert!(
-        judged.only_json()["accuracy_m"].is_number(),
+        told.stdout().contains("moved onto the truth"),
         "{}",
-        judged.account()
+        told.account()
     );
 }
 

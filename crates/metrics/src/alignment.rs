@@ -1,4 +1,4 @@
-//! Rigid alignment of a map with the truth (ICP, point to point), for the paper's protocol only.
+//! Alignment of a map with the truth (ICP, point to point), for figures that are never the headline.
 
 use echosplat_model::Pose;
 use glam::{DMat3, DQuat, DVec3};
@@ -19,9 +19,12 @@ pub(crate) struct Alignment {
     pub(crate) iterations: usize,
 }
 
+/// Pairs of places, the first to be moved onto the second.
+type Pairs = [(DVec3, DVec3)];
+
 /// Iterated closest points: pairs each map point with the nearest truth sample, moves the map by
-/// the best rigid transform, until the mean distance settles. The identity for an empty set.
-pub(crate) fn align(map: &[DVec3], truth: &KdTree) -> Alignment {
+/// the best transform of its kind, until the mean distance settles. The identity for an empty set.
+pub(crate) fn align(map: &[DVec3], truth: &KdTree, best: fn(&Pairs) -> Option<Pose>) -> Alignment {
     let stride = map.len().div_ceil(MAX_POINTS).max(1);
     let chosen: Vec<DVec3> = map.iter().step_by(stride).copied().collect();
     let mut alignment = Alignment {
@@ -33,7 +36,7 @@ pub(crate) fn align(map: &[DVec3], truth: &KdTree) -> Alignment {
         let pairs = pairs(&chosen, alignment.truth_from_map, truth);
         let mean_m = pairs.iter().map(|(a, b)| a.distance(*b)).sum::<f64>() / pairs.len() as f64;
         let better = last_mean_m - mean_m > SETTLED_M;
-        let Some(step) = best_rigid(&pairs).filter(|_| better) else {
+        let Some(step) = best(&pairs).filter(|_| better) else {
             break;
         };
         alignment.truth_from_map = step * alignment.truth_from_map;
@@ -53,7 +56,7 @@ fn pairs(map: &[DVec3], truth_from_map: Pose, truth: &KdTree) -> Vec<(DVec3, DVe
 
 /// The rigid transform that brings the first of each pair closest to the second, in least squares
 /// (Horn 1987: the rotation is the eigenvector of a 4 × 4 matrix). `None` without pairs.
-fn best_rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
+pub(crate) fn best_rigid(pairs: &Pairs) -> Option<Pose> {
     let count = pairs.len() as f64;
     let from = pairs.iter().map(|pair| pair.0).sum::<DVec3>() / count;
     let to = pairs.iter().map(|pair| pair.1).sum::<DVec3>() / count;
@@ -73,6 +76,21 @@ fn best_rigid(pairs: &[(DVec3, DVec3)]) -> Option<Pose> {
     let pose = Pose::checked(DQuat::from_xyzw(x, y, z, w), DVec3::ZERO)?;
     let translation_m = to - pose.rotation * from;
     Pose::checked(pose.rotation, translation_m)
+}
+
+/// The shift and the turn about the vertical that do the same. `None` without pairs.
+pub(crate) fn best_level(pairs: &Pairs) -> Option<Pose> {
+    let count = pairs.len() as f64;
+    let from = pairs.iter().map(|pair| pair.0).sum::<DVec3>() / count;
+    let to = pairs.iter().map(|pair| pair.1).sum::<DVec3>() / count;
+    let (mut across, mut along) = (0.0, 0.0);
+    for (a, b) in pairs {
+        let (a, b) = (*a - from, *b - to);
+        across += a.x * b.y - a.y * b.x;
+        along += a.x * b.x + a.y * b.y;
+    }
+    let rotation = DQuat::from_rotation_z(across.atan2(along));
+    Pose::checked(rotation, to - rotation * from)
 }
 
 /// Of a symmetric matrix, by cyclic Jacobi rotations.
@@ -141,16 +159,39 @@ mod tests {
     fn a_small_shift_and_turn_are_found_and_undone() {
         let motion = Pose::from_yaw_pitch_roll(0.02, 0.01, -0.015, DVec3::new(0.05, -0.04, 0.03));
         let moved: Vec<_> = corner().into_iter().map(|p| motion * p).collect();
-        let alignment = align(&moved, &KdTree::new(corner()));
+        let alignment = align(&moved, &KdTree::new(corner()), best_rigid);
         let left = alignment.truth_from_map * motion;
         assert!(left.translation_m.length() < 1e-6, "{left:?}");
         assert!(alignment.iterations > 1);
     }
 
     #[test]
+    fn a_level_alignment_takes_out_shift_and_heading_and_leaves_a_tilt() {
+        let level = Pose::from_yaw_pitch_roll(0.03, 0.0, 0.0, DVec3::new(0.06, -0.04, 0.02));
+        let (tilt, truth) = (
+            Pose::from_yaw_pitch_roll(0.0, 0.05, 0.0, DVec3::ZERO),
+            KdTree::new(corner()),
+        );
+        let left_by = |motion: Pose| {
+            let moved: Vec<_> = corner().into_iter().map(|p| motion * p).collect();
+            let alignment = align(&moved, &truth, best_level);
+            alignment.truth_from_map * motion
+        };
+        let left = left_by(level);
+        assert!(left.translation_m.length() < 1e-6, "{left:?}");
+        assert!(left.rotation.angle_between(DQuat::IDENTITY) < 1e-6);
+        let left = left_by(tilt);
+        assert!(left.rotation.angle_between(DQuat::IDENTITY) > 0.04);
+        assert!(best_level(&[]).is_none());
+    }
+
+    #[test]
     fn nothing_to_align_is_left_alone() {
         let empty = KdTree::new([]);
-        assert_eq!(align(&corner(), &empty).truth_from_map, Pose::IDENTITY);
-        assert_eq!(align(&[], &KdTree::new(corner())).iterations, 0);
+        assert_eq!(
+            align(&corner(), &empty, best_rigid).truth_from_map,
+            Pose::IDENTITY
+        );
+        assert_eq!(align(&[], &KdTree::new(corner()), best_level).iterations, 0);
     }
 }

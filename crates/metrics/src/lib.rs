@@ -26,8 +26,8 @@ pub use certainty::{Certainty, ProbabilityTenth, SigmaTenth, certainty};
 pub use map_points::{MapPoint, MapPoints};
 pub use mesh::{MeshFigures, MeshMetrics, evaluate_mesh, mesh_places};
 pub use metrics::{
-    FALSE_BEYOND_M, Figures, Metrics, Normals, PaperFigures, distances_to_truth, evaluate,
-    evaluate_raw,
+    AlignedFigures, FALSE_BEYOND_M, Figures, Metrics, Normals, PaperFigures, distances_to_truth,
+    evaluate, evaluate_aligned, evaluate_raw,
 };
 pub use statistics::Directed;
 pub use truth::{Truth, TruthError};

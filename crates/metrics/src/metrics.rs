@@ -5,7 +5,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::alignment::align;
+use crate::alignment::{align, best_level, best_rigid};
 use crate::neighbors::KdTree;
 use crate::nullable;
 use crate::statistics::{Directed, quantile, share};
@@ -100,6 +100,29 @@ pub struct PaperFigures {
     pub icp_iterations: usize,
     /// Points left out by the crop.
     pub cropped_count: usize,
+}
+
+/// Of a map that was shifted and turned about the vertical onto the truth. Never the headline.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct AlignedFigures {
+    /// Chamfer distance, half-sum.
+    #[serde(with = "nullable")]
+    pub cd_m: f64,
+    /// Hausdorff distance.
+    #[serde(with = "nullable")]
+    pub hd_m: f64,
+    /// Mean distance map → truth.
+    #[serde(with = "nullable")]
+    pub accuracy_m: f64,
+    /// Mean distance seen truth → map.
+    #[serde(with = "nullable")]
+    pub completeness_m: f64,
+    /// Share of all confident points further than 0.25 m from all truth.
+    pub confident_false_share: f64,
+    /// How far that moved the middle of the map, along the world's axes.
+    pub shift_m: [f64; 3],
+    /// How far it turned it, from x to y.
+    pub turn_deg: f64,
 }
 
 /// Everything said of a map. The headline's figures are fields of it in JSON, and reachable as
@@ -299,6 +322,34 @@ fn normals(
     })
 }
 
+/// Of a map that was shifted and turned about the vertical so that it lies as near to the truth as it can: what is wrong with
+/// it beside where it lies as a whole. Never the headline. `None` if either set is empty.
+#[must_use]
+pub fn evaluate_aligned(points: &MapPoints, truth: &Truth) -> Option<AlignedFigures> {
+    let map: Vec<DVec3> = points
+        .confident
+        .iter()
+        .map(|point| point.position)
+        .collect();
+    if map.is_empty() || truth.seen().is_empty() {
+        return None;
+    }
+    let pose = align(&map, truth.seen_tree(), best_level).truth_from_map;
+    let middle = map.iter().sum::<DVec3>() / map.len() as f64;
+    let moved = MapPoints::of_positions(map.into_iter().map(|point| pose * point));
+    let metrics = evaluate_raw(&moved, truth);
+    let ahead = pose.rotation * DVec3::X;
+    Some(AlignedFigures {
+        cd_m: metrics.cd_m,
+        hd_m: metrics.hd_m,
+        accuracy_m: metrics.accuracy_m,
+        completeness_m: metrics.completeness_m,
+        confident_false_share: metrics.confident_false_share,
+        shift_m: (pose * middle - middle).to_array(),
+        turn_deg: ahead.y.atan2(ahead.x).to_degrees(),
+    })
+}
+
 fn by_the_paper(points: &MapPoints, truth: &Truth) -> Option<PaperFigures> {
     let map: Vec<DVec3> = points
         .confident
@@ -311,7 +362,7 @@ fn by_the_paper(points: &MapPoints, truth: &Truth) -> Option<PaperFigures> {
     if map.is_empty() {
         return None;
     }
-    let alignment = align(&map, truth.seen_tree());
+    let alignment = align(&map, truth.seen_tree(), best_rigid);
     let pose = alignment.truth_from_map;
     let middle = map.iter().sum::<DVec3>() / map.len() as f64;
     let moved = map.iter().map(|point| pose * *point);

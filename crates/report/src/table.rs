@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use echosplat_metrics::curve::{Curve, Sample};
 use echosplat_metrics::{
-    Certainty, MeshFigures, MeshMetrics, Metrics, ProbabilityTenth, SigmaTenth,
+    AlignedFigures, Certainty, MeshFigures, MeshMetrics, Metrics, ProbabilityTenth, SigmaTenth,
 };
 
 /// Said above every table of errors.
@@ -128,6 +128,21 @@ pub fn facts(metrics: &Metrics) -> Vec<(String, String)> {
         .into_iter()
         .map(|(name, value)| (name.to_owned(), value));
     owned.collect()
+}
+
+/// What is said of a map that was moved onto the truth.
+#[must_use]
+pub fn aligned_map(aligned: &AlignedFigures) -> String {
+    let a = aligned;
+    let [x, y, z] = a.shift_m;
+    format!(
+        "{:<34}  CD {}, HD {}, {} beyond 0.25 m; by {x:+.3}, {y:+.3}, {z:+.3} m and {:+.2}°\n",
+        "moved onto the truth",
+        metres_unit(a.cd_m),
+        metres_unit(a.hd_m),
+        percent(a.confident_false_share),
+        a.turn_deg
+    )
 }
 
 /// Everything said of a mesh.

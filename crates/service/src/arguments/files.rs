@@ -20,6 +20,9 @@ pub struct EvaluateArguments {
     /// A mesh made of the map (`export --mesh`), judged beside it
     #[arg(long, value_name = "MESH", requires = "truth")]
     pub(crate) mesh: Option<PathBuf>,
+    /// Also with the map shifted and turned onto the truth: what poses that drift do beside that
+    #[arg(long, requires = "truth")]
+    pub(crate) aligned: bool,
     /// Score the pings that `--hold-out N` kept from the map; the map says which
     #[arg(long, alias = "held-back", value_name = "N", num_args = 0..=1, requires = "log",
         value_parser = clap::value_parser!(u64).range(2..))]

@@ -2,7 +2,9 @@
 
 use std::path::Path;
 
-use echosplat_metrics::{MapPoints, certainty, evaluate, evaluate_mesh, mesh_places};
+use echosplat_metrics::{
+    MapPoints, certainty, evaluate, evaluate_aligned, evaluate_mesh, mesh_places,
+};
 use echosplat_model::PosedPing;
 use echosplat_prediction::held_out::{HeldOut, Pair, is_fitted_on, is_held_out, score};
 use echosplat_prediction::{MapRenderer, blank_bins, pair_of};
@@ -35,6 +37,14 @@ pub(crate) fn run(arguments: &EvaluateArguments) -> anyhow::Result<Finish> {
             logging::print(table::metrics(&metrics).trim_end());
         }
         said = serde_json::to_value(metrics)?;
+        if arguments.aligned
+            && let Some(aligned) = evaluate_aligned(&points, &truth)
+        {
+            if !arguments.json {
+                logging::print(table::aligned_map(&aligned).trim_end());
+            }
+            said["aligned"] = serde_json::to_value(aligned)?;
+        }
         if let Some(found) = certainty(map.origin_m, &map.gaussians, &truth) {
             if !arguments.json {
                 logging::print(table::certainty(&found).trim_end());

@@ -39,7 +39,7 @@ fn drift(status: &Status) -> Option<Finding> {
         let [x, y, _] = drift.shift_m;
         return told(format!(
             "poses drift against what the sonar hears: the map corrects them, by {:.2} m and {:.1}° now and up to {:.2} m so far; \
-             what was seen once stays where the poses put it (mapper.parts.drift = \"off\" leaves poses as they come)",
+             the dive is mapped again with them, and smoothed when it ends (mapper.parts.drift = \"off\" leaves poses as they come)",
             x.hypot(y),
             drift.turn_deg,
             drift.longest_shift_m,
