@@ -100,6 +100,11 @@ fn what_makes_no_surface_is_told() {
         (&["mesh.ply", "--mesh", "--all"], "cannot be used with"),
         (&["mesh.ply", "--mesh", "--cell", "1e-6"], "0.005 to 5 m"),
         (&["mesh.ply", "--cell", "0.1"], "--mesh"),
+        (&["map.npz", "--crs", "EPSG:32635"], "--crs is for"),
+        (&["map.pcd", "--track", "poses.tum"], "--track is for"),
+        (&["map.splat", "--origin", "60,25,0"], "--origin and --heading"),
+        (&["map.ply", "--separation", "18"], "--separation is for"),
+        (&["map.glb", "--up", "y"], "--up is for"),
     ] {
         let out = path(arguments[0]);
         let refused = run(&[&["export", &map, &out], &arguments[1..]].concat(), 2);

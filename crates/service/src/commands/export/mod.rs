@@ -9,7 +9,7 @@ use std::path::Path;
 
 use echosplat_model::Standing;
 use echosplat_model::glam::DVec3;
-use echosplat_recording::export::{SINGLE_PRECISION_M, in_world};
+use echosplat_recording::export::{SINGLE_PRECISION_M, Up, in_world};
 use echosplat_recording::export::{write_gaussians_glb, write_mesh_glb};
 use echosplat_recording::export::{write_mesh_obj, write_mesh_ply};
 use echosplat_recording::export::{write_npz, write_pcd, write_splat};
@@ -26,6 +26,9 @@ use placed::PlacedFormat;
 /// If the map cannot be read, or nothing be written there.
 pub(crate) fn run(arguments: &ExportArguments) -> anyhow::Result<Finish> {
     let output = Output::of(&arguments.out, arguments.mesh)?;
+    if let Some(why) = output.has_no_use_for(arguments) {
+        return refused(&arguments.out, why);
+    }
     files::prepare("export to", &arguments.out)?;
     if is_same(&arguments.map, &arguments.out) {
         return Err(Usage::error(format!(
@@ -138,6 +141,53 @@ enum Output {
 }
 
 impl Output {
+    /// Of what was asked for and says nothing of it: what that is for.
+    fn has_no_use_for(self, asked: &ExportArguments) -> Option<&'static str> {
+        use PlacedFormat::{Csv, GeoJson, GeoTiff, Kml, Las, Laz, Tum};
+        let is = |formats: &[PlacedFormat]| match self {
+            Self::Placed(format) => formats.contains(&format),
+            _ => false,
+        };
+        let is_glb = matches!(
+            self,
+            Self::Gaussians(Format::Glb) | Self::Mesh(MeshFormat::Glb)
+        );
+        let is_placed = matches!(self, Self::Placed(_));
+        let is_on_earth = is_placed && !is(&[Tum]);
+        let has_cells = matches!(self, Self::Mesh(_)) || is(&[GeoTiff]);
+        let place = &asked.place;
+        let unused = [
+            (
+                asked.cell.is_some() && !has_cells,
+                "--cell is for a mesh (--mesh) or a .tif",
+            ),
+            (
+                asked.track.is_some() && !is(&[Csv, Tum, GeoJson, Kml]),
+                "--track is for .csv, .tum, .geojson or .kml",
+            ),
+            (
+                asked.crs.is_some() && !is(&[Las, Laz, GeoTiff, Csv]),
+                "--crs is for .las, .laz, .tif or .csv",
+            ),
+            (
+                (place.origin.is_some() || place.heading.is_some()) && !is_on_earth,
+                "--origin and --heading are for .las, .laz, .tif, .csv, .geojson or .kml; `echosplat georeference` puts them into \
+                 the map",
+            ),
+            (
+                asked.separation.is_some() && !is_on_earth,
+                "--separation is for .las, .laz, .tif, .csv, .geojson or .kml",
+            ),
+            (
+                asked.up != Up::Z && (is_placed || is_glb),
+                "--up is for .ply, .pcd, .npz, .splat and .obj: what lies on Earth has its own axes, a .glb has y up",
+            ),
+        ];
+        unused
+            .into_iter()
+            .find_map(|(is_unused, why)| is_unused.then_some(why))
+    }
+
     fn of(out: &Path, is_mesh: bool) -> anyhow::Result<Self> {
         let extension = out.extension().and_then(|extension| extension.to_str());
         let found = match (extension, is_mesh) {
@@ -168,7 +218,7 @@ impl Output {
     }
 }
 
-fn refused(out: &Path, why: &str) -> anyhow::Result<Output> {
+fn refused<T>(out: &Path, why: &str) -> anyhow::Result<T> {
     Err(Usage::error(format!("export to {}: {why}", out.display())))
 }
 
