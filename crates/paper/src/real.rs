@@ -4,14 +4,6 @@ use std::fmt::Debug;
 use std::ops::{Add, AddAssign, Div, Mul, Neg, Sub, SubAssign};
 
 /// f32 or f64 with the functions of the measurement, exact to the last place or two.
-///
-/// ```
-/// use crate::real::Real;
-/// fn gauss<R: Real>(x: R) -> R {
-///     (-x * x * R::of(0.5)).exp()
-/// }
-/// assert!((gauss(1f32) - gauss(1f64) as f32).abs() < 1e-7);
-/// ```
 pub trait Real:
     Copy
     + Debug
