@@ -102,7 +102,10 @@ fn what_makes_no_surface_is_told() {
         (&["mesh.ply", "--cell", "0.1"], "--mesh"),
         (&["map.npz", "--crs", "EPSG:32635"], "--crs is for"),
         (&["map.pcd", "--track", "poses.tum"], "--track is for"),
-        (&["map.splat", "--origin", "60,25,0"], "--origin and --heading"),
+        (
+            &["map.splat", "--origin", "60,25,0"],
+            "--origin and --heading",
+        ),
         (&["map.ply", "--separation", "18"], "--separation is for"),
         (&["map.glb", "--up", "y"], "--up is for"),
     ] {
