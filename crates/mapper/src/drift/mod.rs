@@ -20,6 +20,7 @@ use serde::Serialize;
 
 use crate::accumulate::fan::Fan;
 use crate::accumulate::history::{FAN_SIGMAS, Keyframe};
+use crate::progress::Progress;
 use crate::refine::field::Field;
 use crate::refine::terms::PassTerms;
 use crate::refine::visibility::Sight;
@@ -220,12 +221,14 @@ impl Drift {
         pings: &[Arc<Keyframe>],
         field: &Field,
         terms: PassTerms,
+        progress: &Progress,
     ) -> Track {
         self.begin_again();
         self.filter = Filter::of(Against::Finished);
         let (mut times, mut known) = (Vec::new(), Vec::new());
         for slice in pings.chunks(SLICE) {
             let Some(newest) = slice.last() else { continue };
+            progress.tell();
             let (seconds, step) = self.go_on(newest);
             let Self { filter, sight, .. } = self;
             let before = filter.clone();

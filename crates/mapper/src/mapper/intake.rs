@@ -357,6 +357,7 @@ impl Mapper {
     /// Takes in all that wait to be taken in again.
     pub(super) fn catch_up(&mut self) {
         while self.history.is_behind() {
+            self.progress.tell();
             let count = self.go_on_again(0);
             self.take_in_remembered(count);
             self.work();
@@ -373,7 +374,7 @@ impl Mapper {
         let field = field_of(world, &self.gaussians);
         let pings = self.history.pings();
         let begun = self.tasks.begin(Task::Drift);
-        let track = self.drift.smooth(pings, &field, terms);
+        let track = self.drift.smooth(pings, &field, terms, &self.progress);
         self.tasks
             .end(begun, Counted::of_visits(pings.len() as u64));
         self.history
