@@ -46,7 +46,7 @@ const NO_CHANCE: f64 = 3.0;
 /// Poses as they come are refuted where they lack this fraction of what corrected ones explain. Aspects that the map has not
 /// seen, and poses that are a little off, leave a third of it.
 const LEAST_GAIN: f64 = 0.45;
-/// Fraction, measured without drift: 0.1 at most.
+/// Fraction, measured: 0.1 at most in nominal noise.
 /// From this fraction on it is told that poses may drift, although nothing is done about it.
 const SUSPECT_GAIN: f64 = 0.2;
 /// Metres, measured: twice what unseen aspects draw by.
