@@ -5,7 +5,7 @@
 //! point cloud tools show); `nx ny nz` is the shortest axis.
 //! Last come `reflectivity` (linear), `sigma` (one sigma of the position along its least known direction, metres, may be
 //! infinite), the position's covariance `cov_*` (square metres, world axes) and `probability`, that there is surface
-//! within 0.10 m. `reason`, `clear` and `measured` say which test gave a Gaussian its verdict
+//! within 0.10 m. `reason`, `clear_observations` and `measured` say which test gave a Gaussian its verdict
 //! ([`echosplat_model::Why`]). Added to x y z, the
 //! header's `comment origin_m X Y Z` gives the world's coordinates; times opacity, reflectivity and
 //! the solid angle of a Gaussian, `comment intensity_unit U` gives what a ping measures of it. Where
@@ -72,7 +72,11 @@ pub const PROPERTIES: [&str; 26] = [
 pub const COLORS: [&str; 3] = ["red", "green", "blue"];
 
 /// The bytes behind these: which test gave it its verdict, how many observations were clear, and what the test measured.
-pub const WHY: [&str; 3] = ["reason", "clear", "measured"];
+///
+/// Open3D 0.20 reads no file with a column `clear`, which its dictionaries have as a method.
+pub const WHY: [&str; 3] = ["reason", "clear_observations", "measured"];
+/// The same as earlier versions wrote them.
+const WHY_BEFORE: [&str; 3] = ["reason", "clear", "measured"];
 
 /// Bytes of a vertex.
 pub const ROW_BYTES: usize = PROPERTIES.len() * size_of::<f32>() + COLORS.len() + WHY.len();

@@ -7,7 +7,7 @@ use echosplat_model::glam::{Quat, Vec3};
 use echosplat_model::{Gaussian, SCALE_LIMITS_M, Standing, Unsound, Why};
 use echosplat_ply::{Element, Kind, PlyError, Reader, Row};
 
-use super::{MapFile, WHY, notes};
+use super::{MapFile, WHY, WHY_BEFORE, notes};
 use crate::export::Up;
 
 /// The position's covariance, in the order of [`Gaussian::position_covariance_m2`].
@@ -141,7 +141,10 @@ impl Columns {
             sigma: find("sigma")?,
             covariance: all_of(find, COVARIANCE)?,
             probability: find("probability")?,
-            why: all_of(find, WHY)?,
+            why: match all_of(find, WHY)? {
+                None => all_of(find, WHY_BEFORE)?,
+                found => found,
+            },
         })
     }
 

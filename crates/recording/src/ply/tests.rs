@@ -78,7 +78,7 @@ fn the_header_is_the_documented_one() {
     let end = b"property float sigma\nproperty float cov_xx\nproperty float cov_xy\nproperty float cov_xz\n\
           property float cov_yy\nproperty float cov_yz\nproperty float cov_zz\nproperty float probability\n\
           property uchar red\nproperty uchar green\nproperty uchar blue\n\
-          property uchar reason\nproperty uchar clear\nproperty uchar measured\nend_header\n";
+          property uchar reason\nproperty uchar clear_observations\nproperty uchar measured\nend_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
     assert_eq!(bytes.len() - at - end.len(), 26 * 4 + 3 + 3);
     assert_eq!(ROW_BYTES, 110);
@@ -464,10 +464,6 @@ fn the_reason_of_a_verdict_comes_back() {
     for (back, sent) in back.gaussians.iter().zip(&sent) {
         assert_eq!(back.why, sent.why);
     }
-    let mut header = vec!["element vertex 2".to_owned()];
-    header.extend(ROW.map(|name| format!("property float {name}")));
-    header.extend(WHY.map(|name| format!("property float scalar_{name}")));
-    let header: Vec<&str> = header.iter().map(String::as_str).collect();
     let good = [0.0, 0.0, 0.0, 0.0, -2.0, -2.0, -2.0, 1.0, 0.0, 0.0, 0.0];
     let rows = [
         &good[..],
@@ -476,8 +472,15 @@ fn the_reason_of_a_verdict_comes_back() {
         &[f32::NAN, 300.0, -1.0],
     ]
     .concat();
-    let back = read(&file(&header, &rows)[..]).unwrap();
-    let wide = Why::of(Reason::WidePlace, 9.0, 0.4);
-    assert_eq!(back.gaussians[0].why, wide);
-    assert_eq!(back.gaussians[1].why, Why::default());
+    // As an editor saves them, and as earlier versions named them.
+    for (editor, names) in [("scalar_", WHY), ("", WHY_BEFORE)] {
+        let mut header = vec!["element vertex 2".to_owned()];
+        header.extend(ROW.map(|name| format!("property float {name}")));
+        header.extend(names.map(|name| format!("property float {editor}{name}")));
+        let header: Vec<&str> = header.iter().map(String::as_str).collect();
+        let back = read(&file(&header, &rows)[..]).unwrap();
+        let wide = Why::of(Reason::WidePlace, 9.0, 0.4);
+        assert_eq!(back.gaussians[0].why, wide);
+        assert_eq!(back.gaussians[1].why, Why::default());
+    }
 }
