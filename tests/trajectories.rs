@@ -132,3 +132,50 @@ fn stamps_that_are_no_seconds_are_named_as_what_they_are() {
         zero.account()
     );
 }
+
+#[test]
+fn the_way_of_a_map_is_written_and_where_poses_do_not_drift_it_is_as_it_came() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let at = |name: &str| folder.path().join(name).display().to_string();
+    let poses = file("dive.tum");
+    for kind in ["tum", "csv"] {
+        let way = at(&format!("made/way.{kind}"));
+        let mut program = replay(&poses, &["--track", &way]);
+        program.wait_exit_code(0, LONG);
+        let mapped = program.only_json()["pings_mapped"].as_u64();
+        let text = fs::read_to_string(&way).expect("the way is written");
+        let rows = text.lines().skip(1).count() as u64;
+        assert_eq!(Some(rows), mapped, "{}", program.account());
+    }
+    let numbers = |path: &str| -> Vec<Vec<f64>> {
+        let text = fs::read_to_string(path).expect("it is there");
+        let rows = text.lines().filter(|line| !line.starts_with('#'));
+        let number = |field: &str| field.parse().expect("a number");
+        rows.map(|line| line.split(' ').map(number).collect())
+            .collect()
+    };
+    let (came, way) = (numbers(&poses), numbers(&at("made/way.tum")));
+    for row in way.iter().step_by(20) {
+        let next = came
+            .partition_point(|pose| pose[0] < row[0])
+            .clamp(1, came.len() - 1);
+        let between = |axis: usize| {
+            let (a, b) = (&came[next - 1], &came[next]);
+            a[axis] + (b[axis] - a[axis]) * (row[0] - a[0]) / (b[0] - a[0])
+        };
+        for axis in 1..4 {
+            // Jitter is taken away, and poses are not straight between two.
+            assert!((row[axis] - between(axis)).abs() < 0.02, "{row:?}");
+        }
+    }
+    let mut again = replay(&at("made/way.tum"), &[]);
+    again.wait_exit_code(0, LONG);
+    let mut refused = replay(&poses, &["--track", &at("way.txt")]);
+    refused.wait_exit_code(2, LONG);
+    let said = refused.stderr();
+    assert!(
+        said.contains("output.track") && said.contains(".tum"),
+        "{said}"
+    );
+    assert!(!folder.path().join("way.txt").exists());
+}

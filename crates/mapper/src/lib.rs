@@ -65,7 +65,7 @@ mod world;
 pub use accumulate::history::geometry_of;
 pub use calibrate::{Calibration, Estimate};
 pub use config::{ConfigError, MapperConfig};
-pub use drift::PoseDrift;
+pub use drift::{CorrectedPose, PoseCorrections, PoseDrift, PoseSigma};
 pub use effort::{Counted, Task, TaskCounts, TaskEnd};
 pub use features::{Features, LeftOut};
 pub use mapper::{

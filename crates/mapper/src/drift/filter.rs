@@ -103,6 +103,16 @@ pub(crate) struct Correction {
     pub(crate) turn_rad: f64,
 }
 
+/// What was found of a slice.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Found {
+    pub(crate) correction: Correction,
+    /// One sigma of a place so corrected along the map's x, y and z, with what aspects that the map has not seen draw by.
+    pub(crate) sigma_m: [f64; 3],
+    /// One sigma of its heading.
+    pub(crate) turn_sigma_rad: f64,
+}
+
 /// With what a slice is compared with the map.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Trial {
@@ -182,14 +192,9 @@ impl Filter {
         self.state[0].hypot(self.state[1])
     }
 
-    /// One sigma of a state.
-    fn sigma(&self, of: usize) -> f64 {
-        self.covariance[of][of].max(0.0).sqrt()
-    }
-
-    /// One sigma of the shift, the larger of x and y, and of the turn.
-    pub(super) fn sigmas(&self) -> (f64, f64) {
-        (self.sigma(0).max(self.sigma(1)), self.sigma(TURN))
+    /// What is added to poses, and how sure that is.
+    pub(super) fn found(&self) -> Found {
+        found_in(self.against, &self.state, &self.covariance)
     }
 
     /// Goes on by so many seconds of a vehicle of this speed. Returns what makes the next state of the one before.
@@ -375,12 +380,16 @@ pub(super) struct Known {
 }
 
 /// What is known of each slice when those after it are heard too (Rauch, Tung and Striebel).
-pub(super) fn smoothed(known: &[Known]) -> Vec<Correction> {
-    let mut corrections: Vec<Correction> = Vec::with_capacity(known.len());
-    let mut later: Option<([f64; STATES], &Known)> = None;
+pub(super) fn smoothed(known: &[Known]) -> Vec<Found> {
+    let mut found: Vec<Found> = Vec::with_capacity(known.len());
+    let mut later: Option<([f64; STATES], Square<STATES>, &Known)> = None;
     for now in known.iter().rev() {
-        let mut state = now.after.state;
-        if let Some((of_next, next)) = later
+        let Filter {
+            against,
+            mut state,
+            mut covariance,
+        } = now.after.clone();
+        if let Some((of_next, covariance_of_next, next)) = later
             && let Some(factor) = cholesky(&next.before.covariance)
         {
             // Transposed.
@@ -389,12 +398,34 @@ pub(super) fn smoothed(known: &[Known]) -> Vec<Correction> {
                 let off = of.0 - of.1;
                 (0..STATES).for_each(|i| state[i] += gain[i] * off);
             }
+            let mut less = covariance_of_next;
+            let before = next.before.covariance.as_flattened();
+            (less.as_flattened_mut().iter_mut().zip(before))
+                .for_each(|(less, before)| *less -= before);
+            let less = product(&product(&transposed(&gain), &less), &gain);
+            let all = covariance.as_flattened_mut().iter_mut();
+            (all.zip(less.as_flattened())).for_each(|(of, less)| *of += less);
         }
-        corrections.push(correction_of(&state));
-        later = Some((state, now));
+        found.push(found_in(against, &state, &covariance));
+        later = Some((state, covariance, now));
     }
-    corrections.reverse();
-    corrections
+    found.reverse();
+    found
+}
+
+/// A state and its covariance as others see them.
+fn found_in(against: Against, state: &[f64; STATES], covariance: &Square<STATES>) -> Found {
+    let sigma = |of: usize| covariance[of][of].max(0.0).sqrt();
+    // A growing map's filter does not know what aspects draw by.
+    let drawn_m = match against {
+        Against::Growing => DRAWN_SIGMA_M,
+        Against::Finished => 0.0,
+    };
+    Found {
+        correction: correction_of(state),
+        sigma_m: [sigma(0).hypot(drawn_m), sigma(1).hypot(drawn_m), sigma(UP)],
+        turn_sigma_rad: sigma(TURN),
+    }
 }
 
 fn correction_of(state: &[f64; STATES]) -> Correction {
@@ -458,9 +489,14 @@ mod tests {
             (found.turn_rad - truth[TURN]).abs() < 0.2 * DEGREE,
             "{found:?}"
         );
-        let (sigma_m, sigma_rad) = filter.sigmas();
-        assert!((0.005..0.03).contains(&sigma_m), "{sigma_m}");
-        assert!(sigma_rad < 0.5 * DEGREE, "{sigma_rad}");
+        let Found {
+            sigma_m: [x_m, ..],
+            turn_sigma_rad,
+            ..
+        } = filter.found();
+        let of_pings_m = (x_m.powi(2) - DRAWN_SIGMA_M.powi(2)).sqrt();
+        assert!((0.005..0.03).contains(&of_pings_m), "{of_pings_m}");
+        assert!(turn_sigma_rad < 0.5 * DEGREE, "{turn_sigma_rad}");
     }
 
     #[test]
@@ -472,7 +508,7 @@ mod tests {
                 filter.update(0.5, DVec2::ZERO, |_| PoseScore::default());
             }
             assert_eq!(filter.correction(), Correction::default());
-            filter.sigmas().0
+            filter.found().sigma_m[0]
         };
         let (still, slow, fast) = (sigma_after(0.0), sigma_after(0.5), sigma_after(1.0));
         assert!(still < slow && slow < 0.6 * fast, "{still} {slow} {fast}");
@@ -507,7 +543,7 @@ mod tests {
             }
             let track = smoothed(&known);
             let lengths = track.iter().map(|found| {
-                let [x, y, _] = found.shift_m;
+                let [x, y, _] = found.correction.shift_m;
                 x.hypot(y)
             });
             lengths.fold(0.0, f64::max)
@@ -538,9 +574,22 @@ mod tests {
         }
         let track = smoothed(&known);
         let off_m = |found: &Correction| (found.shift_m[0] - 2e-3 * 139.0).abs();
-        let (filtered_m, smoothed_m) = (off_m(&known[138].after.correction()), off_m(&track[138]));
+        let smoothed_m = off_m(&track[138].correction);
+        let filtered_m = off_m(&known[138].after.correction());
         assert_eq!(track.len(), known.len());
-        assert_eq!(track[199], known[199].after.correction());
+        let last = known[199].after.found();
+        assert_eq!(track[199].correction, last.correction);
+        // Where nothing was heard the end of it is as sure as the pings after it, and the middle the least.
+        let sigma_m = |of: &Found| of.sigma_m[0];
+        let sigmas_m = [30, 100, 138].map(|slice| sigma_m(&track[slice]));
+        assert!(
+            sigmas_m[0] < sigmas_m[2] && sigmas_m[2] < sigmas_m[1],
+            "{sigmas_m:?}"
+        );
+        assert!(
+            sigmas_m[1] < sigma_m(&known[138].after.found()),
+            "{sigmas_m:?}"
+        );
         assert!(smoothed_m < 0.02, "{smoothed_m}");
         assert!(filtered_m > 3.0 * smoothed_m, "{filtered_m} {smoothed_m}");
     }
@@ -549,12 +598,12 @@ mod tests {
     fn what_is_no_number_changes_nothing() {
         let mut filter = Filter::of(Against::Growing);
         filter.predict(0.5, 0.4);
-        let before = filter.sigmas();
+        let before = filter.found();
         filter.update(0.5, DVec2::ZERO, |_| PoseScore {
             gradient: [f64::NAN; POSE_STATES],
             ..PoseScore::default()
         });
         assert_eq!(filter.correction(), Correction::default());
-        assert_eq!(filter.sigmas(), before);
+        assert_eq!(filter.found(), before);
     }
 }

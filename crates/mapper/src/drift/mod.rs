@@ -8,6 +8,7 @@
 //! Cost: of every fourth ping three visits in full detail, with eight convolutions each, and two in brief; of every second once
 //! poses are corrected. At the end of a dive whose poses were, three visits to every second ping.
 
+mod corrections;
 mod filter;
 
 use std::sync::Arc;
@@ -24,8 +25,10 @@ use crate::progress::Progress;
 use crate::refine::field::Field;
 use crate::refine::terms::PassTerms;
 use crate::refine::visibility::Sight;
+use corrections::Track;
+pub use corrections::{CorrectedPose, PoseCorrections, PoseSigma};
 pub(crate) use filter::Correction;
-use filter::{Against, Filter, Known, Transition, Trial, smoothed};
+use filter::{Against, Filter, Found, Known, Transition, Trial, smoothed};
 
 /// Pings, found: fewer know nothing across the beam.
 /// Pings of a slice.
@@ -72,8 +75,8 @@ pub struct PoseDrift {
     pub turn_deg: f64,
     /// The longest shift so far, metres.
     pub longest_shift_m: f64,
-    /// One sigma of the newest shift, along the worse of two level axes, metres, and of the turn, degrees: without the error
-    /// that map and poses share.
+    /// One sigma of the newest shift, along the worse of two level axes, metres, and of the turn, degrees; with what aspects that
+    /// the map has not seen draw by.
     pub shift_sigma_m: f64,
     /// See `shift_sigma_m`.
     pub turn_sigma_deg: f64,
@@ -92,6 +95,8 @@ pub(crate) struct Drift {
     is_suspected: bool,
     is_corrected: bool,
     longest_shift_m: f64,
+    /// What was added to poses so far.
+    track: Track,
     sight: Sight,
 }
 
@@ -132,6 +137,7 @@ impl Drift {
             is_suspected: false,
             is_corrected: switch == Switch::On,
             longest_shift_m: 0.0,
+            track: Track::default(),
             sight: Sight::default(),
         }
     }
@@ -196,6 +202,13 @@ impl Drift {
         self.is_suspected |= is_far && self.gains.are(SUSPECT_GAIN);
         let opens = !self.is_corrected && is_far && self.gains.are(LEAST_GAIN);
         self.is_corrected |= opens;
+        if opens {
+            // Poses before are as they came, unless they are taken in again.
+            self.track.push(newest.time, Found::default());
+        }
+        if self.is_corrected {
+            self.track.push(newest.time, self.filter.found());
+        }
         if self.is_corrected && !opens {
             let shift_m = DVec3::from_array(self.filter.correction().shift_m).length();
             self.longest_shift_m = self.longest_shift_m.max(shift_m);
@@ -213,16 +226,18 @@ impl Drift {
         self.filter = Filter::of(Against::Growing);
         self.slice.clear();
         self.last = None;
+        self.track = Track::default();
     }
 
-    /// Follows all pings of a dive against the map that was made of them, there and back.
+    /// Follows all pings of a dive against the map that was made of them, there and back. What it found is told by
+    /// [`Self::found_at`].
     pub(crate) fn smooth(
         &mut self,
         pings: &[Arc<Keyframe>],
         field: &Field,
         terms: PassTerms,
         progress: &Progress,
-    ) -> Track {
+    ) {
         self.begin_again();
         self.filter = Filter::of(Against::Finished);
         let (mut times, mut known) = (Vec::new(), Vec::new());
@@ -242,7 +257,18 @@ impl Drift {
                 after: filter.clone(),
             });
         }
-        Track(times.into_iter().zip(smoothed(&known)).collect())
+        let found = times.into_iter().zip(smoothed(&known));
+        found.for_each(|(time, found)| self.track.push(time, found));
+    }
+
+    /// What was found for this time.
+    pub(crate) fn found_at(&self, time: Timestamp) -> Found {
+        self.track.at(time)
+    }
+
+    /// What was added to poses so far; `world_from_map` turns it.
+    pub(crate) fn corrections(&self, world_from_map: DQuat) -> PoseCorrections {
+        PoseCorrections::new(self.track.clone(), world_from_map)
     }
 
     /// Predicts until this ping. Returns the seconds since the slice before, and what made the filter's state of that before.
@@ -261,45 +287,19 @@ impl Drift {
     /// `world_from_map` turns what was found along the map's axes.
     pub(crate) fn told(&self, world_from_map: DQuat) -> PoseDrift {
         let Correction { shift_m, turn_rad } = self.correction();
-        let (shift_sigma_m, turn_sigma_rad) = self.filter.sigmas();
+        let Found {
+            sigma_m: [x_m, y_m, _],
+            turn_sigma_rad,
+            ..
+        } = self.filter.found();
         PoseDrift {
             is_suspected: self.is_suspected,
             is_corrected: self.is_corrected,
             shift_m: (world_from_map * DVec3::from_array(shift_m)).to_array(),
             turn_deg: turn_rad.to_degrees(),
             longest_shift_m: self.longest_shift_m,
-            shift_sigma_m,
+            shift_sigma_m: x_m.max(y_m),
             turn_sigma_deg: turn_sigma_rad.to_degrees(),
-        }
-    }
-}
-
-/// What was found for the end of each slice.
-#[derive(Debug)]
-pub(crate) struct Track(Vec<(Timestamp, Correction)>);
-
-impl Track {
-    /// What was found for this time: between two slices in proportion.
-    pub(crate) fn at(&self, time: Timestamp) -> Correction {
-        let Self(track) = self;
-        let next = track.partition_point(|(of, _)| *of <= time);
-        let last = track.len().saturating_sub(1);
-        let ends = track
-            .get(next.saturating_sub(1))
-            .zip(track.get(next.min(last)));
-        let Some((before, after)) = ends else {
-            return Correction::default();
-        };
-        let all_s = after.0.seconds_since(before.0);
-        let share = match all_s > 0.0 {
-            true => (time.seconds_since(before.0) / all_s).clamp(0.0, 1.0),
-            false => 0.0,
-        };
-        let between = |a: f64, b: f64| a + share * (b - a);
-        let (before, after) = (before.1, after.1);
-        Correction {
-            shift_m: std::array::from_fn(|i| between(before.shift_m[i], after.shift_m[i])),
-            turn_rad: between(before.turn_rad, after.turn_rad),
         }
     }
 }
@@ -437,10 +437,30 @@ mod tests {
 
     /// What is found of such a dive, and [`asserted_of`] its map.
     fn dive(drift_mps: f64, switch: Switch) -> (PoseDrift, usize, f64) {
+        let (drift, count, mean_m, _) = dive_and_way(drift_mps, switch);
+        (drift, count, mean_m)
+    }
+
+    /// Also, of its corrected poses, how far off they are and how far off they are told to be, metres, root mean squares.
+    fn dive_and_way(drift_mps: f64, switch: Switch) -> (PoseDrift, usize, f64, Option<(f64, f64)>) {
         let mut mapper = mapper_of(switch);
         (0..PINGS).for_each(|number| _ = mapper.insert(&sweeping(number, drift_mps)));
         let (count, mean_m) = asserted_of(&mapper.finish());
-        (mapper.status().drift, count, mean_m)
+        let corrections = mapper.pose_corrections();
+        let (mut off_m2, mut told_m2, mut poses) = (0.0, 0.0, 0.0);
+        for number in (0..PINGS).step_by(50) {
+            let [told, truth] = [drift_mps, 0.0].map(|mps| sweeping(number, mps));
+            let time = told.ping.transmit_time();
+            let found = corrections.corrected(time, told.world_from_sensor);
+            let off = found.pose.translation_m - truth.world_from_sensor.translation_m;
+            let Some(sigma) = found.sigma else { continue };
+            let told_m = DVec3::from_array(sigma.place_m).length();
+            off_m2 += off.length_squared();
+            told_m2 += told_m.powi(2);
+            poses += 1.0;
+        }
+        let way = (poses > 0.0).then(|| ((off_m2 / poses).sqrt(), (told_m2 / poses).sqrt()));
+        (mapper.status().drift, count, mean_m, way)
     }
 
     #[test]
@@ -482,8 +502,12 @@ mod tests {
         assert!(count > 500 && near_m < 0.1, "{count} {near_m}");
         let (off, without, _) = dive(5e-3, Switch::Off);
         assert!(!off.is_corrected);
-        let (drift, count, near_m) = dive(5e-3, Switch::Auto);
+        let (drift, count, near_m, way) = dive_and_way(5e-3, Switch::Auto);
         assert!(drift.is_corrected, "{drift:?}");
+        // By its end the way is 0.75 m off as it came.
+        let (off_m, told_m) = way.unwrap();
+        assert!(off_m < 0.15, "{off_m}");
+        assert!((0.5..2.0).contains(&(off_m / told_m)), "{off_m} {told_m}");
         assert!((drift.shift_m[1] + 0.75).abs() < 0.2, "{drift:?}");
         assert!(count > 200 && near_m < 0.2, "{count} {near_m}");
         assert!(10 * without < count, "{without} {count}");

@@ -374,11 +374,11 @@ impl Mapper {
         let field = field_of(world, &self.gaussians);
         let pings = self.history.pings();
         let begun = self.tasks.begin(Task::Drift);
-        let track = self.drift.smooth(pings, &field, terms, &self.progress);
+        self.drift.smooth(pings, &field, terms, &self.progress);
         self.tasks
             .end(begun, Counted::of_visits(pings.len() as u64));
         self.history
-            .correct_anew(|keyframe| track.at(keyframe.time));
+            .correct_anew(|keyframe| self.drift.found_at(keyframe.time).correction);
         self.divide_anew(voxel_m);
         self.sum_up(usize::MAX);
     }

@@ -26,7 +26,7 @@ use crate::detect::receiver::Receiver;
 use crate::detect::repeats::Repeats;
 use crate::detect::walkers::Walkers;
 use crate::detect::working_range::WorkingRange;
-use crate::drift::Drift;
+use crate::drift::{Drift, PoseCorrections};
 use crate::effort::{Counted, Task, TaskEnd, Tasks};
 use crate::features::{AtWork, Cues, LeftOut, MapCues, decide};
 use crate::mapper::workout::Workout;
@@ -204,6 +204,17 @@ impl Mapper {
         }
     }
 
+    /// What poses were corrected by so far; after [`Self::finish`] what the whole dive says of each.
+    #[must_use]
+    pub fn pose_corrections(&self) -> PoseCorrections {
+        self.drift.corrections(self.heading())
+    }
+
+    /// World from map.
+    fn heading(&self) -> DQuat {
+        self.world.as_ref().map_or(DQuat::IDENTITY, World::heading)
+    }
+
     /// Where the mapper stands.
     #[must_use]
     pub fn status(&self) -> MapperStatus {
@@ -221,9 +232,7 @@ impl Mapper {
             ground_log_ratio: self.seabed.log_ratio(),
             water_surface_m: self.water_surface_m(),
             foretold: self.foretold.told(),
-            drift: self
-                .drift
-                .told(self.world.as_ref().map_or(DQuat::IDENTITY, World::heading)),
+            drift: self.drift.told(self.heading()),
             tasks: self.tasks.counts(),
             ..self.status
         }

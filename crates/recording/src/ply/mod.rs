@@ -73,7 +73,7 @@ pub const COLORS: [&str; 3] = ["red", "green", "blue"];
 
 /// The bytes behind these: which test gave it its verdict, how many observations were clear, and what the test measured.
 ///
-/// Open3D 0.20 reads no file with a column `clear`, which its dictionaries have as a method.
+/// `Open3D` 0.20 reads no file with a column `clear`, which its dictionaries have as a method.
 pub const WHY: [&str; 3] = ["reason", "clear_observations", "measured"];
 /// The same as earlier versions wrote them.
 const WHY_BEFORE: [&str; 3] = ["reason", "clear", "measured"];

@@ -30,6 +30,10 @@ pub(crate) struct ServiceArguments {
     /// Where the map is written on exit, `{time}` as when the run began; ambiguous Gaussians go beside it
     #[arg(long, value_name = "OUT.ply")]
     pub(crate) map: Option<PathBuf>,
+    /// Where the vehicle's way is written on exit as the map has it, corrected where poses drift: OUT.tum, or OUT.csv with
+    /// what was added and its sigmas
+    #[arg(long, value_name = "OUT.tum")]
+    pub(crate) track: Option<PathBuf>,
     /// Keeps the map as it is every so many seconds of the dive too, as DIR/0120.ply
     #[arg(long, num_args = 2, value_names = ["SECONDS", "DIR"])]
     pub(crate) maps_every: Option<Vec<String>>,

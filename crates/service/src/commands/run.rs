@@ -130,8 +130,11 @@ fn drive(config: &Config) -> anyhow::Result<Finish> {
             log.display()
         )));
     }
-    if config.output.map.is_some() || config.web.address.is_some() {
-        tracing::info!("output.map and web.address of the configuration are for --role mapper");
+    let output = &config.output;
+    if output.map.is_some() || output.track.is_some() || config.web.address.is_some() {
+        tracing::info!(
+            "output.map, output.track and web.address of the configuration are for --role mapper"
+        );
     }
     let stop = Stop::on_signals()?;
     let bus = inputs::open_bus(config.bus.clone())?;

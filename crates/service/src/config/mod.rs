@@ -194,6 +194,9 @@ pub(crate) struct OutputConfig {
     /// The map, on exit; `{time}` in its name stands for when the run began.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) map: Option<PathBuf>,
+    /// The vehicle's way as the map has it, on exit; `{time}` as in `map`.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) track: Option<PathBuf>,
     /// What the final map is judged by.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) truth: Option<PathBuf>,
@@ -213,6 +216,7 @@ impl Default for OutputConfig {
     fn default() -> Self {
         Self {
             map: None,
+            track: None,
             truth: None,
             record: None,
             record_format: RecordFormat::Mcap,
@@ -413,6 +417,17 @@ impl OutputConfig {
     fn check(&self) -> Result<(), BadSetting> {
         let rotate = self.record_rotate_bytes as f64;
         within("output.record_rotate_bytes", rotate, 1e6, 1e15)?;
+        if let Some(track) = &self.track
+            && crate::pipeline::track::Kind::of(track).is_none()
+        {
+            return Err(BadSetting::new(
+                "output.track",
+                format!(
+                    "is {}; a way is written as .tum, poses as other programs read them, or as .csv, with sigmas",
+                    track.display()
+                ),
+            ));
+        }
         within(
             "output.duration_s",
             self.duration_s.unwrap_or(1.0),

@@ -17,10 +17,10 @@ use super::{Config, faults};
 const HELPER: [(&str, &str); 2] = [("listen/endpoints", "[]"), ("connect/timeout_ms", "-1")];
 
 /// `{time}` in the name of a map as the time given: a service that is started again keeps what it had mapped.
-fn dated(map: &Path, time: Timestamp) -> PathBuf {
-    match map.to_str() {
+fn dated(file: &Path, time: Timestamp) -> PathBuf {
+    match file.to_str() {
         Some(text) => text.replace("{time}", &clock::compact_utc(time)).into(),
-        None => map.to_owned(),
+        None => file.to_owned(),
     }
 }
 
@@ -66,6 +66,11 @@ impl Config {
             .clone()
             .or(output.map.take())
             .map(|map| dated(&map, clock::now()));
+        output.track = arguments
+            .track
+            .clone()
+            .or(output.track.take())
+            .map(|track| dated(&track, clock::now()));
         output.truth = arguments.truth.clone().or(output.truth.take());
         output.record = arguments.record.clone().or(output.record.take());
         output.record_format = arguments.record_format.unwrap_or(output.record_format);
@@ -94,6 +99,7 @@ impl Config {
         })?;
         let default = Self::default();
         config.output.map = None;
+        config.output.track = None;
         config.output.truth = None;
         config.output.record = None;
         config.mapper.threads = default.mapper.threads;

@@ -37,6 +37,7 @@ fn the_default_file_explains_every_key() {
     let full = Config {
         output: OutputConfig {
             map: Some("a".into()),
+            track: Some("a.tum".into()),
             truth: Some("a".into()),
             record: Some("a".into()),
             duration_s: Some(1.0),

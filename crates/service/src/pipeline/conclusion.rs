@@ -62,6 +62,7 @@ impl Run {
         self.keep_room(Some(&snapshot));
         self.learn_place();
         let written = self.write_map(&snapshot);
+        let tracked = self.write_track();
         self.recorder.iter().for_each(Recorder::release_room);
         let kept = match self.album.take().filter(|_| worker_ended) {
             Some(album) => album.finish(),
@@ -88,6 +89,7 @@ impl Run {
         }
         drop(self.published.alive);
         written?;
+        tracked?;
         kept?;
         Ok(Outcome { snapshot, status })
     }
@@ -99,6 +101,22 @@ impl Run {
         );
         let newest = self.shared.newest_map();
         newest.unwrap_or_else(|| Arc::new(maps::empty()))
+    }
+
+    fn write_track(&self) -> anyhow::Result<()> {
+        let Some(path) = &self.track else {
+            return Ok(());
+        };
+        let Some(track) = self.shared.take_track() else {
+            tracing::warn!(
+                "the map was not finished, so {} is not written: `echosplat replay --track` of the recording writes it",
+                path.display()
+            );
+            return Ok(());
+        };
+        track.write(path)?;
+        tracing::info!(track = %path.display(), "way written");
+        Ok(())
     }
 
     fn write_map(&mut self, snapshot: &Snapshot) -> anyhow::Result<()> {

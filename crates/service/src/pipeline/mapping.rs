@@ -45,6 +45,7 @@ impl Mapping {
             earlier: EarlierMaps::default(),
             frame_check: None,
             calibration: calibration::Watch::off(config),
+            came: None,
         };
         let thread = start_worker(config, wiring, &shared, Heartbeat::new(THREAD_NAME))?;
         Ok(Self {

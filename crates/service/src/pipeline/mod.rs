@@ -26,6 +26,7 @@ mod shared;
 mod shedding;
 mod status;
 mod telling;
+pub(crate) mod track;
 mod worker;
 
 use std::sync::{Arc, Mutex};
@@ -43,10 +44,10 @@ use echosplat_web::{Feed, Track};
 
 use crate::config::Config;
 use crate::exit::Finish;
-use crate::maps;
 use crate::recorder::Recorder;
 use crate::signals::Stop;
 use crate::split::{TapeReport, TapeState};
+use crate::{files, maps};
 
 pub(crate) use album::Album;
 pub(crate) use diagnosis::{Diagnosis, Expectations, no_time, range_of};
@@ -69,6 +70,7 @@ pub(crate) use shared::{Link, Phase, Shared};
 pub use shared::{MapperReport, Spent};
 pub(crate) use shedding::Shedding;
 pub(crate) use status::{RateMeter, Rates, STATUS_VERSION, Status};
+use track::PosesAsTheyCame;
 use worker::{THREAD_NAME, Worker};
 
 /// All a run needs that differs between commands.
@@ -189,6 +191,9 @@ pub(crate) fn run(config: &Config, setup: Setup, stop: &Stop) -> anyhow::Result<
     if let Some(map) = &config.output.map {
         maps::prepare(map)?;
     }
+    if let Some(track) = &config.output.track {
+        files::prepare("--track", track)?;
+    }
     let mut run = Run::start(config, setup)?;
     let finish_within = config.pipeline.finish_within();
     stop.run_begins(run.last_will(), run.heartbeat(), finish_within);
@@ -220,6 +225,8 @@ struct Wiring {
     earlier: EarlierMaps,
     frame_check: Option<FrameCheck>,
     calibration: calibration::Watch,
+    /// Gathered where the way is written.
+    came: Option<PosesAsTheyCame>,
 }
 
 /// Starts the mapper and its thread, which gives the finished map unless it panicked.
@@ -238,6 +245,7 @@ fn start_worker(
         earlier: wiring.earlier,
         frame_check: wiring.frame_check,
         calibration: wiring.calibration,
+        came: wiring.came,
         shedding: wiring.shedding,
         gate: wiring.gate,
         outlet: wiring.outlet,

@@ -1,6 +1,7 @@
 //! A run under way: its parts are started, watched over until the mapper has ended or may be waited
 //! for no longer, and stopped.
 
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
@@ -29,6 +30,7 @@ use super::published::Published;
 use super::saving::Saving;
 use super::shared::{Phase, Shared};
 use super::status::{RateMeter, other_service};
+use super::track::PosesAsTheyCame;
 use super::worker::THREAD_NAME;
 use super::{Hooks, Observer, Outlet, Part, Setup, Wiring, start_worker};
 use crate::clock;
@@ -63,6 +65,8 @@ pub(super) struct Run {
     pub(super) published: Published,
     pub(super) recorder: Option<Recorder>,
     pub(super) keeper: Option<Keeper>,
+    /// Where the vehicle's way goes, if it is kept.
+    pub(super) track: Option<PathBuf>,
     notes: RunNotes,
     pub(super) saving: Saving,
     pub(super) album: Option<AlbumWriter>,
@@ -116,6 +120,11 @@ impl Run {
             earlier: EarlierMaps::beside(place.clone()),
             frame_check: Some(helpers.frame_check),
             calibration: calibration::Watch::new(config, pace),
+            came: config
+                .output
+                .track
+                .as_ref()
+                .map(|_| PosesAsTheyCame::new(config.pose.vehicle_from_sensor.pose())),
         };
         let mapper = Heartbeat::new(THREAD_NAME);
         supervisor.watch(&mapper, Policy::Needed);
@@ -130,6 +139,7 @@ impl Run {
             recorder: setup.recorder,
             notes,
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
+            track: config.output.track.clone(),
             saving,
             album,
             diagnosis: Diagnosis::new(setup.expectations, &config.pose, begin),

@@ -16,6 +16,7 @@ use super::listening::ListeningReport;
 use super::poses::PoseReport;
 use super::prediction::Predicted;
 use super::shedding::SheddingReport;
+use super::track::Track;
 
 /// How far a run is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -136,6 +137,8 @@ pub(crate) struct Shared {
     report: Mutex<MapperReport>,
     link: Mutex<Link>,
     newest_map: Mutex<Option<Arc<Snapshot>>>,
+    /// Of the finished map, where it is asked for.
+    track: Mutex<Option<Track>>,
 }
 
 impl Shared {
@@ -147,6 +150,7 @@ impl Shared {
             report: Mutex::default(),
             link: Mutex::default(),
             newest_map: Mutex::default(),
+            track: Mutex::default(),
         }
     }
 
@@ -157,6 +161,14 @@ impl Shared {
 
     pub(crate) fn keep_map(&self, map: &Arc<Snapshot>) {
         *lock(&self.newest_map) = Some(Arc::clone(map));
+    }
+
+    pub(super) fn keep_track(&self, track: Track) {
+        *lock(&self.track) = Some(track);
+    }
+
+    pub(super) fn take_track(&self) -> Option<Track> {
+        lock(&self.track).take()
     }
 
     pub(crate) fn phase(&self) -> Phase {

@@ -23,6 +23,7 @@ use super::outlet::{Moment, Outlet};
 use super::poses::{Joined, Poses};
 use super::shared::{MapperReport, Phase, Shared, Spent};
 use super::shedding::Shedding;
+use super::track::PosesAsTheyCame;
 use crate::processor;
 
 /// Name of the thread; those of the mapper's pool begin with it.
@@ -59,6 +60,8 @@ pub(crate) struct Worker {
     /// Asks whether poses can be read as they are; not in benches.
     pub(crate) frame_check: Option<FrameCheck>,
     pub(crate) calibration: calibration::Watch,
+    /// Where the way is asked for.
+    pub(crate) came: Option<PosesAsTheyCame>,
     pub(crate) shedding: Shedding,
     pub(crate) gate: Gate,
     pub(crate) outlet: Outlet,
@@ -233,10 +236,14 @@ impl Worker {
         if inserted.rejected {
             return self.state.report.pings_rejected += 1;
         }
+        let time = posed.ping.transmit_time();
+        if let Some(came) = &mut self.came {
+            came.push(time, posed.world_from_sensor);
+        }
         let state = &mut self.state;
         state.report.pings_mapped += 1;
         state.latency.arrived(joined.arrived);
-        self.publish_if_due(posed.ping.transmit_time(), inserted.slice_taken_in);
+        self.publish_if_due(time, inserted.slice_taken_in);
         self.note_published();
         if inserted.slice_taken_in {
             self.calibration.advance(&self.mapper);
@@ -288,6 +295,9 @@ impl Worker {
         // The dive's own time goes on.
         state.first_ping = Some(time.offset_by(-state.report.dive_s));
         self.outlet.begin_epoch();
+        if let Some(came) = &mut self.came {
+            came.begin_anew();
+        }
         if let Some(frame_check) = &self.frame_check {
             frame_check.begin_anew();
         }
@@ -416,6 +426,10 @@ impl Worker {
             self.calibration.end(&self.mapper);
         }
         let snapshot = self.mapper.finish();
+        if let Some(came) = self.came.take() {
+            let corrections = self.mapper.pose_corrections();
+            self.shared.keep_track(came.corrected(&corrections));
+        }
         let first = self.state.first_ping.unwrap_or_default();
         let dive_s = match self.state.first_ping {
             Some(_) => snapshot.time.seconds_since(first),
