@@ -3,6 +3,8 @@
 use std::fs;
 use std::net::UdpSocket;
 use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use echosplat_firmware_protocol::{Frame, Message, Text, id};
@@ -341,12 +343,11 @@ fn nmea_over_udp_places_each_world_by_its_own_fixes_and_the_recording_knows() {
     let send = move |text: &[u8]| drop(receiver.send_to(text, ("127.0.0.1", nmea_port)));
     send(&[0xff; 300]);
     send(b"$GPGGA,12");
-    // So long after the start of the vehicle its estimator is reset.
-    const RESET_S: f64 = 36.0;
+    let is_reset = Arc::new(AtomicBool::new(false));
+    let reset = Arc::clone(&is_reset);
     let _vehicle = FakeVehicle::start(port, move |seconds| {
-        // Once a second: where it is.
         let mut pose = pose_at(now(), seconds);
-        if seconds > RESET_S {
+        if reset.load(Ordering::Relaxed) {
             pose.epoch = 1;
             pose.world_from_vehicle.translation_m.x += 1_000.0;
         }
@@ -354,15 +355,18 @@ fn nmea_over_udp_places_each_world_by_its_own_fixes_and_the_recording_knows() {
     });
     let mut second = 0;
     service.wait_for("a place, and a new map without one", LONG, |service| {
+        let log = service.stderr();
+        if log.contains("30 GNSS fixes beside poses") {
+            is_reset.store(true, Ordering::Relaxed);
+            return log.contains("no place on Earth until").then_some(());
+        }
         let seconds = begin.elapsed().as_secs_f64();
-        if seconds >= f64::from(second) && seconds < RESET_S {
+        if seconds >= f64::from(second) {
             let there = DVec3::new(0.0, 0.3 * seconds, 0.2);
             send(gga(second, there + noise(second)).as_bytes());
             second += 1;
         }
-        let log = service.stderr();
-        let is_placed = log.contains("30 GNSS fixes beside poses");
-        (is_placed && log.contains("no place on Earth until")).then_some(())
+        None
     });
     service.terminate();
     service.wait_exit(Duration::from_secs(30));

@@ -621,7 +621,7 @@ mod tests {
         for (count, found) in [(1, 0), (2, 0), (3, 1)] {
             let mut finder = OriginFinder::new(rule());
             (0..count).for_each(|i| {
-                finder.heard(fix(&world, DVec3::ZERO, 1.0 + f64::from(i), DVec3::ZERO))
+                finder.heard(fix(&world, DVec3::ZERO, 1.0 + f64::from(i), DVec3::ZERO));
             });
             poses(&mut finder, 0.0, 10.0, 0);
             assert!(finder.found().is_empty());
@@ -637,7 +637,7 @@ mod tests {
                 DVec3::ZERO,
                 1.0 + 0.08 * f64::from(i),
                 DVec3::ZERO,
-            ))
+            ));
         });
         poses(&mut finder, 0.0, 10.0, 0);
         finder.finish();

@@ -117,25 +117,34 @@ fn legendre(sin: f64, cos: f64) -> Legendre {
     all[0][0] = (1.0, 0.0);
     for n in 1..=DEGREE {
         let degree = n as f64;
-        for m in 0..n {
-            let order = m as f64;
-            let (one, one_slope) = all[n - 1][m];
-            let (two, two_slope) = if n > 1 { all[n - 2][m] } else { (0.0, 0.0) };
-            let scale = (degree * degree - order * order).sqrt();
-            let before = ((degree - 1.0).powi(2) - order * order).max(0.0).sqrt();
-            let twice = 2.0 * degree - 1.0;
-            all[n][m] = (
-                (twice * sin * one - before * two) / scale,
-                (twice * (cos * one + sin * one_slope) - before * two_slope) / scale,
-            );
-        }
-        let (edge, edge_slope) = all[n - 1][n - 1];
-        let scale = if n == 1 {
+        let one = all[n - 1];
+        let two = if n > 1 { all[n - 2] } else { all[DEGREE] };
+        let edge_scale = if n == 1 {
             1.0
         } else {
             (1.0 - 0.5 / degree).sqrt()
         };
-        all[n][n] = (scale * cos * edge, scale * (cos * edge_slope - sin * edge));
+        all[n] = std::array::from_fn(|m| {
+            if m == n {
+                let (value, slope) = one[n - 1];
+                return (
+                    edge_scale * cos * value,
+                    edge_scale * (cos * slope - sin * value),
+                );
+            }
+            if m > n {
+                return (0.0, 0.0);
+            }
+            let ((one, one_slope), (two, two_slope)) = (one[m], two[m]);
+            let order = m as f64;
+            let scale = (degree * degree - order * order).sqrt();
+            let before = ((degree - 1.0).powi(2) - order * order).max(0.0).sqrt();
+            let twice = 2.0 * degree - 1.0;
+            (
+                (twice * sin * one - before * two) / scale,
+                (twice * (cos * one + sin * one_slope) - before * two_slope) / scale,
+            )
+        });
     }
     all
 }
