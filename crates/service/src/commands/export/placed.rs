@@ -94,7 +94,7 @@ fn with_convergence(placed: &Placed) -> String {
     let grid = placed.crs.grid(&placed.georeference.place).ok();
     match grid.filter(|grid| grid.convergence_deg.abs() > 0.0) {
         Some(grid) => format!(
-            "{}, whose north is {:+.3} degrees from true north there,",
+            "{}, whose north is {:+.3} degrees from true north there",
             placed.crs, grid.convergence_deg
         ),
         None => placed.crs.to_string(),
