@@ -145,6 +145,59 @@ fn a_map_that_is_placed_is_told_where_proj_has_it() {
 }
 
 #[test]
+fn grid_convergence_and_declination_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).display().to_string();
+    write_a_map(&folder.path().join("map.ply"));
+    let map = path("map.ply");
+    let own = [
+        "georeference",
+        &map,
+        "--origin",
+        "60.17,24.94,0",
+        "--date",
+        "2026-11-30",
+    ];
+    let told = done(&own);
+    for words in [
+        "north of this grid is -1.787 degrees",
+        "magnetic north is +",
+        "on 2026-11-30",
+    ] {
+        assert!(told.stdout().contains(words), "{}", told.account());
+    }
+    let json = |more: &[&str]| -> Value {
+        let told = done(&[&own[..], &["--json"], more].concat());
+        serde_json::from_str(&told.stdout()).unwrap()
+    };
+    let declination_deg = json(&[])["declination_deg"].as_f64().unwrap();
+    assert!((8.5..11.5).contains(&declination_deg), "{declination_deg}");
+    let turned = json(&["--heading", "37", "--magnetic"])["x_heading_deg"]
+        .as_f64()
+        .unwrap();
+    assert!((turned - 37.0 - declination_deg).abs() < 1e-6, "{turned}");
+    let old = ["georeference", &map, "--date", "2019-01-01"];
+    assert!(
+        done(&old)
+            .stdout()
+            .contains("no declination for 2019-01-01")
+    );
+    let mut refused = Program::echosplat(&[&old[..], &["--heading", "37", "--magnetic"]].concat());
+    refused.wait_exit_code(2, LONG);
+    assert!(
+        refused.stderr().contains("holds from 20"),
+        "{}",
+        refused.account()
+    );
+    let exported = done(&["export", &map, &path("map.las")]);
+    assert!(
+        exported.account().contains("whose north is -1.787 degrees"),
+        "{}",
+        exported.account()
+    );
+}
+
+#[test]
 fn ties_find_what_an_origin_says() {
     let folder = tempfile::tempdir().unwrap();
     let path = |name: &str| folder.path().join(name).display().to_string();

@@ -10,8 +10,9 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use echosplat_ros::rmw_zenoh::{Attachment, EndpointKind, Gid, Node, ODOMETRY, Topic};
-use echosplat_ros::{CdrError, CdrReader, Header, odometry};
+use echosplat_recording::ply::read_map;
+use echosplat_ros::rmw_zenoh::{Attachment, EndpointKind, Gid, NAV_SAT_FIX, Node, ODOMETRY, Topic};
+use echosplat_ros::{CdrError, CdrReader, Header, NavSatFix, odometry};
 use serde_json::Value;
 use zenoh::Wait;
 use zenoh::pubsub::Subscriber;
@@ -360,6 +361,77 @@ fn two_nodes_on_one_topic_are_told_by_name_and_one_of_them_is_used() {
     service.wait_exit_code(3, Duration::from_secs(20));
     let log = service.stderr();
     assert!(!log.contains("a new map begins"), "{log}");
+}
+
+#[test]
+fn nav_sat_fix_of_a_node_places_the_map() {
+    let folder = tempfile::tempdir().unwrap();
+    let (_router, port) = router();
+    let sonar = FakeSonar::start(|i| profile(i, |_| {}));
+    let (url, map) = (sonar.url(), folder.path().join("map.ply"));
+    let map_name = map.display().to_string();
+    let own = [
+        "run",
+        "--sonar",
+        &url,
+        "--pose",
+        "ros2:///rov/odom",
+        "--map",
+        &map_name,
+    ];
+    let mut arguments: Vec<String> = own.map(ToOwned::to_owned).into();
+    arguments.extend(for_ros(&folder, port));
+    let config = folder.path().join("ros.toml");
+    let text =
+        fs::read_to_string(&config).unwrap() + "[georeference]\ngnss = \"ros2:///gps/fix\"\n";
+    fs::write(&config, text).unwrap();
+    let mut service = Program::echosplat(&arguments);
+    let begin = Instant::now();
+    let _vehicle = SteeringNode::start(port, "ekf", "", 0.0);
+    let session = node_session(port);
+    let topic = Topic {
+        name: "/gps/fix".to_owned(),
+        message: NAV_SAT_FIX,
+        depth: 10,
+    };
+    let put = |message: Vec<u8>| drop(session.put(topic.key(DOMAIN), message).wait());
+    service.wait_for("a place by 30 fixes", LONG, |service| {
+        let there_m = 0.3 * begin.elapsed().as_secs_f64();
+        let fix = NavSatFix {
+            stamp: now(),
+            status: 0,
+            // 111,415 m a degree.
+            latitude_deg: 60.17 + there_m / 111_415.0,
+            longitude_deg: 24.94,
+            altitude_m: f64::NAN,
+            covariance_m2: [0.0; 9],
+            covariance_type: 0,
+        };
+        put(fix.encode("gps"));
+        put(NavSatFix {
+            status: -1,
+            latitude_deg: 0.0,
+            ..fix
+        }
+        .encode("gps"));
+        put(NavSatFix {
+            latitude_deg: 95.0,
+            ..fix
+        }
+        .encode("gps"));
+        put(vec![0, 1, 0]);
+        let is_placed = service.stderr().contains("30 GNSS fixes beside poses");
+        is_placed.then_some(())
+    });
+    service.terminate();
+    service.wait_exit(Duration::from_secs(30));
+    let place = read_map(&map).unwrap().notes.georeference;
+    let place = place.expect("it was told");
+    assert!(
+        (place.place.latitude_deg - 60.17).abs() * 111_415.0 < 1.0,
+        "{place:?}"
+    );
+    assert_eq!(place.datum.name(), "surface");
 }
 
 fn said(program: &Program, topic: &str) -> Vec<Value> {

@@ -16,7 +16,7 @@ use crate::BusError;
 use crate::bus::Link;
 use crate::pose_message::{self, MAX_POSE_BYTES, PoseMessage, PoseMessageError};
 use crate::publishers::{self, PublishedTopic, Publisher};
-use crate::ros2::PoseTopic;
+use crate::ros2::{FixTopic, PoseTopic};
 
 /// Largest frame that the Ping protocol's lengths allow, header and checksum included.
 const MAX_FRAME_BYTES: usize = 65_535 + 10;
@@ -281,10 +281,20 @@ pub struct ReceivedMessage {
 pub struct MessageSubscription {
     messages: Receiver<ReceivedMessage>,
     dropped: Arc<AtomicU64>,
+    /// Of a topic of ROS.
+    _topic: Option<FixTopic>,
     _subscribers: Vec<Subscriber<()>>,
 }
 
 impl MessageSubscription {
+    pub(crate) fn on_topic(link: &Arc<Link>, topic: FixTopic) -> Result<Self, BusError> {
+        let messages = Self::start(link, std::slice::from_ref(&topic.key))?;
+        Ok(Self {
+            _topic: Some(topic),
+            ..messages
+        })
+    }
+
     pub(crate) fn start(link: &Arc<Link>, keys: &[String]) -> Result<Self, BusError> {
         let (sender, messages) = bounded(link.config.pose_queue_len);
         let dropped = Arc::new(AtomicU64::new(0));
@@ -300,8 +310,15 @@ impl MessageSubscription {
         Ok(Self {
             messages,
             dropped,
+            _topic: None,
             _subscribers: subscribers,
         })
+    }
+
+    /// The next message, if one waits.
+    #[must_use]
+    pub fn try_next(&self) -> Option<ReceivedMessage> {
+        self.messages.try_recv().ok()
     }
 
     /// The next message, waiting for it no longer than `limit`.

@@ -5,7 +5,7 @@
 //! [`poses_of_mcap`] read those that a log holds, and [`survey_of_mcap`] says which there are. Each source
 //! turns what it hears into the frames
 //! of this program and, where it stamps with a clock of its own, puts the stamps on the pings'
-//! clock.
+//! clock. [`GnssSource`] takes fixes of a satellite receiver, which are no poses.
 //!
 //! Deliberately absent: any guess at a pose (a position is moved by its own velocity for half a
 //! second at most), and any judgement of whether poses make sense: `echosplat_join` does that, and
@@ -16,6 +16,7 @@ mod bus_feed;
 mod clock;
 mod dvl;
 mod fault;
+mod gnss;
 mod link;
 mod log;
 mod mavlink;
@@ -29,9 +30,13 @@ mod status;
 mod tum_file;
 mod url;
 
+pub use gnss::{
+    GNSS_URL_FORMS, GnssLog, GnssSource, GnssStatus, GnssUrl, GnssUrlError, fixes_of_mcap,
+    fixes_of_svlog,
+};
 pub use log::{LogPoses, LogPosesError, SvlogPoses, poses_of_mcap, poses_of_svlog};
 pub use log::{McapSurvey, McapTopic, TopicPoses, survey_of_mcap};
-pub use mavlink::origin::ToldOrigin;
+pub use mavlink::origin::{OriginEpochs, ToldOrigin};
 pub use only::Only;
 pub use source::{LivePoses, MadePoses, PoseSource, PoseSourceError};
 pub use status::{PoseSender, PoseSourceStatus, Several};

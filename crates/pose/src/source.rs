@@ -318,6 +318,26 @@ impl PoseSource {
         }
     }
 
+    /// All that are known to be left of poses that were read whole, in their order; of others none.
+    #[must_use]
+    pub fn known(&self) -> Vec<StampedPose> {
+        match self {
+            Self::File(poses) => poses.known().to_vec(),
+            Self::Recorded(poses) => poses
+                .as_slice()
+                .iter()
+                .map(|arrived| arrived.pose)
+                .collect(),
+            _ => Vec::new(),
+        }
+    }
+
+    /// Whether x of their world points elsewhere than east, as far as their source knows.
+    #[must_use]
+    pub fn lacks_north(&self) -> bool {
+        matches!(self, Self::Live(_)) && self.status().lacks_north
+    }
+
     /// How many poses were handed over in step with a tape whose marks are still to come.
     #[must_use]
     pub fn taped_len(&self) -> usize {

@@ -51,6 +51,9 @@ pub struct PoseSourceStatus {
     /// Where on Earth its poses count from, if it says so.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub origin: Option<ToldOrigin>,
+    /// Whether x of its world points somewhere else than east, as of a dead reckoning.
+    #[serde(skip)]
+    pub lacks_north: bool,
     /// What the source lacks for poses, and what would give it.
     pub missing: Option<String>,
 }

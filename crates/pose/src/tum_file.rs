@@ -47,6 +47,11 @@ impl Iterator for FilePoses {
 impl ExactSizeIterator for FilePoses {}
 
 impl FilePoses {
+    /// Those that were not taken yet.
+    pub(crate) fn known(&self) -> &[StampedPose] {
+        self.poses.as_slice()
+    }
+
     /// Reads the file, and says what of it was left out.
     pub(crate) fn open(path: &Path) -> Result<Self, PoseSourceError> {
         let path = path.to_owned();

@@ -238,7 +238,7 @@ fn baudrate(text: &str) -> Result<u32, String> {
 }
 
 /// `host:port`, with `port` if none is given.
-fn host_and_port(text: &str, port: u16) -> Result<String, String> {
+pub(crate) fn host_and_port(text: &str, port: u16) -> Result<String, String> {
     let text = text.trim_end_matches('/');
     if text.is_empty() {
         return Err(format!("it names no host; write HOST:{port}"));

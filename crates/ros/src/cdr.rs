@@ -102,6 +102,14 @@ impl<'a> CdrReader<'a> {
         Ok(self.array::<1>(field)?[0])
     }
 
+    /// A `uint16`.
+    ///
+    /// # Errors
+    /// If the message ends before.
+    pub fn u16(&mut self, field: &'static str) -> Result<u16, CdrError> {
+        Ok(u16::from_le_bytes(self.array(field)?))
+    }
+
     /// A `uint32`.
     ///
     /// # Errors
@@ -216,6 +224,11 @@ impl CdrWriter {
     /// An octet.
     pub fn u8(&mut self, value: u8) {
         self.number([value]);
+    }
+
+    /// A `uint16`.
+    pub fn u16(&mut self, value: u16) {
+        self.number(value.to_le_bytes());
     }
 
     /// A `uint32`.

@@ -7,6 +7,7 @@
 mod cdr;
 pub mod definitions;
 mod header;
+mod nav_sat_fix;
 pub mod odometry;
 pub mod point_cloud2;
 pub mod rmw_zenoh;
@@ -14,3 +15,4 @@ pub mod transform;
 
 pub use cdr::{CdrError, CdrReader, CdrWriter};
 pub use header::{Header, MAX_FRAME_ID_BYTES};
+pub use nav_sat_fix::{COVARIANCE_UNKNOWN, NavSatFix};

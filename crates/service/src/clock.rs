@@ -17,6 +17,24 @@ pub(crate) fn compact_utc(time: Timestamp) -> String {
     time.strftime("%Y%m%dT%H%M%SZ").to_string()
 }
 
+/// Days from 1970-01-01 to this one.
+pub(crate) fn day_of(date: jiff::civil::Date) -> i64 {
+    let begin = jiff::civil::date(1970, 1, 1);
+    date.duration_since(begin).as_hours() / 24
+}
+
+/// The day of a time in UTC, in days since 1970-01-01.
+pub(crate) fn unix_day(time: Timestamp) -> i64 {
+    time.nanos().div_euclid(86_400_000_000_000)
+}
+
+/// `2026-01-02`, so many days after 1970-01-01.
+pub(crate) fn iso_day(unix_day: i64) -> String {
+    let nanos = unix_day.saturating_mul(86_400_000_000_000);
+    let iso = iso_utc(Timestamp::from_nanos(nanos));
+    iso.split('T').next().unwrap_or_default().to_owned()
+}
+
 /// `2026-01-02T03:04:05.678Z`: a time for people.
 pub(crate) fn iso_utc(time: Timestamp) -> String {
     let time = jiff::Timestamp::from_nanosecond(time.nanos().into())

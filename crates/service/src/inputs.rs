@@ -9,7 +9,7 @@ use anyhow::Context;
 use echosplat_bus::{Bus, BusConfig, BusError};
 use echosplat_driver::{DriverConfig, SonarUrl};
 use echosplat_join::StampClock;
-use echosplat_pose::{PoseSource, PoseSourceError, PoseUrl};
+use echosplat_pose::{GnssSource, GnssUrl, PoseSource, PoseSourceError, PoseUrl};
 use echosplat_recording::foreign;
 use echosplat_recording::svlog::LogClock;
 use echosplat_recording::svlog::SvlogReader;
@@ -96,6 +96,15 @@ pub(crate) fn poses(
         )),
         wrong => Usage::error(wrong),
     })
+}
+
+/// Begins to listen to a satellite receiver.
+///
+/// # Errors
+/// If a topic of ROS is named and the bus refuses.
+pub(crate) fn gnss(url: &GnssUrl, bus: &Bus) -> anyhow::Result<GnssSource> {
+    let source = GnssSource::open(&runtime::handle()?, url, Some(bus));
+    source.with_context(|| format!("georeference.gnss = \"{url}\""))
 }
 
 /// How long others may take to answer that they are there.

@@ -1,7 +1,8 @@
 //! Maps as files, with errors that name them.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use echosplat_georeference::Georeference;
 use echosplat_model::glam::DVec3;
@@ -13,24 +14,78 @@ use crate::files;
 
 pub use echosplat_recording::ply::MapNotes;
 
-/// What is said in every map of a run. Where on Earth it lies may become known while it goes on.
+/// What is said in every map of a run. Where on Earth a map lies may become known while it goes on, and is then said of
+/// maps of the same epoch of poses alone: those of another count from elsewhere.
 #[derive(Debug, Clone, Default)]
 pub struct RunNotes {
     notes: MapNotes,
-    learned: Arc<OnceLock<Georeference>>,
+    learned: Arc<Mutex<Learned>>,
 }
 
+#[derive(Debug, Default)]
+struct Learned {
+    /// By the epoch of poses.
+    places: BTreeMap<u32, Georeference>,
+    /// Epoch of poses of each map, by the epoch of its snapshots.
+    maps: BTreeMap<u64, u32>,
+}
+
+/// Epochs that are remembered; beyond, the oldest go.
+const MOST_EPOCHS: usize = 4_096;
+
 impl RunNotes {
-    /// Has all copies say from now on where the maps lie; whether that was not known yet.
-    pub(crate) fn learn(&self, place: Georeference) -> bool {
-        self.notes.georeference.is_none() && self.learned.set(place).is_ok()
+    /// Has all copies say from now on where the maps of this epoch of poses lie, unless that is known; then what is.
+    pub(crate) fn learn(&self, epoch: u32, place: &Georeference) -> Option<Georeference> {
+        if let Some(given) = &self.notes.georeference {
+            return Some(given.clone());
+        }
+        let mut learned = self.lock();
+        if let Some(known) = learned.places.get(&epoch) {
+            return Some(known.clone());
+        }
+        if learned.places.len() == MOST_EPOCHS {
+            learned.places.pop_first();
+        }
+        learned.places.insert(epoch, place.clone());
+        None
     }
 
-    fn now(&self) -> MapNotes {
+    /// Snapshots with this epoch are of a map made of poses of that epoch from now on. Tells what that means for its place on
+    /// Earth, if maps went before.
+    pub(crate) fn map_begins(&self, map: u64, poses: u32) {
+        let mut learned = self.lock();
+        let is_first = learned.maps.is_empty();
+        if learned.maps.len() == MOST_EPOCHS {
+            learned.maps.pop_first();
+        }
+        learned.maps.insert(map, poses);
+        if is_first {
+            return;
+        }
+        if self.notes.georeference.is_some() {
+            tracing::warn!(
+                "a new epoch of poses: the map that begins keeps the place on Earth that was given for the one before; if \
+                 poses count from elsewhere now, `echosplat georeference` puts the right one into it"
+            );
+        } else if !learned.places.is_empty() && !learned.places.contains_key(&poses) {
+            tracing::warn!(
+                "a new epoch of poses, which may count from elsewhere: the map that begins has no place on Earth until \
+                 the vehicle or a receiver tells it again"
+            );
+        }
+    }
+
+    fn of_map(&self, map: u64) -> MapNotes {
         let mut notes = self.notes.clone();
-        let learned = || self.learned.get().cloned();
-        notes.georeference = notes.georeference.or_else(learned);
+        let learned = self.lock();
+        let poses = learned.maps.get(&map);
+        let place = poses.and_then(|poses| learned.places.get(poses));
+        notes.georeference = notes.georeference.or_else(|| place.cloned());
         notes
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Learned> {
+        self.learned.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
@@ -107,8 +162,14 @@ pub(crate) fn check_replaceable(map: &Path) -> anyhow::Result<()> {
 fn write_to(snapshot: &Snapshot, map: &Path, notes: &RunNotes) -> anyhow::Result<()> {
     check_replaceable(map)?;
     let (origin_m, unit) = (snapshot.origin_m, snapshot.intensity_unit);
-    let written = ply::write_map(map, origin_m, unit, &snapshot.gaussians, &notes.now())
-        .map_err(|error| files::cannot_write(map, &error))?;
+    let written = ply::write_map(
+        map,
+        origin_m,
+        unit,
+        &snapshot.gaussians,
+        &notes.of_map(snapshot.epoch),
+    )
+    .map_err(|error| files::cannot_write(map, &error))?;
     tracing::info!(
         map = %map.display(),
         confident = written.confident_count,
@@ -245,6 +306,49 @@ mod tests {
         assert_eq!(held(&beside), (3, 20));
         assert_eq!(write(&[Confident]), there);
         assert_eq!(held(&map), (1, 20));
+    }
+
+    #[test]
+    fn a_place_that_was_learned_is_that_of_one_epoch_of_poses() {
+        use echosplat_georeference::{Datum, Place};
+        let place = |latitude_deg: f64| {
+            let place = Place::new(latitude_deg, 24.94, 0.0).unwrap();
+            Georeference::at_origin(place, Datum::MeanSea, "test")
+        };
+        let folder = tempfile::tempdir().unwrap();
+        let map = folder.path().join("map.ply");
+        let written = |notes: &RunNotes, epoch: u64| {
+            let snapshot = Snapshot {
+                epoch,
+                ..snapshot(&[Standing::Confident])
+            };
+            super::write(&snapshot, &map, notes).unwrap();
+            read(&map).unwrap().notes.georeference
+        };
+        let notes = RunNotes::default();
+        notes.map_begins(70, 0);
+        assert_eq!(written(&notes, 70), None);
+        assert_eq!(notes.learn(0, &place(60.0)), None);
+        assert_eq!(
+            notes.learn(0, &place(61.0)),
+            Some(place(60.0)),
+            "the first stays"
+        );
+        assert_eq!(written(&notes, 70), Some(place(60.0)));
+        notes.map_begins(71, 2);
+        assert_eq!(written(&notes, 71), None, "another world");
+        assert_eq!(written(&notes, 70), Some(place(60.0)));
+        assert_eq!(notes.learn(2, &place(62.0)), None);
+        assert_eq!(written(&notes, 71), Some(place(62.0)));
+        // What its owner gave is the owner's word for all.
+        let given = RunNotes::from(MapNotes {
+            georeference: Some(place(59.0)),
+            ..MapNotes::default()
+        });
+        given.map_begins(70, 0);
+        given.map_begins(71, 1);
+        assert_eq!(given.learn(1, &place(62.0)), Some(place(59.0)));
+        assert_eq!(written(&given, 71), Some(place(59.0)));
     }
 
     #[test]

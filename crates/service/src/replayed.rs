@@ -7,19 +7,24 @@ use std::sync::OnceLock;
 
 use echosplat_bus::Bus;
 use echosplat_driver::{DriverConfig, Pause, SonarUrl, Tape, TapeItem};
-use echosplat_georeference::Georeference;
+use echosplat_georeference::{
+    BesideRule, FoundOrigin, Georeference, Heard, OriginFinder, declination,
+};
 use echosplat_join::{ArrivedPose, StampClock};
-use echosplat_pose::{PoseSource, PoseUrl};
+use echosplat_pose::{GnssLog, GnssUrl, LogPosesError, PoseSource, PoseUrl};
 use echosplat_recording::mcap::{Messages, Record, Recording, RecordingReader, Scan};
 use echosplat_session::{ClockSource, SessionConfig};
 use serde_json::Value;
 
+use crate::clock;
 use crate::config::Config;
 use crate::decided::Decided;
 use crate::exit::Usage;
 use crate::inputs;
 use crate::kind::Kind;
-use crate::pipeline::{Input, Patience, Poses, georeference_of};
+use crate::pipeline::{
+    Input, Patience, Poses, contradiction, georeference_of, heard_of, tell_separation,
+};
 use crate::recorder::{BEGIN, Recorder};
 
 /// Topics named in an error.
@@ -30,9 +35,21 @@ pub(crate) struct Replayed {
     paths: Vec<PathBuf>,
     pause: Pause,
     dive: Option<RecordedDive>,
-    /// Where on Earth the poses inside the logs count from.
-    origin: OnceLock<Georeference>,
+    /// Of the poses inside the logs.
+    of_logs: OnceLock<OfLogs>,
 }
+
+/// What is known of poses inside logs beside them.
+#[derive(Debug, Default)]
+struct OfLogs {
+    /// Where on Earth each epoch of them counts from.
+    origins: Vec<(u32, Georeference)>,
+    /// Whether x of their world points elsewhere than east.
+    lacks_north: bool,
+}
+
+/// Where on Earth poses count from, by their epoch.
+type PlacesOfPoses = Vec<(u32, Georeference)>;
 
 /// What a recording says of its dive beside the bytes.
 struct RecordedDive {
@@ -70,7 +87,7 @@ impl Replayed {
                 paths: paths.to_owned(),
                 pause: Pause::default(),
                 dive: None,
-                origin: OnceLock::new(),
+                of_logs: OnceLock::new(),
             });
         }
         if recordings < paths.len() {
@@ -85,7 +102,7 @@ impl Replayed {
             paths: paths.to_owned(),
             pause: Pause::default(),
             dive: Some(RecordedDive::of(scan)),
-            origin: OnceLock::new(),
+            of_logs: OnceLock::new(),
         })
     }
 
@@ -159,17 +176,30 @@ impl Replayed {
         recorder: Option<Recorder>,
     ) -> anyhow::Result<(Poses, Vec<String>)> {
         let (source, losses) = self.pose_source(asked, bus)?;
+        Ok((self.judged(source, asked, config, recorder)?, losses))
+    }
+
+    /// Poses of this source, as [`Replayed::poses`] has them.
+    ///
+    /// # Errors
+    /// Names the setting that is out of range.
+    pub(crate) fn judged(
+        &self,
+        source: PoseSource,
+        asked: Option<&PoseUrl>,
+        config: &Config,
+        recorder: Option<Recorder>,
+    ) -> anyhow::Result<Poses> {
         let poses = Poses::new(config, source, Patience::HoldBack, recorder)?;
         let takes_its_own = asked.is_none() || matches!(asked, Some(PoseUrl::Log(None)));
         let dive = self
             .dive
             .as_ref()
             .filter(|dive| !dive.is_log && takes_its_own);
-        let poses = match dive {
+        Ok(match dive {
             Some(dive) => poses.of_recording(dive.clock(), self.decided().let_go),
             None => poses,
-        };
-        Ok((poses, losses))
+        })
     }
 
     /// As [`Replayed::poses`] has them, before anybody judges them; and what a file of them lacks.
@@ -207,9 +237,23 @@ impl Replayed {
             false => Ok(PoseSource::recorded(held)),
             true => Err(Usage::error(format!(
                 "replay needs poses, and {} holds none: give --poses F.tum (lines `timestamp tx ty tz \
-                 qx qy qz qw`), or --pose zenoh:// to take them from the bus",
-                self.paths[0].display()
+                 qx qy qz qw`), or --pose zenoh:// to take them from the bus{}",
+                self.paths[0].display(),
+                self.fixes_are_no_poses()
             ))),
+        }
+    }
+
+    /// Where a log has fixes instead, in words.
+    fn fixes_are_no_poses(&self) -> String {
+        let gnss = self.gnss_of_logs();
+        match gnss.messages {
+            0 => String::new(),
+            messages => format!(
+                ". Its {messages} NMEA sentences with {} fixes tell where on Earth, and are no poses: they have no attitude, and \
+                 end under water",
+                gnss.fixes()
+            ),
         }
     }
 
@@ -223,29 +267,119 @@ impl Replayed {
         decided
     }
 
-    /// Where on Earth the dive learned that its world lies; of a log once its own poses were asked for.
-    pub(crate) fn georeference(&self) -> Option<Georeference> {
-        let dive = self.dive.as_ref().filter(|dive| !dive.is_log);
-        let events = dive.map_or(&[][..], |dive| &dive.scan.events);
-        let recorded = events.iter().find_map(|(_, event)| georeference_of(event));
-        recorded.or_else(|| self.origin.get().cloned())
+    /// Where on Earth these poses count from. Fixes are asked where nothing else says it, and tell where they contradict.
+    pub(crate) fn places(
+        &self,
+        asked: Option<&PoseUrl>,
+        config: &Config,
+        source: &PoseSource,
+    ) -> PlacesOfPoses {
+        let takes_its_own = asked.is_none() || matches!(asked, Some(PoseUrl::Log(None)));
+        let dive = self.dive.as_ref();
+        let of_logs = self.of_logs.get().filter(|_| takes_its_own);
+        if let Some(dive) = dive.filter(|_| takes_its_own) {
+            // What the dive found stands; it judged its poses, which are not judged here yet.
+            let events = dive.scan.events.iter();
+            return events
+                .filter_map(|(_, event)| georeference_of(event))
+                .collect();
+        }
+        let mut places = of_logs.map_or(Vec::new(), |of_logs| of_logs.origins.clone());
+        let gnss = self.gnss(asked, config);
+        let is_enu = !of_logs.is_some_and(|of_logs| of_logs.lacks_north);
+        let rule = config
+            .georeference
+            .beside(is_enu, config.pose.max_pose_gap_s);
+        for found in found_origins(rule, &gnss, source) {
+            let given = config.georeference.georeference();
+            let known = places.iter().find(|(epoch, _)| *epoch == found.epoch);
+            match given.or_else(|| known.map(|(_, place)| place.clone())) {
+                Some(known) if found.contradicts(&known) => {
+                    tracing::warn!("{}", contradiction(&found, &known));
+                }
+                Some(_) => {}
+                None => {
+                    tell_separation(&found);
+                    places.push((found.epoch, found.georeference));
+                }
+            }
+        }
+        places
+    }
+
+    /// Fixes beside poses: those of the file of poses, else of the logs or the recording, on the clock of poses.
+    fn gnss(&self, asked: Option<&PoseUrl>, config: &Config) -> GnssLog {
+        let bag = match asked {
+            Some(PoseUrl::Tum(path)) if is_recording(&file_and_topic(path).0) => {
+                Some(file_and_topic(path).0)
+            }
+            Some(PoseUrl::Log(Some(_))) => self.paths.first().cloned(),
+            _ => None,
+        };
+        let topic = match &config.georeference.gnss {
+            Some(GnssUrl::Ros2(topic)) => Some(topic.as_str()),
+            _ => None,
+        };
+        if let Some(bag) = bag {
+            let of_bag = told(echosplat_pose::fixes_of_mcap(&bag, topic), &bag);
+            if of_bag.messages > 0 {
+                return of_bag;
+            }
+        }
+        if let Some(dive) = &self.dive {
+            let heard = dive
+                .scan
+                .events
+                .iter()
+                .filter_map(|(_, event)| heard_of(event));
+            let heard: Vec<Heard> = heard.collect();
+            return GnssLog {
+                messages: heard.len() as u64,
+                heard,
+                ..GnssLog::default()
+            };
+        }
+        let mut all = self.gnss_of_logs();
+        let offset_s = config.pose.time_offset_s;
+        all.heard = all
+            .heard
+            .into_iter()
+            .map(|heard| heard.offset_by(offset_s))
+            .collect();
+        all
+    }
+
+    /// NMEA of all logs, on the time of their profiles.
+    fn gnss_of_logs(&self) -> GnssLog {
+        let mut all = GnssLog::default();
+        for path in self.paths.iter().filter(|path| !is_recording(path)) {
+            let of_log = told(echosplat_pose::fixes_of_svlog(path), path);
+            all.messages += of_log.messages;
+            all.heard.extend(of_log.heard);
+        }
+        all.heard.sort_by_key(Heard::time);
+        all
     }
 
     /// Poses in `MAVLink` packets of the logs.
     fn poses_of_logs(&self) -> Vec<ArrivedPose> {
         let mut all = Vec::new();
+        let mut of_logs = OfLogs::default();
         for path in self.paths.iter().filter(|path| !is_recording(path)) {
             match echosplat_pose::poses_of_svlog(path) {
                 Ok(found) => {
                     all.extend(found.poses);
-                    if let Some(place) = found.origin.and_then(|told| told.georeference()) {
+                    of_logs.lacks_north |= found.lacks_north;
+                    if of_logs.origins.is_empty() {
                         // The first log's: the poses of the others count from it too.
-                        let _ = self.origin.set(place);
+                        of_logs.origins = found.origins;
                     }
                 }
                 Err(error) => tracing::debug!(%error, "no poses inside the log"),
             }
         }
+        // A replay that is repeated finds the same again.
+        let _ = self.of_logs.set(of_logs);
         all.sort_by_key(|arrived| arrived.pose.time);
         all
     }
@@ -293,6 +427,87 @@ impl Begun {
                 .map(str::to_owned),
         }
     }
+}
+
+/// What fixes say of the worlds of these poses, and why they do not.
+fn found_origins(rule: BesideRule, gnss: &GnssLog, source: &PoseSource) -> Vec<FoundOrigin> {
+    if gnss.heard.is_empty() {
+        return Vec::new();
+    }
+    let mut finder = OriginFinder::new(rule);
+    let mut heard = gnss.heard.iter().peekable();
+    for pose in source.known() {
+        while let Some(next) = heard.next_if(|heard| heard.time() <= pose.time) {
+            finder.heard(*next);
+        }
+        finder.pose(&pose);
+    }
+    finder.finish();
+    let counters = finder.counters();
+    if counters.fixes > 0 && counters.beside_poses == 0 {
+        tracing::warn!(
+            "{} fixes of a GNSS receiver came at times without poses, and place nothing",
+            gnss.fixes()
+        );
+    }
+    if let Some(trouble) = finder.trouble() {
+        tracing::warn!("GNSS: {trouble}");
+    }
+    if finder.moved_m() > 0.0 {
+        tracing::warn!(
+            "later fixes of the GNSS receiver have the world's origin {:.1} m from where the first have it, which stays: poses \
+             drift",
+            finder.moved_m()
+        );
+    }
+    finder.found().to_vec()
+}
+
+/// How far a compass is from true north where and when the first fix was, in words.
+fn declination_at(heard: &[Heard]) -> Option<String> {
+    let fix = heard.iter().find_map(|heard| match heard {
+        Heard::Fix(fix) => Some(fix),
+        Heard::Heading { .. } => None,
+    })?;
+    let unix_day = clock::unix_day(fix.time);
+    let day = clock::iso_day(unix_day);
+    Some(match declination(&fix.place, unix_day) {
+        Ok(found) => format!(
+            ", which a compass is {:+.1} degrees from there on {day}",
+            found.declination_deg
+        ),
+        Err(error) => format!("; {error} ({day})"),
+    })
+}
+
+/// Fixes of a log, having told what of them is not used.
+fn told(found: Result<GnssLog, LogPosesError>, path: &Path) -> GnssLog {
+    let log = match found {
+        Ok(log) => log,
+        Err(error) => {
+            tracing::debug!(%error, "no fixes inside the file");
+            return GnssLog::default();
+        }
+    };
+    let name = path.display();
+    if log.refused > 0 {
+        let first = log.first_fault.as_deref().unwrap_or_default();
+        tracing::warn!(
+            "{name}: {} GNSS messages in it cannot be used; the first: {first}",
+            log.refused
+        );
+    }
+    if log.magnetic_headings > 0 && log.fixes() > 0 {
+        tracing::info!(
+            "{name}: its {} magnetic headings (HDG, HDM) are not used: HDT is a heading from true north{}",
+            log.magnetic_headings,
+            declination_at(&log.heard).unwrap_or_default()
+        );
+    }
+    if log.messages > 0 && log.fixes() == 0 {
+        tracing::warn!("{name}: {} GNSS messages in it, and no fix", log.messages);
+    }
+    log
 }
 
 /// `F.mcap` and `/odom` of `F.mcap#/odom`. A file of the whole name goes first.

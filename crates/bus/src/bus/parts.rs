@@ -7,7 +7,7 @@ use echosplat_model::Pose;
 use super::Bus;
 use crate::BusError;
 use crate::publisher::MapPublisher;
-use crate::ros2::{PoseTopic, RosPublisher};
+use crate::ros2::{FixTopic, PoseTopic, RosPublisher};
 use crate::streams::{MessageSubscription, PingSubscription, PoseSubscription, StatusSubscription};
 use crate::subscriber::MapSubscriber;
 use crate::tape::{TapeFollower, TapeKeeper};
@@ -78,6 +78,14 @@ impl Bus {
     /// If no domain of ROS is configured, it is no topic that poses can come from, or zenoh refuses.
     pub fn subscribe_poses_of_ros(&self, topic: &str) -> Result<PoseSubscription, BusError> {
         PoseSubscription::on_topic(&self.link, PoseTopic::open(&self.link, topic)?)
+    }
+
+    /// Starts to take the messages of a topic of ROS 2, `sensor_msgs/msg/NavSatFix` in CDR.
+    ///
+    /// # Errors
+    /// If no domain of ROS is configured, it is no name of a topic, or zenoh refuses.
+    pub fn subscribe_fixes_of_ros(&self, topic: &str) -> Result<MessageSubscription, BusError> {
+        MessageSubscription::on_topic(&self.link, FixTopic::open(&self.link, topic)?)
     }
 
     /// Starts to take the messages of other programs on `keys`, which may be patterns.

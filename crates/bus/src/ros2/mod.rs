@@ -12,6 +12,7 @@
 //! actions, topics that remember their last message for who comes late (it is sent again anyway).
 
 mod cloud;
+mod fixes;
 mod node;
 mod poses;
 mod rounds;
@@ -26,6 +27,7 @@ use serde::Serialize;
 
 use crate::bus::{Link, spawn};
 use crate::{BusConfig, BusError};
+pub(crate) use fixes::FixTopic;
 pub(crate) use node::NodeSlot;
 use node::Topics;
 pub(crate) use poses::PoseTopic;

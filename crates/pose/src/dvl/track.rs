@@ -128,6 +128,7 @@ impl Track {
             senders: senders.collect(),
             several,
             missing: lacks.then(|| what.to_owned()),
+            lacks_north: true,
             ..self.status.clone()
         }
     }

@@ -54,7 +54,7 @@ pub fn poses_of_mcap(path: &Path, topic: Option<&str>) -> Result<LogPoses, LogPo
     }
 }
 
-pub(super) fn cannot_read(path: &Path, error: RecordingError) -> LogPosesError {
+pub(crate) fn cannot_read(path: &Path, error: RecordingError) -> LogPosesError {
     match error {
         RecordingError::Io(reason) => LogPosesError::Io {
             path: path.to_owned(),

@@ -10,6 +10,8 @@ mod survey;
 mod svlog;
 
 pub use self::found::LogPosesError;
+pub(crate) use self::mcap::cannot_read;
 pub use self::mcap::{LogPoses, poses_of_mcap};
+pub(crate) use self::ros1::Ros1Reader;
 pub use self::survey::{McapSurvey, McapTopic, TopicPoses, survey_of_mcap};
 pub use self::svlog::{SvlogPoses, poses_of_svlog};

@@ -6,10 +6,10 @@ use echosplat_ros::MAX_FRAME_ID_BYTES;
 const NANOS_PER_SECOND: i64 = 1_000_000_000;
 
 /// Reads fields in order; never beyond the bytes.
-pub(super) struct Ros1Reader<'a>(&'a [u8]);
+pub(crate) struct Ros1Reader<'a>(&'a [u8]);
 
 impl<'a> Ros1Reader<'a> {
-    pub(super) fn new(message: &'a [u8]) -> Self {
+    pub(crate) fn new(message: &'a [u8]) -> Self {
         Self(message)
     }
 
@@ -20,12 +20,17 @@ impl<'a> Ros1Reader<'a> {
         Ok(*bytes)
     }
 
+    /// So many bytes as they are.
+    pub(crate) fn bytes<const N: usize>(&mut self) -> Result<[u8; N], String> {
+        self.array()
+    }
+
     fn u32(&mut self) -> Result<u32, String> {
         Ok(u32::from_le_bytes(self.array()?))
     }
 
     /// How many follow.
-    pub(super) fn count(&mut self, limit: usize) -> Result<usize, String> {
+    pub(crate) fn count(&mut self, limit: usize) -> Result<usize, String> {
         let count = self.u32()? as usize;
         match count <= limit {
             true => Ok(count),
@@ -35,7 +40,7 @@ impl<'a> Ros1Reader<'a> {
         }
     }
 
-    pub(super) fn string(&mut self) -> Result<&'a str, String> {
+    pub(crate) fn string(&mut self) -> Result<&'a str, String> {
         let length = self.u32()? as usize;
         let bytes = self.0.split_at_checked(length);
         let (bytes, rest) = bytes
@@ -46,14 +51,14 @@ impl<'a> Ros1Reader<'a> {
     }
 
     /// `std_msgs/Header`: its time and its frame.
-    pub(super) fn header(&mut self) -> Result<(Timestamp, &'a str), String> {
+    pub(crate) fn header(&mut self) -> Result<(Timestamp, &'a str), String> {
         let _sequence = self.u32()?;
         let (seconds, nanos) = (i64::from(self.u32()?), i64::from(self.u32()?));
         let stamp = Timestamp::from_nanos(seconds * NANOS_PER_SECOND + nanos);
         Ok((stamp, self.string()?))
     }
 
-    pub(super) fn f64s<const N: usize>(&mut self) -> Result<[f64; N], String> {
+    pub(crate) fn f64s<const N: usize>(&mut self) -> Result<[f64; N], String> {
         let mut numbers = [0.0; N];
         for number in &mut numbers {
             *number = f64::from_le_bytes(self.array()?);

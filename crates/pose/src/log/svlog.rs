@@ -15,8 +15,9 @@ use echosplat_recording::svlog::{SessionHeader, SvlogError, SvlogReader};
 use super::found::{LogPosesError, in_order};
 use crate::mavlink::json;
 use crate::mavlink::message::{Message, Sender, Station};
-use crate::mavlink::origin::ToldOrigin;
+use crate::mavlink::origin::OriginEpochs;
 use crate::mavlink::vehicle::Vehicle;
+use echosplat_georeference::Georeference;
 use echosplat_join::{ArrivedPose, StampClock};
 
 const NANOS_PER_MILLI: i64 = 1_000_000;
@@ -28,8 +29,10 @@ const LEAST_UNIX_NANOS: i64 = 1_000_000_000_000_000_000;
 pub struct SvlogPoses {
     /// On the time that the log's profiles are given.
     pub poses: Vec<ArrivedPose>,
-    /// If the vehicle says so.
-    pub origin: Option<ToldOrigin>,
+    /// Where each epoch's world lies that the vehicle says so of.
+    pub origins: Vec<(u32, Georeference)>,
+    /// Whether x of their world points somewhere else than east.
+    pub lacks_north: bool,
 }
 
 /// The poses of one vehicle in a log, of several of an autopilot and of the one with most, on the time that the log's profiles are given.
@@ -80,6 +83,10 @@ struct Voice {
     vehicle: Vehicle,
     session: Session,
     poses: Vec<ArrivedPose>,
+    /// Of the newest pose.
+    epoch: Option<u32>,
+    epochs: OriginEpochs,
+    origins: Vec<(u32, Georeference)>,
 }
 
 impl Voice {
@@ -90,7 +97,20 @@ impl Voice {
             vehicle: Vehicle::new(StampClock::Data),
             session: Session::default(),
             poses: Vec::new(),
+            epoch: None,
+            epochs: OriginEpochs::default(),
+            origins: Vec::new(),
         }
+    }
+
+    /// Poses of the newest epoch count from where the vehicle says by now.
+    fn note_origin(&mut self) {
+        let Some(epoch) = self.epoch else { return };
+        let told = self.vehicle.origin();
+        let found = self.epochs.of(epoch, told.as_ref());
+        let is_known = self.origins.iter().any(|(known, _)| *known == epoch);
+        self.origins
+            .extend(found.filter(|_| !is_known).map(|place| (epoch, place)));
     }
 
     fn end_session(&mut self, start: Timestamp) {
@@ -152,7 +172,7 @@ impl Log {
         }
         if let Message::GlobalOrigin(_) | Message::GlobalPosition { .. } = message {
             voice.vehicle.take(message, Timestamp::ZERO);
-            return;
+            return voice.note_origin();
         }
         let Some(boot) = boot_nanos(&message) else {
             return;
@@ -163,6 +183,9 @@ impl Log {
         if let Some(pose) = voice.vehicle.take(message, arrived) {
             voice.session.unmatched_boot = Some(pose.pose.time.nanos());
             voice.session.poses.push(pose);
+            if voice.epoch.replace(pose.pose.epoch) != Some(pose.pose.epoch) {
+                voice.note_origin();
+            }
         }
     }
 
@@ -201,11 +224,13 @@ impl Log {
             .filter(|voice| !voice.poses.is_empty());
         if let Some(voice) = with_poses.max_by_key(place) {
             let (sender, poses) = (voice.sender, std::mem::take(&mut voice.poses));
-            let origin = voice.vehicle.origin();
+            let status = voice.vehicle.status(Timestamp::ZERO);
+            let (origins, lacks_north) = (std::mem::take(&mut voice.origins), status.lacks_north);
             self.tell_others(path, sender);
             return Ok(SvlogPoses {
                 poses: in_order(poses),
-                origin,
+                origins,
+                lacks_north,
             });
         }
         let statuses = self
@@ -364,13 +389,15 @@ mod tests {
         let fields = r#""lat":601700000,"lon":249400000,"alt":-1500"#;
         frames.insert(8, mavlink("GLOBAL_POSITION_INT", 1_110, fields));
         let found = poses_of(&frames).unwrap();
-        let origin = found.origin.expect("the vehicle says where it is on Earth");
+        let [(0, origin)] = &found.origins[..] else {
+            panic!("the vehicle says where it is on Earth")
+        };
         // It is 1 m north and 2 m east of there, and 3 m below.
         assert!(
-            (origin.latitude_deg - 60.17 + 1.0 / 111_420.0).abs() < 1e-7,
+            (origin.place.latitude_deg - 60.17 + 1.0 / 111_420.0).abs() < 1e-7,
             "{origin:?}"
         );
-        assert!((origin.height_m - 1.5).abs() < 1e-3, "{origin:?}");
+        assert!((origin.place.height_m - 1.5).abs() < 1e-3, "{origin:?}");
         let poses = found.poses;
         assert_eq!(poses.len(), 100);
         // At the first profile boot time is 1,000 ms; the first attitude is 20 ms behind it.
@@ -379,6 +406,48 @@ mod tests {
         let place = poses[0].pose.world_from_vehicle.translation_m;
         let expected = echosplat_model::glam::DVec3::new(2.0, 1.0, -3.0);
         assert_eq!(place, expected);
+    }
+
+    /// An autopilot that is switched on again counts from elsewhere.
+    #[test]
+    fn after_a_reboot_an_origin_has_to_be_said_again() {
+        let log = |says_again: bool| {
+            let mut frames = Vec::new();
+            let says = |latitude: i32| {
+                let fields = format!(r#""latitude":{latitude},"longitude":249400000,"altitude":0"#);
+                mavlink("GPS_GLOBAL_ORIGIN", 0, &fields)
+            };
+            for i in 0..400_u32 {
+                // Booted again after ten seconds.
+                let boot_ms = if i < 200 {
+                    60_000 + i * 50
+                } else {
+                    1_000 + i * 50
+                };
+                frames.push(profile(i * 50));
+                frames.push(position(boot_ms));
+                frames.push(attitude(boot_ms + 10));
+                if i == 20 {
+                    frames.push(says(601_700_000));
+                }
+                if i == 300 && says_again {
+                    frames.push(says(601_800_000));
+                }
+            }
+            let origins = poses_of(&frames).unwrap().origins;
+            origins
+                .into_iter()
+                .map(|(epoch, place)| (epoch, place.place.latitude_deg))
+                .collect::<Vec<_>>()
+        };
+        let [(0, latitude_deg)] = log(false)[..] else {
+            panic!("only the first world is placed")
+        };
+        assert!((latitude_deg - 60.17).abs() < 1e-9);
+        let [(0, _), (1, latitude_deg)] = log(true)[..] else {
+            panic!("both are")
+        };
+        assert!((latitude_deg - 60.18).abs() < 1e-9);
     }
 
     #[test]

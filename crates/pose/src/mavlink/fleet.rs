@@ -180,6 +180,7 @@ impl Fleet {
             status.clock_method = of_it.clock_method;
             status.missing = of_it.missing;
             status.origin = of_it.origin;
+            status.lacks_north = of_it.lacks_north;
         }
         let likeliest = self.likeliest();
         for (index, member) in self.members.iter().enumerate() {

@@ -25,6 +25,12 @@ pub struct ToldOrigin {
     pub source: &'static str,
     /// How far the vehicle moved it since, at most; the first is kept. Metres.
     pub moved_m: f64,
+    /// Where it was said to be last.
+    #[serde(skip)]
+    newest: Place,
+    /// How often it was said, also in worlds before.
+    #[serde(skip)]
+    said: u64,
 }
 
 impl ToldOrigin {
@@ -33,6 +39,38 @@ impl ToldOrigin {
     pub fn georeference(&self) -> Option<Georeference> {
         let place = Place::new(self.latitude_deg, self.longitude_deg, self.height_m).ok()?;
         Some(Georeference::at_origin(place, Datum::MeanSea, self.source))
+    }
+}
+
+/// Which epochs of poses have an origin: one that was said in another epoch may be another world's.
+#[derive(Debug, Default)]
+pub struct OriginEpochs {
+    /// The newest epoch, and how often an origin had been said when it began.
+    newest: Option<(u32, u64)>,
+    /// The epoch that began first.
+    first: Option<u32>,
+}
+
+impl OriginEpochs {
+    /// What an origin that was told while poses were of this epoch says of its world: of the first epoch what was told first,
+    /// of another what was said since it began, and `None` until then.
+    pub fn of(&mut self, epoch: u32, told: Option<&ToldOrigin>) -> Option<Georeference> {
+        let said = told.map_or(0, |told| told.said);
+        let is_first = *self.first.get_or_insert(epoch) == epoch;
+        let newest = self.newest.get_or_insert((epoch, said));
+        if newest.0 != epoch {
+            *newest = (epoch, said);
+        }
+        let told = told?;
+        match is_first {
+            true => told.georeference(),
+            false if said == newest.1 => None,
+            false => Some(Georeference::at_origin(
+                told.newest,
+                Datum::MeanSea,
+                told.source,
+            )),
+        }
     }
 }
 
@@ -66,6 +104,7 @@ pub(crate) struct Origin {
     told: Option<(Place, ToldOrigin)>,
     /// By its own message, and not worked out.
     is_exact: bool,
+    said: u64,
 }
 
 impl Origin {
@@ -73,9 +112,16 @@ impl Origin {
         self.told.as_ref().map(|(_, told)| told.clone())
     }
 
+    /// What counts from it begins anew: the vehicle has to say again where that is.
+    pub(crate) fn forget(&mut self) {
+        self.told = None;
+        self.is_exact = false;
+    }
+
     /// `GPS_GLOBAL_ORIGIN`.
     pub(crate) fn says(&mut self, fix: Fix) {
         let Some(place) = fix.place() else { return };
+        self.hear(place);
         let apart_m = self.apart_m(&place);
         let is_better = !self.is_exact && apart_m.is_none_or(|apart_m| apart_m <= ROUGH_M);
         if is_better {
@@ -89,15 +135,22 @@ impl Origin {
     /// `GLOBAL_POSITION_INT` of a vehicle that is then at this local position, east, north and up. Only the first is
     /// taken: what follows differs by how the vehicle drifts.
     pub(crate) fn is_beside(&mut self, fix: Fix, local_enu_m: DVec3) {
-        if self.told.is_some() {
+        if self.is_exact {
             return;
         }
         if let Some(place) = fix.place() {
-            let rough = place.moved(-local_enu_m);
-            // East and up there are not quite those where the vehicle is.
-            let off_m = rough.enu_of(&place) - local_enu_m;
-            let origin = rough.moved(off_m);
-            self.keep(origin, "GLOBAL_POSITION_INT beside LOCAL_POSITION_NED");
+            let origin = place.origin_beside(local_enu_m);
+            self.hear(origin);
+            if self.told.is_none() {
+                self.keep(origin, "GLOBAL_POSITION_INT beside LOCAL_POSITION_NED");
+            }
+        }
+    }
+
+    fn hear(&mut self, place: Place) {
+        self.said += 1;
+        if let Some((_, told)) = &mut self.told {
+            (told.newest, told.said) = (place, self.said);
         }
     }
 
@@ -108,6 +161,8 @@ impl Origin {
             height_m: place.height_m,
             source,
             moved_m: 0.0,
+            newest: place,
+            said: self.said,
         };
         self.told = Some((place, told));
     }
@@ -179,5 +234,30 @@ mod tests {
         origin.says(fix(unit(-16.79), unit(179.9999), 2_000));
         let told = origin.told().unwrap();
         assert!(told.source == "GPS_GLOBAL_ORIGIN" && told.moved_m < 1e-9);
+    }
+
+    #[test]
+    fn what_was_said_in_one_epoch_places_no_other() {
+        let (mut origin, mut epochs) = (Origin::default(), OriginEpochs::default());
+        assert_eq!(epochs.of(3, None), None);
+        origin.says(fix(601_700_000, 249_400_000, 0));
+        origin.says(fix(601_700_001, 249_400_000, 0));
+        let told = origin.told();
+        let first = epochs.of(3, told.as_ref()).unwrap();
+        assert!((first.place.latitude_deg - 60.17).abs() < 1e-12);
+        // A jump that the vehicle does not know of: only what it says from then on counts.
+        assert_eq!(epochs.of(4, told.as_ref()), None);
+        origin.says(fix(601_800_000, 249_400_000, 0));
+        let second = epochs.of(4, origin.told().as_ref()).unwrap();
+        assert!(
+            (second.place.latitude_deg - 60.18).abs() < 1e-9,
+            "{second:?}"
+        );
+        // One that it does know of.
+        origin.forget();
+        assert_eq!(epochs.of(5, origin.told().as_ref()), None);
+        origin.says(fix(601_900_000, 249_400_000, 0));
+        let third = epochs.of(5, origin.told().as_ref()).unwrap();
+        assert!((third.place.latitude_deg - 60.19).abs() < 1e-9, "{third:?}");
     }
 }

@@ -147,21 +147,26 @@ impl Vehicle {
         PoseSourceStatus {
             missing: self.missing(now),
             origin: self.origin(),
+            lacks_north: self.kind.is_some() && !self.is_enu(),
             ..self.status.clone()
         }
     }
 
     /// Where on Earth its poses count from, if their world has true north.
     pub(crate) fn origin(&self) -> Option<ToldOrigin> {
-        let is_enu = match self.kind {
+        self.origin.told().filter(|_| self.is_enu())
+    }
+
+    /// Whether x of its poses' world points east.
+    fn is_enu(&self) -> bool {
+        match self.kind {
             Some(Kind::Attitude) => true,
             Some(Kind::Odometry(frame)) => {
                 frame == MavFrame::MAV_FRAME_LOCAL_NED as u32
                     || frame == MavFrame::MAV_FRAME_LOCAL_ENU as u32
             }
             None => false,
-        };
-        self.origin.told().filter(|_| is_enu)
+        }
     }
 
     fn missing(&self, now: Timestamp) -> Option<String> {
@@ -294,6 +299,7 @@ impl Vehicle {
             Step::Anew(boot) => {
                 self.clock.forget();
                 self.motion = None;
+                self.origin.forget();
                 self.begin_epoch();
                 boot
             }
@@ -315,8 +321,11 @@ impl Vehicle {
     /// By the counter itself: a stray message with another is of another epoch, and those after it are not.
     fn count_resets(&mut self, counter: u8) {
         let (first, epoch) = *self.resets.get_or_insert((counter, self.status.epoch));
-        let since = counter.wrapping_sub(first);
-        self.be_in_epoch(epoch.saturating_add(since.into()));
+        let epoch = epoch.saturating_add(counter.wrapping_sub(first).into());
+        if epoch != self.status.epoch {
+            self.origin.forget();
+        }
+        self.be_in_epoch(epoch);
     }
 
     /// Host time of a time since boot, told in the status.

@@ -50,6 +50,11 @@ pub const POSE_WITH_COVARIANCE_STAMPED: MessageType = MessageType {
     name: "geometry_msgs::msg::dds_::PoseWithCovarianceStamped_",
     hash: "RIHS01_26432f9803e43727d3c8f668d1fdb3c630f548af631e2f4e31382371bfea3b6e",
 };
+/// `sensor_msgs/msg/NavSatFix`.
+pub const NAV_SAT_FIX: MessageType = MessageType {
+    name: "sensor_msgs::msg::dds_::NavSatFix_",
+    hash: "RIHS01_62223ab3fe210a15976021da7afddc9e200dc9ec75231c1b6a557fc598a65404",
+};
 /// `tf2_msgs/msg/TFMessage`.
 pub const TF_MESSAGE: MessageType = MessageType {
     name: "tf2_msgs::msg::dds_::TFMessage_",

@@ -12,7 +12,7 @@ mod tokens;
 
 pub use attachment::{ATTACHMENT_BYTES, Attachment, Gid};
 pub use keys::{
-    EndpointKind, MessageType, Node, ODOMETRY, POINT_CLOUD2, POSE_STAMPED,
+    EndpointKind, MessageType, NAV_SAT_FIX, Node, ODOMETRY, POINT_CLOUD2, POSE_STAMPED,
     POSE_WITH_COVARIANCE_STAMPED, TF_MESSAGE, Topic,
 };
 pub use names::{NameError, namespace, topic_name};

@@ -7,7 +7,7 @@ use echosplat_georeference::Datum;
 use echosplat_model::glam::DVec3;
 use echosplat_recording::export::Up;
 
-use super::values::{datum, finite, not_negative, place, positive, sweep, up_axis};
+use super::values::{datum, day, finite, not_negative, place, positive, sweep, up_axis};
 
 #[derive(Debug, Args)]
 pub struct EvaluateArguments {
@@ -204,6 +204,12 @@ pub struct GeoreferenceArguments {
     pub(crate) tie: Vec<String>,
     #[command(flatten)]
     pub(crate) place: PlaceArguments,
+    /// --heading is by a magnetic compass: its declination there is added
+    #[arg(long, requires = "heading")]
+    pub(crate) magnetic: bool,
+    /// The day of the dive, for the declination; today without
+    #[arg(long, value_name = "YYYY-MM-DD", value_parser = day)]
+    pub(crate) date: Option<i64>,
     /// Where the map with its place goes; without, into the map itself
     #[arg(long, value_name = "OUT.ply")]
     pub(crate) out: Option<PathBuf>,

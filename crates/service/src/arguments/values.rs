@@ -6,6 +6,8 @@ use echosplat_model::glam::DVec3;
 use echosplat_recording::export::Up;
 use echosplat_simulator::{DiveKind, NoiseLevel};
 
+use crate::clock;
+
 pub(super) fn dive_kind() -> impl TypedValueParser<Value = DiveKind> {
     PossibleValuesParser::new(DiveKind::ALL.map(DiveKind::as_str))
         .try_map(|name| name.parse::<DiveKind>())
@@ -28,6 +30,14 @@ pub(super) fn datum() -> impl TypedValueParser<Value = Datum> {
 fn number(text: &str) -> Result<f64, String> {
     text.parse::<f64>()
         .map_err(|_| "it must be a number".to_owned())
+}
+
+/// Days since 1970-01-01.
+pub(super) fn day(text: &str) -> Result<i64, String> {
+    let date: jiff::civil::Date = text
+        .parse()
+        .map_err(|_| "it must be a day, as in 2026-11-30".to_owned())?;
+    Ok(clock::day_of(date))
 }
 
 pub(super) fn finite(text: &str) -> Result<f64, String> {

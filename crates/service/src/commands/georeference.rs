@@ -1,13 +1,15 @@
 //! `echosplat georeference MAP.ply`: where on Earth a map lies, told or put into it.
 
-use echosplat_georeference::{Crs, Georeference, Residual, Tie, solve};
+use echosplat_georeference::{
+    Crs, Declination, DeclinationError, Georeference, Residual, Tie, declination, solve,
+};
 use echosplat_recording::ply::{MapFile, georeference_map};
 use serde_json::{Value, json};
 
 use crate::arguments::GeoreferenceArguments;
 use crate::exit::{Finish, Usage};
 use crate::placing::{self, EAST_DEG};
-use crate::{files, logging, maps};
+use crate::{clock, files, logging, maps};
 
 /// What is known of the map's place, and how well.
 struct Found {
@@ -18,11 +20,55 @@ struct Found {
     is_new: bool,
 }
 
+/// Where a compass points there, and on which day.
+struct Compass {
+    unix_day: i64,
+    declination: Result<Declination, DeclinationError>,
+}
+
+impl Compass {
+    fn of(arguments: &GeoreferenceArguments, georeference: &Georeference) -> Self {
+        let today = || clock::unix_day(clock::now());
+        let unix_day = arguments.date.unwrap_or_else(today);
+        Self {
+            unix_day,
+            declination: declination(&georeference.place, unix_day),
+        }
+    }
+
+    fn line(&self) -> String {
+        let day = clock::iso_day(self.unix_day);
+        match &self.declination {
+            Ok(found) => format!(
+                "magnetic north is {:+.2} degrees from true north there on {day}, one sigma {:.2} (WMM): add it to what a compass \
+                 says{}",
+                found.declination_deg,
+                found.sigma_deg,
+                match found.is_unsure {
+                    true => "; so near a magnetic pole no compass is to be trusted",
+                    false => "",
+                }
+            ),
+            Err(error) => {
+                format!("no declination for {day}: {error}; --date gives the day of the dive")
+            }
+        }
+    }
+}
+
 /// # Errors
 /// If the map cannot be read, nothing is known of its place, or it cannot be written.
 pub(crate) fn run(arguments: &GeoreferenceArguments) -> anyhow::Result<Finish> {
     let map = maps::read(&arguments.map)?;
-    let found = found(arguments, &map)?;
+    let mut found = found(arguments, &map)?;
+    let compass = Compass::of(arguments, &found.georeference);
+    if arguments.magnetic {
+        let declination = compass.declination.as_ref();
+        let declination =
+            declination.map_err(|_| Usage::error(format!("--magnetic: {}", compass.line())))?;
+        let heading_deg = found.georeference.x_heading_deg + declination.declination_deg;
+        found.georeference.x_heading_deg = heading_deg.rem_euclid(360.0);
+    }
     let crs = Crs::utm_of(&found.georeference.place).map_err(Usage::error)?;
     if found.is_new {
         put(arguments, &found.georeference)?;
@@ -32,8 +78,8 @@ pub(crate) fn run(arguments: &GeoreferenceArguments) -> anyhow::Result<Finish> {
         ));
     }
     match arguments.json {
-        true => logging::print(&document(&found, &crs)?.to_string()),
-        false => lines(&found, &crs)?
+        true => logging::print(&document(&found, &crs, &compass)?.to_string()),
+        false => lines(&found, &crs, &compass)?
             .iter()
             .for_each(|line| logging::print(line)),
     }
@@ -88,7 +134,7 @@ fn put(arguments: &GeoreferenceArguments, georeference: &Georeference) -> anyhow
         .map_err(|error| files::cannot_write(out, &error))
 }
 
-fn lines(found: &Found, crs: &Crs) -> anyhow::Result<Vec<String>> {
+fn lines(found: &Found, crs: &Crs, compass: &Compass) -> anyhow::Result<Vec<String>> {
     let georeference = &found.georeference;
     let place = georeference.place;
     let [x, y, z] = georeference.anchor_m.to_array();
@@ -117,6 +163,7 @@ fn lines(found: &Found, crs: &Crs) -> anyhow::Result<Vec<String>> {
             "{crs}: {:.3} {:.3}; north of this grid is {:.3} degrees from true north, its metre {:.6} m",
             at.x, at.y, grid.convergence_deg, grid.scale
         ),
+        compass.line(),
     ];
     for (index, residual) in found.residuals.iter().enumerate() {
         let [east, north, up] = residual.enu_m.to_array();
@@ -131,7 +178,7 @@ fn lines(found: &Found, crs: &Crs) -> anyhow::Result<Vec<String>> {
     Ok(lines)
 }
 
-fn document(found: &Found, crs: &Crs) -> anyhow::Result<Value> {
+fn document(found: &Found, crs: &Crs, compass: &Compass) -> anyhow::Result<Value> {
     let georeference = &found.georeference;
     let place = georeference.place;
     let at = crs.project(&place)?;
@@ -150,6 +197,9 @@ fn document(found: &Found, crs: &Crs) -> anyhow::Result<Value> {
         "projected": at.to_array(),
         "grid_convergence_deg": grid.convergence_deg,
         "grid_scale": grid.scale,
+        "declination_deg": compass.declination.as_ref().ok().map(|found| found.declination_deg),
+        "declination_sigma_deg": compass.declination.as_ref().ok().map(|found| found.sigma_deg),
+        "declination_date": clock::iso_day(compass.unix_day),
         "residuals_enu_m": residuals.collect::<Vec<_>>(),
     }))
 }

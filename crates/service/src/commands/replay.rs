@@ -160,23 +160,17 @@ fn once(
         page.control(recorder.as_ref());
         page.control_replay(replayed.pause());
     }
-    let found = replayed.poses(poses_url.as_ref(), config, bus.as_deref(), recorder.clone())?;
-    let (poses, losses_of_poses) = found;
-    // Poses of another file count from elsewhere.
-    let mut config = config.clone();
-    if poses_url.is_none() {
-        replayed
-            .georeference()
-            .iter()
-            .for_each(|place| config.georeference.learn(place));
-    }
-    let config = &config;
+    let asked = poses_url.as_ref();
+    let (source, losses_of_poses) = replayed.pose_source(asked, bus.as_deref())?;
+    let places = replayed.places(asked, config, &source);
+    let poses = replayed.judged(source, asked, config, recorder.clone())?;
     let setup = Setup {
         part: Part::Whole,
         inputs,
         poses,
         gate: Gate::new(arguments.start, arguments.end, config.output.duration_s).taking_once(),
         losses: [replayed.losses(), losses_of_poses].concat(),
+        places,
         bus: bus.clone().filter(|_| arguments.publish),
         recorder,
         shedding: Shedding::as_before(replayed.decided()),

@@ -15,8 +15,8 @@ use crate::config::{Config, Overrides};
 use crate::decided::Decided;
 use crate::exit::{Finish, Usage};
 use crate::pipeline::{
-    self, Album, Expectations, Gate, Hooks, Input, Outcome, Pace, Part, Patience, Poses, Setup,
-    Shedding, range_of,
+    self, Album, Expectations, Gate, Gnss, Hooks, Input, Outcome, Pace, Part, Patience, Poses,
+    Setup, Shedding, range_of,
 };
 use crate::recorder::Recorder;
 use crate::rig::{PosesTo, Rig};
@@ -30,6 +30,11 @@ use crate::{clock, dives, inputs, logging, maps, truth};
 pub(crate) fn run(arguments: &RunArguments) -> anyhow::Result<Finish> {
     refuse_what_is_the_others(arguments)?;
     let config = configuration(arguments)?;
+    if arguments.role != Role::All && config.georeference.gnss.is_some() {
+        tracing::warn!(
+            "georeference.gnss is not read with --role driver or mapper: `echosplat georeference` places the map afterwards"
+        );
+    }
     match arguments.role {
         Role::Driver => drive(&config),
         Role::All | Role::Mapper => run_and_map(arguments, &config),
@@ -215,6 +220,7 @@ fn map_what_the_driver_hears(
         inputs: vec![tape.recorded_by(recorder.clone()).into_input()],
         shedding: shedding(config, patience, recorder.clone(), decided),
         losses,
+        places: Vec::new(),
         poses: poses.of_tape(clock, begin.guards_poses, let_go.unwrap_or_default()),
         gate: Gate::new(None, None, duration_s),
         bus: Some(Arc::clone(bus)),
@@ -273,6 +279,7 @@ fn serve(
     if let Some(page) = page {
         page.control(recorder.as_ref());
     }
+    let gnss = gnss(config, bus, recorder.as_ref())?;
     let setup = Setup {
         expectations: Expectations {
             sonar: config.sonar.url.clone(),
@@ -287,7 +294,8 @@ fn serve(
         inputs: vec![Input::link(driver)],
         shedding: shedding(config, patience, recorder.clone(), None),
         losses: Vec::new(),
-        poses: Poses::new(config, source, patience, recorder.clone())?,
+        places: Vec::new(),
+        poses: Poses::new(config, source, patience, recorder.clone())?.beside(gnss),
         gate: Gate::new(None, None, config.output.duration_s),
         bus: Some(Arc::clone(bus)),
         recorder,
@@ -298,6 +306,15 @@ fn serve(
         },
     };
     pipeline::run(config, setup, stop)
+}
+
+/// The receiver that is configured, if one is.
+fn gnss(config: &Config, bus: &Bus, recorder: Option<&Recorder>) -> anyhow::Result<Option<Gnss>> {
+    let Some(url) = &config.georeference.gnss else {
+        return Ok(None);
+    };
+    let source = inputs::gnss(url, bus)?;
+    Ok(Some(Gnss::new(config, source, recorder.cloned())))
 }
 
 /// The sonar of `sim://SCENE`, at real time, on a port of its own.

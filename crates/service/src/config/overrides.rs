@@ -145,7 +145,7 @@ impl Config {
         if let Some(datum) = asked.datum {
             datum.name().clone_into(&mut place.datum);
         }
-        place.x_heading_deg = asked.heading.unwrap_or(place.x_heading_deg);
+        place.x_heading_deg = asked.heading.or(place.x_heading_deg);
     }
 
     fn override_bus(&mut self, arguments: &BusArguments) {

@@ -60,7 +60,6 @@ impl Run {
         let found = found.chain(self.known.clone());
         self.note(found.collect(), Instant::now());
         self.keep_room(Some(&snapshot));
-        self.learn_place();
         let written = self.write_map(&snapshot);
         let tracked = self.write_track();
         self.recorder.iter().for_each(Recorder::release_room);

@@ -33,7 +33,9 @@ impl EarlierMaps {
     }
 
     /// Goes through the whole dive of `mapper` once more and writes what it gives.
-    pub(crate) fn keep(&mut self, mut mapper: Mapper) {
+    ///
+    /// `epoch` is that of its snapshots.
+    pub(crate) fn keep(&mut self, mut mapper: Mapper, epoch: u64) {
         let Some(map) = self.map.clone() else {
             tracing::warn!("the map of the poses before is let go; --map keeps it");
             return;
@@ -42,7 +44,8 @@ impl EarlierMaps {
         self.count += 1;
         let (notes, number) = (self.notes.clone(), self.count);
         let work = move || {
-            let snapshot = mapper.finish();
+            let mut snapshot = mapper.finish();
+            snapshot.epoch = epoch;
             let path = maps::epoch_path(&map, number);
             if let Err(error) = maps::write(&snapshot, &path, &notes) {
                 tracing::error!("{error:#}");

@@ -13,10 +13,12 @@ use echosplat_model::{Ping, Snapshot};
 
 use super::calibration;
 use super::earlier::EarlierMaps;
+use super::places::Places;
 use super::shared::{MapperReport, Shared};
 use super::worker::THREAD_NAME;
 use super::{Gate, Observer, Outlet, Poses, Shedding, Wiring, start_worker};
 use crate::config::Config;
+use crate::maps::RunNotes;
 
 /// A map under way.
 pub struct Mapping {
@@ -43,6 +45,7 @@ impl Mapping {
             outlet: Outlet::new(None, None, observer),
             shedding: Shedding::none(),
             earlier: EarlierMaps::default(),
+            places: Places::new(RunNotes::default(), None, Vec::new()),
             frame_check: None,
             calibration: calibration::Watch::off(config),
             came: None,

@@ -11,12 +11,14 @@ mod effort;
 mod ending;
 mod frame_check;
 mod gate;
+mod gnss;
 mod keeper;
 mod latency;
 mod listening;
 mod mapping;
 mod notices;
 mod outlet;
+mod places;
 mod poses;
 mod prediction;
 mod published;
@@ -37,6 +39,7 @@ use anyhow::Context;
 use crossbeam_channel::Receiver;
 use echosplat_bus::{Bus, DRIVER_ROLE, MAPPER_ROLE};
 use echosplat_driver::{DriverEvent, DriverStatus};
+use echosplat_georeference::Georeference;
 use echosplat_liveness::Heartbeat;
 use echosplat_mapper::Mapper;
 use echosplat_model::Snapshot;
@@ -56,16 +59,18 @@ use earlier::EarlierMaps;
 use ending::Ending;
 use frame_check::FrameCheck;
 pub(crate) use gate::{Gate, Passage};
+pub(crate) use gnss::{Gnss, heard_of};
 pub(crate) use keeper::Keeper;
 pub(crate) use listening::Listening;
 pub use mapping::Mapping;
 pub(crate) use notices::{Finding, Notice, Notices};
 use outlet::Outlet;
 pub use outlet::{Moment, Observed, Observer, Schedule};
+use places::Places;
+pub(crate) use places::{contradiction, georeference_of, tell_separation};
 pub use poses::{Joined, Poses};
 pub(crate) use poses::{Patience, PoseReport, Span};
 use run::Run;
-pub(crate) use run::georeference_of;
 pub(crate) use shared::{Link, Phase, Shared};
 pub use shared::{MapperReport, Spent};
 pub(crate) use shedding::Shedding;
@@ -87,6 +92,8 @@ pub(crate) struct Setup {
     pub(crate) losses: Vec<String>,
     /// Names this run's map; no two runs that somebody may follow have the same.
     pub(crate) epoch: u64,
+    /// Where on Earth the poses count from, by their epoch, as far as that is known beforehand.
+    pub(crate) places: Vec<(u32, Georeference)>,
     pub(crate) expectations: Expectations,
     pub(crate) part: Part,
     pub(crate) hooks: Hooks,
@@ -223,6 +230,7 @@ struct Wiring {
     outlet: Outlet,
     shedding: Shedding,
     earlier: EarlierMaps,
+    places: Places,
     frame_check: Option<FrameCheck>,
     calibration: calibration::Watch,
     /// Gathered where the way is written.
@@ -243,6 +251,7 @@ fn start_worker(
         mapper: Mapper::new(config.mapper.clone())?,
         mapper_config: config.mapper.clone(),
         earlier: wiring.earlier,
+        places: wiring.places,
         frame_check: wiring.frame_check,
         calibration: wiring.calibration,
         came: wiring.came,

@@ -122,6 +122,11 @@ impl Outlet {
         Self { epoch, ..self }
     }
 
+    /// Of the snapshots of the map at hand.
+    pub(crate) fn epoch(&self) -> u64 {
+        self.epoch
+    }
+
     /// Maps from now on are of another world than those before.
     pub(crate) fn begin_epoch(&mut self) {
         self.epoch += 1;

@@ -5,16 +5,18 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use echosplat_georeference::FoundOrigin;
 use echosplat_join::{
     ArrivedPose, CompassDeviation, CovarianceCounters, CovarianceRule, GuardReport, Guarded,
     JoinCounters, PoseGuard, PoseJoin, PoseJoinConfig, StampClock, Verdict,
 };
 use echosplat_liveness::Heartbeat;
 use echosplat_model::{Ping, PoseUncertainty, PosedPing, StampedPose, Timestamp};
-use echosplat_pose::{PoseSource, PoseSourceStatus};
+use echosplat_pose::{PoseSource, PoseSourceStatus, ToldOrigin};
 use echosplat_recording::mcap::Record;
 use serde::Serialize;
 
+use super::gnss::{Gnss, GnssReport};
 use crate::clock;
 use crate::config::Config;
 use crate::decided::ping_let_go;
@@ -60,6 +62,15 @@ pub(crate) struct PoseReport {
     pub(crate) source: PoseSourceStatus,
     /// By the guard.
     pub(crate) guard: GuardReport,
+    /// By a satellite receiver, if one is configured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) gnss: Option<GnssReport>,
+    /// Epoch of the poses at hand, and what their source says of its world.
+    #[serde(skip)]
+    pub(crate) told_origin: Option<(u32, ToldOrigin)>,
+    /// By the receiver's fixes.
+    #[serde(skip)]
+    pub(crate) found_origins: Vec<FoundOrigin>,
     /// Times of the poses taken.
     pub(crate) pose_times: Option<Span>,
     /// Times of the pings that asked for one.
@@ -95,6 +106,43 @@ pub struct Poses {
     records_poses: bool,
     pose_times: Option<Span>,
     ping_times: Option<Span>,
+    gnss: Option<Gnss>,
+    epoch: EpochAtHand,
+}
+
+/// Seconds without a change of epoch, by source and guard: what the source tells then is of the world of the poses taken.
+const EPOCH_LASTS_S: f64 = 2.0;
+
+/// Of the newest pose that came, as its source has it, and of the newest that was taken.
+#[derive(Debug, Clone, Copy, Default)]
+struct EpochAtHand {
+    came: Option<u32>,
+    taken: Option<u32>,
+    /// When either changed, by arrival.
+    since: Timestamp,
+    newest: Timestamp,
+}
+
+impl EpochAtHand {
+    fn came(&mut self, arrived: &ArrivedPose) {
+        self.newest = arrived.arrived;
+        if self.came.replace(arrived.pose.epoch) != Some(arrived.pose.epoch) {
+            self.since = self.newest;
+        }
+    }
+
+    fn taken(&mut self, epoch: u32) {
+        if self.taken.replace(epoch) != Some(epoch) {
+            self.since = self.newest;
+        }
+    }
+
+    /// The epoch of poses taken, if what the source tells by now is of their world.
+    fn settled(&self, source_epoch: u32) -> Option<u32> {
+        let lasts = self.newest.seconds_since(self.since) >= EPOCH_LASTS_S;
+        self.taken
+            .filter(|_| lasts && self.came == Some(source_epoch))
+    }
 }
 
 impl Poses {
@@ -154,7 +202,19 @@ impl Poses {
             records_poses: true,
             pose_times: None,
             ping_times: None,
+            gnss: None,
+            epoch: EpochAtHand::default(),
         })
+    }
+
+    /// The same, with a satellite receiver beside.
+    pub(crate) fn beside(self, gnss: Option<Gnss>) -> Self {
+        Self { gnss, ..self }
+    }
+
+    /// Of the receiver's task.
+    pub(crate) fn gnss_heartbeat(&self) -> Option<&Heartbeat> {
+        self.gnss.as_ref().and_then(Gnss::heartbeat)
     }
 
     /// The poses of a recorded dive, judged on the clock it was dived on, and pings let go exactly
@@ -245,6 +305,9 @@ impl Poses {
 
     /// The next ping that has its pose; those that will never have one are counted.
     pub fn pop(&mut self) -> Option<Joined> {
+        if let Some(gnss) = &mut self.gnss {
+            gnss.take_what_came(|| self.source.lacks_north());
+        }
         if self.source.is_live() {
             self.take_what_came();
         }
@@ -281,6 +344,7 @@ impl Poses {
             self.guard = Some(guard);
         }
         self.join.finish();
+        self.gnss.iter_mut().for_each(Gnss::finish);
     }
 
     fn taken(&mut self, guarded: Guarded) {
@@ -292,11 +356,16 @@ impl Poses {
 
     pub(crate) fn report(&self) -> PoseReport {
         let guard = self.guard.as_ref().map(PoseGuard::report).cloned();
+        let source = self.source.status();
+        let epoch = self.epoch.settled(source.epoch);
         PoseReport {
             join: self.join.counters(),
             waiting: self.join.waiting_len() + self.ready.len(),
             covariances: self.join.covariance_counters(),
-            source: self.source.status(),
+            told_origin: epoch.zip(source.origin.clone()),
+            found_origins: self.gnss.as_ref().map_or(Vec::new(), Gnss::found),
+            gnss: self.gnss.as_ref().map(Gnss::report),
+            source,
             guard: guard.unwrap_or_default(),
             pose_times: self.pose_times,
             ping_times: self.ping_times,
@@ -355,6 +424,7 @@ impl Poses {
 
     fn take(&mut self, arrived: ArrivedPose) {
         self.taken += 1;
+        self.epoch.came(&arrived);
         let recorder = self.recorder.as_ref().filter(|_| self.records_poses);
         if let Some(recorder) = recorder {
             recorder.record_pose(&arrived);
@@ -368,7 +438,11 @@ impl Poses {
 
     fn join_with(&mut self, pose: StampedPose) {
         match self.join.push_pose(pose) {
-            Ok(()) => self.pose_times = Span::extended(self.pose_times, pose.time),
+            Ok(()) => {
+                self.pose_times = Span::extended(self.pose_times, pose.time);
+                self.epoch.taken(pose.epoch);
+                self.gnss.iter_mut().for_each(|gnss| gnss.pose(&pose));
+            }
             Err(error) => tracing::debug!(%error, "pose left out"),
         }
     }
@@ -380,6 +454,7 @@ impl Poses {
             self.judged(verdict);
         }
         self.join.restart();
+        self.gnss.iter_mut().for_each(Gnss::finish);
         self.pose_times = None;
     }
 }

@@ -8,12 +8,9 @@ use std::time::{Duration, Instant};
 
 use crossbeam_channel::bounded;
 use echosplat_bus::Bus;
-use echosplat_georeference::Georeference;
 use echosplat_liveness::Heartbeat;
 use echosplat_model::Snapshot;
-use echosplat_recording::mcap::Record;
 use echosplat_recording::ply::map_byte_count;
-use serde_json::{Value, json};
 
 use super::album::AlbumWriter;
 use super::calibration;
@@ -25,6 +22,7 @@ use super::ending::Ending;
 use super::frame_check::FrameCheck;
 use super::keeper::Keeper;
 use super::notices::{Finding, Notices};
+use super::places::Places;
 use super::prediction::Prediction;
 use super::published::Published;
 use super::saving::Saving;
@@ -33,7 +31,6 @@ use super::status::{RateMeter, other_service};
 use super::track::PosesAsTheyCame;
 use super::worker::THREAD_NAME;
 use super::{Hooks, Observer, Outlet, Part, Setup, Wiring, start_worker};
-use crate::clock;
 use crate::config::Config;
 use crate::exit::Usage;
 use crate::maps::{MapNotes, RunNotes};
@@ -41,9 +38,6 @@ use crate::recorder::Recorder;
 use crate::signals::{LastWill, Stop};
 use crate::supervisor::{Policy, Supervisor, Systemd};
 use crate::{runtime, simd};
-
-/// The event of a recording that says where on Earth its map lies.
-const GEOREFERENCE: &str = "georeference";
 
 /// How often flags and heartbeats are looked at.
 const TICK: Duration = Duration::from_millis(20);
@@ -67,7 +61,6 @@ pub(super) struct Run {
     pub(super) keeper: Option<Keeper>,
     /// Where the vehicle's way goes, if it is kept.
     pub(super) track: Option<PathBuf>,
-    notes: RunNotes,
     pub(super) saving: Saving,
     pub(super) album: Option<AlbumWriter>,
     pub(super) diagnosis: Diagnosis,
@@ -118,6 +111,7 @@ impl Run {
             outlet,
             shedding: setup.shedding,
             earlier: EarlierMaps::beside(place.clone()),
+            places: Places::new(notes, setup.recorder.clone(), setup.places),
             frame_check: Some(helpers.frame_check),
             calibration: calibration::Watch::new(config, pace),
             came: config
@@ -137,7 +131,6 @@ impl Run {
             bus: setup.bus,
             published,
             recorder: setup.recorder,
-            notes,
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
             track: config.output.track.clone(),
             saving,
@@ -191,7 +184,6 @@ impl Run {
                 diagnosed = Instant::now();
                 self.give_way()?;
                 self.shared.ask_for_report();
-                self.learn_place();
                 self.diagnose();
                 self.keep_room(self.shared.newest_map().as_deref());
             }
@@ -206,21 +198,6 @@ impl Run {
         self.supervise(&mut ending, stop);
         self.stop_input();
         Ok(ending)
-    }
-
-    /// The maps say where on Earth they lie as soon as the vehicle does; the recording keeps it for a replay.
-    pub(super) fn learn_place(&self) {
-        let told = self.shared.report().poses.source.origin;
-        let Some(place) = told.and_then(|told| told.georeference()) else {
-            return;
-        };
-        let line = place.line();
-        if self.notes.learn(place) {
-            tracing::info!("the map's place on Earth: {line}");
-            if let Some(recorder) = &self.recorder {
-                recorder.record(clock::now(), Record::Event(georeference_event(&line)));
-            }
-        }
     }
 
     /// Has the recording leave room on the disk for this map.
@@ -328,18 +305,6 @@ impl Helpers {
     }
 }
 
-/// As [`georeference_of`] finds it.
-fn georeference_event(line: &str) -> Value {
-    json!({ "event": GEOREFERENCE, "georeference": line })
-}
-
-/// Where on Earth a recorded dive learned that it lies.
-pub(crate) fn georeference_of(event: &Value) -> Option<Georeference> {
-    let is_it = event["event"] == GEOREFERENCE;
-    let line = event["georeference"].as_str().filter(|_| is_it)?;
-    Georeference::parse(line).ok()
-}
-
 /// What is said in every map.
 fn notes(config: &Config) -> MapNotes {
     MapNotes {
@@ -362,6 +327,7 @@ fn supervisor(config: &Config, setup: &Setup, helpers: &Helpers) -> Supervisor {
     let spared = setup.hooks.page_heartbeats.iter();
     let spared = spared.chain(setup.bus.iter().flat_map(|bus| bus.heartbeats()));
     let spared = spared.chain(helpers.prediction.iter().map(Prediction::heartbeat));
+    let spared = spared.chain(setup.poses.gnss_heartbeat());
     supervisor.spare(spared.chain([helpers.frame_check.heartbeat()]));
     if let Some(heartbeat) = setup.poses.heartbeat() {
         supervisor.watch(heartbeat, Policy::Source);

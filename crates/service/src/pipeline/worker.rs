@@ -20,6 +20,7 @@ use super::gate::{Gate, Passage};
 use super::latency::Latency;
 use super::listening::Listening;
 use super::outlet::{Moment, Outlet};
+use super::places::Places;
 use super::poses::{Joined, Poses};
 use super::shared::{MapperReport, Phase, Shared, Spent};
 use super::shedding::Shedding;
@@ -57,6 +58,8 @@ pub(crate) struct Worker {
     pub(crate) mapper_config: MapperConfig,
     /// Maps of epochs that are over.
     pub(crate) earlier: EarlierMaps,
+    /// Where on Earth maps lie.
+    pub(crate) places: Places,
     /// Asks whether poses can be read as they are; not in benches.
     pub(crate) frame_check: Option<FrameCheck>,
     pub(crate) calibration: calibration::Watch,
@@ -218,8 +221,11 @@ impl Worker {
     fn map(&mut self, joined: &Joined) {
         let posed: &PosedPing = &joined.posed;
         let before = self.state.epoch.replace(joined.epoch);
-        if before.is_some_and(|before| before != joined.epoch) {
-            self.begin_new_map(posed.ping.transmit_time());
+        if before != Some(joined.epoch) {
+            if before.is_some() {
+                self.begin_new_map(posed.ping.transmit_time());
+            }
+            self.places.map_begins(self.outlet.epoch(), joined.epoch);
         }
         self.outlet.posed(posed);
         if let Some(frame_check) = &self.frame_check {
@@ -294,6 +300,9 @@ impl Worker {
         state.past_sequence = state.report.newest_sequence;
         // The dive's own time goes on.
         state.first_ping = Some(time.offset_by(-state.report.dive_s));
+        // The map that ends shall bear what was found of its place.
+        self.places.look(&self.poses.report());
+        let ended = self.outlet.epoch();
         self.outlet.begin_epoch();
         if let Some(came) = &mut self.came {
             came.begin_anew();
@@ -302,7 +311,7 @@ impl Worker {
             frame_check.begin_anew();
         }
         self.calibration.begin_anew();
-        self.earlier.keep(mapper);
+        self.earlier.keep(mapper, ended);
     }
 
     fn note_published(&mut self) {
@@ -389,6 +398,7 @@ impl Worker {
         self.state.report.latency_s = self.state.latency.report();
         self.state.report.work = self.work();
         self.state.report.poses = self.poses.report();
+        self.places.look(&self.state.report.poses);
         self.state.report.listening = self.state.listening.report();
         if let Some(frame_check) = &self.frame_check {
             frame_check.ring_until(self.state.report.mapper.rings_until_m);

@@ -134,6 +134,7 @@ fn set_up(
         bus: Some(Arc::clone(&buses.service)),
         recorder,
         shedding: Shedding::none(),
+        places: Vec::new(),
         losses: Vec::new(),
         epoch: clock::now().nanos().unsigned_abs(),
         hooks: Hooks {

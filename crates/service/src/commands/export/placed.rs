@@ -83,10 +83,22 @@ pub(super) fn write(
     };
     let crs = match format {
         PlacedFormat::GeoJson | PlacedFormat::Kml => "WGS 84".to_owned(),
-        _ => placed.crs.to_string(),
+        _ => with_convergence(&placed),
     };
     let heights = placed.georeference.datum.in_words();
     Ok(format!("{told} in {crs}, heights above {heights}"))
+}
+
+/// The system, and how its north lies there, where that is not true north.
+fn with_convergence(placed: &Placed) -> String {
+    let grid = placed.crs.grid(&placed.georeference.place).ok();
+    match grid.filter(|grid| grid.convergence_deg.abs() > 0.0) {
+        Some(grid) => format!(
+            "{}, whose north is {:+.3} degrees from true north there",
+            placed.crs, grid.convergence_deg
+        ),
+        None => placed.crs.to_string(),
+    }
 }
 
 fn write_raster(

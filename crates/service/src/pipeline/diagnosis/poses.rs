@@ -54,6 +54,41 @@ fn drift(status: &Status) -> Option<Finding> {
     })
 }
 
+/// So many fixes show whether any goes with a pose.
+const TELLING_FIXES: u64 = 10;
+
+/// A satellite receiver whose fixes do not place the map, or no longer.
+fn gnss(poses: &PoseReport) -> Option<Finding> {
+    let gnss = poses.gnss.as_ref()?;
+    let fixes = gnss.source.fixes;
+    let told = |sentence| Some(warning("gnss", sentence));
+    if let Some(fault) = gnss.source.first_fault.as_ref().filter(|_| fixes == 0) {
+        let refused = gnss.source.refused;
+        return told(format!(
+            "{refused} messages of the GNSS receiver cannot be used; the first: {fault}"
+        ));
+    }
+    if gnss.moved_m > 0.0 {
+        return told(format!(
+            "later fixes of the GNSS receiver have the world's origin {:.1} m from where the first have it, which stays: poses \
+             drift",
+            gnss.moved_m
+        ));
+    }
+    if let Some(trouble) = &gnss.trouble {
+        return told(format!("the map has no place on Earth by GNSS: {trouble}"));
+    }
+    if fixes < TELLING_FIXES || gnss.beside_poses > 0 {
+        return None;
+    }
+    told(match poses.join.poses_taken {
+        0 => "fixes of a GNSS receiver come, and no poses: fixes tell where on Earth, and are no poses, as they have no \
+              attitude; name a source of those in pose.url"
+            .to_owned(),
+        _ => format!("none of {fixes} fixes of the GNSS receiver came beside a pose: their clocks differ"),
+    })
+}
+
 impl Diagnosis {
     /// Poses, or a mount, that cannot be what they are read as.
     pub(crate) fn frames(&self, status: &Status) -> Option<Finding> {
@@ -77,6 +112,7 @@ impl Diagnosis {
     pub(super) fn poses(&mut self, status: &Status, now: Instant, findings: &mut Vec<Finding>) {
         let poses = &status.report.poses;
         findings.extend(self.malformed(poses, now));
+        findings.extend(gnss(poses));
         if self.expectations.pace == Pace::Live && self.has_run_for(PATIENCE, now) {
             let missing = missing(poses, status.pings_received);
             self.without_poses = missing.as_ref().map(|_| now).or(self.without_poses);
