@@ -24,6 +24,7 @@ mod fake_sonar;
 #[cfg(feature = "bench")]
 mod faults;
 mod files;
+mod handout;
 mod hold;
 mod info;
 mod link;

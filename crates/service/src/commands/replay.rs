@@ -53,7 +53,14 @@ pub(crate) fn run(arguments: &ReplayArguments) -> anyhow::Result<Finish> {
         )?;
         let is_last = !arguments.repeat || stop.is_set();
         if is_last {
-            let finish = conclude(arguments, &config, &outcome, judge, report.as_deref())?;
+            let mut told = config.clone();
+            if poses_url(arguments, &config).is_none() {
+                let place = replayed.georeference();
+                place
+                    .iter()
+                    .for_each(|place| told.georeference.learn(place));
+            }
+            let finish = conclude(arguments, &told, &outcome, judge, report.as_deref())?;
             if let Some(page) = page {
                 page.stay(&stop);
             }
@@ -360,7 +367,7 @@ fn conclude(
     if let Some(judge) = judge {
         let verdict = judge.finish(outcome, config.sonar.seed)?;
         if let Some(report) = report {
-            let page = dive_report::html(heading(arguments), outcome, &verdict, &summary);
+            let page = dive_report::html(heading(arguments, config), outcome, &verdict, &summary);
             files::write("--report", report, page.as_bytes())?;
             tracing::info!(report = %report.display(), "report written");
         }
@@ -378,13 +385,15 @@ fn conclude(
     Ok(outcome.finish())
 }
 
-fn heading(arguments: &ReplayArguments) -> Heading {
+fn heading<'a>(arguments: &ReplayArguments, config: &'a Config) -> Heading<'a> {
     let names = arguments.logs.iter();
     let names: Vec<String> = names
         .filter_map(|log| Some(log.file_name()?.to_string_lossy().into_owned()))
         .collect();
     Heading {
         title: format!("EchoSplat replay: {}", names.join(", ")),
+        place: config.georeference.georeference(),
+        settings: Some(config),
         text: "echosplat replay: the pipeline from logs. Maps made only to be judged count neither as work nor as \
                time."
             .to_owned(),

@@ -27,6 +27,8 @@ impl Results {
         );
         let heading = Heading {
             title: format!("EchoSplat demo: {}", self.title),
+            place: None,
+            settings: None,
             text,
             seed: Some(self.seed),
         };
