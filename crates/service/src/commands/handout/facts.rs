@@ -288,13 +288,25 @@ fn settings(config: &Config) -> Table {
             "mount, yaw, pitch, roll",
             format!("{}°", three(mount.yaw_pitch_roll_deg)),
         ),
-        ("poses from", config.pose.url.to_string()),
+        ("poses from", source(&config.pose.url.to_string())),
         (
             "time offset",
             format!("{} s", quantity(config.pose.time_offset_s)),
         ),
     ];
     two("Settings", rows, "")
+}
+
+/// A source of poses by its kind, and a file without its folder: where it lay is of no use to the reader.
+fn source(url: &str) -> String {
+    match url.split_once("://") {
+        Some(("tum" | "file" | "log", path)) => {
+            path.rsplit(['/', '\\']).next().unwrap_or(path).to_owned()
+        }
+        Some((kind, "")) => kind.to_owned(),
+        Some((kind, rest)) => format!("{kind}, {rest}"),
+        None => url.to_owned(),
+    }
 }
 
 fn pings(run: &Value) -> Option<Table> {
@@ -327,4 +339,19 @@ fn notices(run: &Value) -> Option<Table> {
         rows: notices.iter().map(row).collect(),
         note: String::new(),
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::source;
+
+    #[test]
+    fn a_source_of_poses_is_named_without_the_folders_of_a_machine() {
+        assert_eq!(source("tum:///home/somebody/dive.tum"), "dive.tum");
+        assert_eq!(source("zenoh://"), "zenoh");
+        assert_eq!(
+            source("mavlink+tcp://127.0.0.1:5777"),
+            "mavlink+tcp, 127.0.0.1:5777"
+        );
+    }
 }
