@@ -182,7 +182,7 @@ fn manifests_are_what_blueos_cockpit_and_the_store_read() {
     assert_eq!(metadata["name"], about["name"]);
 }
 
-/// The web server of BlueOS as far as it concerns an extension (core/tools/nginx/nginx.conf and `setup_nginx_route`), and
+/// The web server of `BlueOS` as far as it concerns an extension (core/tools/nginx/nginx.conf and `setup_nginx_route`), and
 /// another origin, where Cockpit is.
 fn proxy(folder: &Path, program: &Path, [service, blueos, cockpit]: [u16; 3]) -> Program {
     let pages = folder.join("pages");
