@@ -9,6 +9,7 @@ use std::time::{Duration, UNIX_EPOCH};
 use echosplat_driver::Pause;
 use echosplat_georeference::Georeference;
 use echosplat_liveness::Heartbeat;
+use echosplat_model::glam::DVec3;
 use echosplat_model::{Snapshot, Standing};
 use echosplat_recording::ply::{self, MapFile};
 use echosplat_web::{About, Control, Feed, LogFile, MapPart, WebServer};
@@ -156,7 +157,7 @@ impl Control for Service {
             "name": found.name,
             "lines": found.lines,
             "facts": found.facts,
-            "shape_m": found.shape.iter().map(|at| at.to_array()).collect::<Vec<_>>(),
+            "shape_m": found.shape.iter().map(DVec3::to_array).collect::<Vec<_>>(),
         }))
     }
 

@@ -20,7 +20,7 @@ fn gaussian(mean_m: Vec3, standing: Standing) -> Gaussian {
     }
 }
 
-fn with<T>(place: Option<Georeference>, run: &Value, look: impl FnOnce(&Subject) -> T) -> T {
+fn with<T>(place: Option<&Georeference>, run: &Value, look: impl FnOnce(&Subject) -> T) -> T {
     let gaussians = [
         gaussian(Vec3::new(0.0, 0.0, -3.0), Standing::Confident),
         gaussian(Vec3::new(4.0, 2.0, -5.0), Standing::Confident),
@@ -35,7 +35,7 @@ fn with<T>(place: Option<Georeference>, run: &Value, look: impl FnOnce(&Subject)
         about: vec![("Client".to_owned(), "Harbour Ltd".to_owned())],
         origin_m: DVec3::ZERO,
         gaussians: &gaussians,
-        place: place.as_ref(),
+        place,
         way: &way,
         began: None,
         run,
@@ -52,7 +52,7 @@ fn placed(datum: Datum) -> Georeference {
 #[test]
 fn depth_is_counted_from_the_water_and_heights_from_what_they_are_over() {
     let told = |datum| {
-        with(Some(placed(datum)), &Value::Null, |subject| {
+        with(Some(&placed(datum)), &Value::Null, |subject| {
             let handout = of(subject);
             let all: Vec<String> = handout
                 .highlights
@@ -70,7 +70,7 @@ fn depth_is_counted_from_the_water_and_heights_from_what_they_are_over() {
 
 #[test]
 fn a_place_on_earth_is_told_to_a_centimetre_or_said_to_be_unknown() {
-    let table = with(Some(placed(Datum::Surface)), &Value::Null, |subject| {
+    let table = with(Some(&placed(Datum::Surface)), &Value::Null, |subject| {
         of(subject).tables.remove(0)
     });
     assert_eq!(table.rows[0][2..4], ["60.1700000° N", "24.9400000° E"]);
