@@ -32,7 +32,7 @@ fn serve(folder: &Path, port: u16, proxy: u16) -> Program {
         "[web]\naddress = \"127.0.0.1:{port}\"\ntoken = \"{TOKEN}\"\ncockpit_actions = true\n\
          allowed_hosts = [\"127.0.0.1:{proxy}\"]\n"
     );
-    std::fs::write(&config, text).unwrap();
+    std::fs::write(&config, text).expect("there is room");
     let records = folder.join("records").display().to_string();
     let config = config.display().to_string();
     let more = [
@@ -46,7 +46,7 @@ fn serve(folder: &Path, port: u16, proxy: u16) -> Program {
 fn json_at(port: u16, path: &str) -> Value {
     let answer = ask(port, "GET", path, &[]);
     assert_eq!(answer.status, 200, "{path}");
-    serde_json::from_slice(&answer.body).unwrap()
+    serde_json::from_slice(&answer.body).expect("it is JSON")
 }
 
 /// Every member is one of these and of this kind; those without `?` are there.
@@ -186,10 +186,10 @@ fn manifests_are_what_blueos_cockpit_and_the_store_read() {
 /// another origin, where Cockpit is.
 fn proxy(folder: &Path, program: &Path, [service, blueos, cockpit]: [u16; 3]) -> Program {
     let pages = folder.join("pages");
-    std::fs::create_dir_all(&pages).unwrap();
+    std::fs::create_dir_all(&pages).expect("there is room");
     let frame = "<!doctype html><title>a ground station</title><body style=\"margin:0\"><iframe src=\"/extensionv2/echosplat/widget.html\" \
                  width=\"300\" height=\"200\" frameborder=\"0\"></iframe>";
-    std::fs::write(pages.join("index.html"), frame).unwrap();
+    std::fs::write(pages.join("index.html"), frame).expect("there is room");
     let at = folder.display();
     let config = format!(
         "worker_processes 1;\npid {at}/nginx.pid;\nerror_log {at}/error.log;\nevents {{ worker_connections 64; }}\n\
@@ -204,7 +204,7 @@ fn proxy(folder: &Path, program: &Path, [service, blueos, cockpit]: [u16; 3]) ->
          server {{ listen 127.0.0.1:{cockpit}; root {at}/pages; }}\n}}\n"
     );
     let file = folder.join("nginx.conf");
-    std::fs::write(&file, config).unwrap();
+    std::fs::write(&file, config).expect("there is room");
     let mut command = Command::new(program);
     command.arg("-p").arg(folder).arg("-c").arg(&file);
     command.args(["-g", "daemon off;"]);
