@@ -10,7 +10,7 @@ use crate::readme::{blocks, start};
 const LONG: Duration = Duration::from_secs(300);
 const ROOT: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../..");
 /// Subcommands that need no sonar, no network and less than 10 s.
-const QUICK: [&str; 11] = [
+const QUICK: [&str; 12] = [
     "--version",
     "check",
     "completions",
@@ -20,6 +20,7 @@ const QUICK: [&str; 11] = [
     "georeference",
     "info",
     "measure",
+    "report",
     "recover",
     "render",
 ];
@@ -69,6 +70,8 @@ fn fill(folder: &Path) {
     }
     let run = |line: &str| start(line, folder).wait_exit_code(0, LONG);
     run("echosplat config --basic > my.toml");
+    let measures = "--profile -3,0,0 3,0,0  # across\n";
+    fs::write(folder.join("measures.txt"), measures).expect("there is room");
     run(
         "echosplat replay dive/dive.svlog --poses dive/dive.tum --rate 0 --no-publish --finished-only \
          --hold-out 20 --map map.ply --record recordings",

@@ -6,6 +6,7 @@ import { wake } from "./frames.js";
 import "./incoming.js";
 import { nextMode, readPalette, setMode, showLegend } from "./legend.js";
 import { clamp, rotated } from "./math.js";
+import { isPicking, measured, toggleMeasuring } from "./measure.js";
 import { picked } from "./pick.js";
 import { showErrors } from "./plots.js";
 import { $, canvas, model, panels, past, pings, scene, state } from "./state.js";
@@ -38,10 +39,11 @@ const KEYS = {
   h: VIEWS.fit, t: VIEWS.top, s: VIEWS.south, e: VIEWS.east, f: VIEWS.follow,
   a: () => flip("shows-ambiguous"), k: () => flip("shows-track"), n: () => flip("shows-fan"),
   g: () => flip("shows-grid"), l: () => flip("lighting"),
-  c: nextMode,
+  c: nextMode, m: () => toggleMeasuring(),
   " ": () => lookAt(state.at === null ? state.diveS : null),
   escape: () => {
     panels.toggle(false);
+    if (isPicking()) toggleMeasuring(false);
     $("picked").hidden = true;
   },
 };
@@ -53,7 +55,7 @@ addEventListener("keydown", (event) => {
   event.preventDefault();
   act();
 });
-canvas.addEventListener("pointerdown", () => panels.toggle(false));
+canvas.addEventListener("pointerdown", () => isPicking() || panels.toggle(false));
 $("db-ramp").style.background = gradient("echo");
 new ResizeObserver(() => {
   pings.isDirty = true;
@@ -89,6 +91,7 @@ window.echosplat = {
   },
   draw,
   lit,
+  measured,
   picked,
   wake,
 };

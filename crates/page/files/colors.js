@@ -7,6 +7,8 @@ const MAPS = {
   strength: ["#3d3a86", "#7a3b98", "#b9437e", "#e66a57", "#f5a54a", "#f3dc7a"],
   age: ["#ffd166", "#f2915c", "#c0628a", "#7f5ba8", "#5a6bb0", "#5c7f9e"],
   error: ["#12806f", "#6fa53f", "#d9a520", "#e8762c", "#cc1f2f"],
+  // By the number of what became of a Gaussian between two maps; the report has the names.
+  change: ["#96a0a8", "#1f9e57", "#d62f45", "#f0a040", "#2f6fd0", "#cfd6db"],
   echo: ["#081224", "#10315c", "#15608c", "#1c9a9a", "#7cc77b", "#f2d95c", "#fff6d6"],
 };
 
@@ -18,10 +20,11 @@ export const MODES = {
   strength: { name: "Strength", unit: "dB", says: "opacity × reflectivity" },
   age: { name: "Age", unit: "s", says: "of the dive since it last changed here" },
   error: { name: "Error", unit: "m", says: "distance from the nearest truth; further is the last colour" },
+  change: { name: "Change", unit: "", says: "between two maps" },
 };
 
 /// What can be coloured by while a dive goes on, when nobody knows the truth.
-export const LIVE_MODES = Object.fromEntries(Object.entries(MODES).filter(([name]) => name !== "error"));
+export const LIVE_MODES = Object.fromEntries(Object.entries(MODES).filter(([name]) => name !== "error" && name !== "change"));
 
 const rgb = (hex) => [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
 

@@ -4,6 +4,7 @@ import { Connection } from "./connection.js";
 import { CALM_AFTER_MS, wake } from "./frames.js";
 import { updateEmpty } from "./legend.js";
 import { LOST_THREAD, OLD } from "./map.js";
+import { forget } from "./measure.js";
 import { showErrors } from "./plots.js";
 import { model, panels, past, pings, scene, state } from "./state.js";
 import { showTime } from "./time.js";
@@ -29,6 +30,7 @@ const connection = new Connection({
     if (message.kind === "epoch") {
       scene.setTrack([]);
       past.clear();
+      forget();
       state.hasFitted = false;
       state.fittedReach = 0;
     }

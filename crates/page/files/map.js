@@ -189,7 +189,7 @@ export function summary(tiles) {
   const stride = Math.max(1, Math.ceil(total / 20000));
   const low = [Infinity, Infinity, Infinity];
   const high = [-Infinity, -Infinity, -Infinity];
-  const values = { height: [], sigma: [], strength: [], age: [], error: [] };
+  const values = { height: [], sigma: [], strength: [], age: [], error: [], change: [] };
   let confident = 0;
   let ambiguous = 0;
   for (const tile of all) {
@@ -209,6 +209,7 @@ export function summary(tiles) {
       values.strength.push(10 * Math.log10(Math.max(1e-12, f[at + FIELD.opacity] * f[at + FIELD.reflectivity])));
       values.age.push(f[at + FIELD.changed]);
       values.error.push(f[at + FIELD.changed]);
+      values.change.push(f[at + FIELD.changed]);
     }
   }
   const spread = {};

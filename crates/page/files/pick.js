@@ -2,6 +2,7 @@
 
 import { shownTiles } from "./drawing.js";
 import { add, dot, sub } from "./math.js";
+import { isPicking, take } from "./measure.js";
 import { $, canvas, state } from "./state.js";
 import { camera } from "./views.js";
 import { FIELD, POINT_FLOATS, WHY_BYTES } from "./wire.js";
@@ -69,5 +70,8 @@ canvas.addEventListener("pointerdown", (event) => {
 canvas.addEventListener("pointerup", (event) => {
   const isStill = pressed && Math.hypot(event.offsetX - pressed[0], event.offsetY - pressed[1]) < STILL_PX;
   pressed = null;
-  if (isStill) show(picked(event.offsetX, event.offsetY));
+  if (!isStill) return;
+  const one = picked(event.offsetX, event.offsetY);
+  if (isPicking()) take(one?.place);
+  else show(one);
 });

@@ -10,6 +10,7 @@ export function colorRange(mode, summary, nowS) {
   if (!spread) return [0, 1];
   if (mode === "sigma") return [0, roundStep(Math.max(0.02, Math.min(spread[1], 10)))];
   if (mode === "error") return [0, 0.1];
+  if (mode === "change") return [0, 5];
   if (mode === "age") return [0, Math.max(1, roundStep(nowS - spread[0]))];
   const low = Math.floor(spread[0] * 10) / 10;
   return [low, Math.max(Math.ceil(spread[1] * 10) / 10, low + 0.1)];
@@ -18,9 +19,10 @@ export function colorRange(mode, summary, nowS) {
 /// Colours of a mode over a range of its numbers, both ends of it and what they say.
 export function showRamp({ ramp, ends, says }, mode, range) {
   const { unit, says: words } = MODES[mode];
-  ramp.style.background = gradient(mode);
+  // The names of changes stand beside the picture.
+  ramp.style.background = mode === "change" ? "none" : gradient(mode);
   [...ends].forEach((end, index) => {
-    end.textContent = ended(range[index], range, unit);
+    end.textContent = mode === "change" ? "" : ended(range[index], range, unit);
   });
   says.textContent = words;
 }
@@ -86,6 +88,7 @@ export function sceneColors(isDark, unitRgb) {
     grid: unitRgb(isDark ? "#5b7b92" : "#7d93a3"),
     track: unitRgb(isDark ? "#ffd166" : "#b26a00"),
     fan: unitRgb(isDark ? "#5cc8da" : "#0b7285"),
+    measured: unitRgb(isDark ? "#ff8a80" : "#b3261e"),
     vehicle: unitRgb(isDark ? "#ffd166" : "#f2a516"),
     axes: ["#e5534b", "#4caf6d", "#4a8df0"].map(unitRgb),
   };

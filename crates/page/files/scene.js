@@ -12,6 +12,8 @@ export class Scene {
     this.grid = new Lines(1);
     this.axes = new Lines(2.5);
     this.track = new Lines(2);
+    this.measured = new Lines(2.5);
+    this.shapes = [];
     this.fanEdge = new Lines(1.5);
     this.fan = new Mesh(false);
     this.body = new Mesh(true);
@@ -23,6 +25,12 @@ export class Scene {
   setTrack(points) {
     this.trackPoints = points;
     this.trackDirty = true;
+  }
+
+  /// Lists of places that were measured, in the poses' frame.
+  setMeasured(shapes) {
+    this.shapes = shapes;
+    this.measuredKey = null;
   }
 
   addToTrack(diveS, place) {
@@ -43,6 +51,7 @@ export class Scene {
       this.trackDirty = false;
       this.#buildTrack(originM, until, colors);
     }
+    this.#buildMeasured(originM, view, colors);
     this.#buildVehicle(pose, originM, view, colors, width);
   }
 
@@ -50,6 +59,7 @@ export class Scene {
     const lines = [];
     if (showsGrid) lines.push(this.grid, this.axes);
     if (showsTrack) lines.push(this.track);
+    if (this.measured.count) lines.push(this.measured);
     if (showsFan) lines.push(this.fanEdge);
     return { lines, meshes: showsFan ? [this.body, this.fan] : [this.body] };
   }
@@ -97,6 +107,26 @@ export class Scene {
       const at = sub(place, originM);
       if (before) this.track.line(before, at, [...colors.track, 0.85]);
       before = at;
+    }
+  }
+
+  /// A cross at each place, of the same size on the screen from afar, and a line between both ends.
+  #buildMeasured(originM, view, colors) {
+    const reach = view.metresPerPixel * 7;
+    const key = `${reach.toPrecision(2)}|${originM}|${colors.name}`;
+    if (key === this.measuredKey) return;
+    this.measuredKey = key;
+    this.measured.clear();
+    for (const shape of this.shapes) {
+      const places = shape.map((place) => sub(place, originM));
+      if (places.length === 2) this.measured.line(...places, [...colors.measured, 1]);
+      for (const place of places) {
+        for (const axis of [0, 1, 2]) {
+          const step = [0, 0, 0];
+          step[axis] = reach;
+          this.measured.line(sub(place, step), add(place, step), [...colors.measured, 1]);
+        }
+      }
     }
   }
 

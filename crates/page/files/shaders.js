@@ -19,7 +19,7 @@ uniform vec2 uViewport;  // pixels
 uniform float uExtent;   // sigmas
 uniform float uMaxPoint;
 uniform float uMinRadius; // per metre of distance
-uniform int uMode;       // 0 height, 1 sigma, 2 strength, 3 age, 4 error, which stands in place of the change
+uniform int uMode;       // 0 height, 1 sigma, 2 strength, 3 age; 4 error and 5 change between maps, which stand in place of its age
 uniform vec2 uRange;     // of what is coloured by
 uniform float uNow;      // seconds of the dive
 uniform float uAmbiguous; // 1 shows what is ambiguous
@@ -46,7 +46,7 @@ float value() {
   if (uMode == 0) return aPlace.z;
   if (uMode == 1) return min(aSigma, 1e6);
   if (uMode == 2) return 10.0 * log(max(aOpacity * aReflectivity, 1e-12)) / log(10.0);
-  if (uMode == 4) return aChanged;
+  if (uMode >= 4) return aChanged;
   return max(uNow - aChanged, 0.0);
 }
 

@@ -24,7 +24,7 @@ const find = (selector) => document.getElementById("viewer").querySelector(selec
 const head = JSON.parse(document.getElementById("map-head").textContent);
 const data = bytesOf(document.getElementById("map-data").textContent.trim());
 const canvas = find("canvas.view");
-const state = { mode: head.has_error ? "error" : "height", showsAmbiguous: true, isMoving: false, drawMs: 0 };
+const state = { mode: head.has_change ? "change" : head.has_error ? "error" : "height", showsAmbiguous: true, isMoving: false, drawMs: 0 };
 
 function bytesOf(base64) {
   const text = atob(base64);
@@ -53,10 +53,10 @@ function tilesOf() {
     point[FIELD.opacity] = byte(13) / 255;
     point[FIELD.reflectivity] = logarithmic(byte(14), head.reflectivity);
     point[FIELD.sigma] = logarithmic(byte(15), head.sigma);
-    words[FIELD.confident] = byte(17);
+    words[FIELD.confident] = byte(17) & 1;
     const name = place.map((value) => Math.floor(value / TILE_EDGE_M)).join("_");
     if (!tiles.has(name)) tiles.set(name, new Tile(name));
-    tiles.get(name).put(i, point, 0, byte(16) * head.error_step);
+    tiles.get(name).put(i, point, 0, head.has_change ? byte(17) >> 1 : byte(16) * head.error_step);
   }
   return [...tiles.values()];
 }
@@ -126,7 +126,8 @@ function look(side, isAtOnce = false) {
 }
 
 /// Only what this map knows: its age is over, its error known where there is a truth.
-const modes = Object.keys(MODES).filter((name) => name !== "age" && (name !== "error" || head.has_error));
+const knows = { age: false, error: head.has_error, change: head.has_change === true };
+const modes = Object.keys(MODES).filter((name) => knows[name] ?? true);
 for (const name of modes) find("select").append(new Option(MODES[name].name, name));
 find("select").value = state.mode;
 find("select").addEventListener("change", (event) => {

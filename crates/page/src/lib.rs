@@ -23,7 +23,7 @@ macro_rules! files {
 }
 
 /// Every file of the live page.
-pub const FILES: [PageFile; 28] = files![
+pub const FILES: [PageFile; 29] = files![
     "index.html",
     "style.css",
     "icon.svg",
@@ -40,6 +40,7 @@ pub const FILES: [PageFile; 28] = files![
     "lines.js",
     "map.js",
     "math.js",
+    "measure.js",
     "notices.js",
     "panels.js",
     "pick.js",
@@ -53,6 +54,18 @@ pub const FILES: [PageFile; 28] = files![
     "views.js",
     "wire.js",
 ];
+
+/// The live page without its frame, for a small place in another page: its map, and what is wrong.
+#[must_use]
+pub fn widget() -> String {
+    let index = FILES.iter().find(|file| file.name == "index.html");
+    let text = index.map_or("", |file| file.text);
+    text.replacen(
+        "<html lang=\"en\">",
+        "<html lang=\"en\" class=\"widget\">",
+        1,
+    )
+}
 
 /// Draws the map that stands in the same document: the data in an element `map-data`, the picture in the
 /// elements of class `viewer`. See `viewer.js` for both.
@@ -89,6 +102,13 @@ mod tests {
             "the viewer needs no service"
         );
         assert!(script.len() < 80_000, "{} bytes", script.len());
+    }
+
+    #[test]
+    fn the_widget_is_the_page_with_a_class_of_its_own() {
+        assert!(widget().contains("class=\"widget\""));
+        let style = FILES.iter().find(|file| file.name == "style.css");
+        assert!(style.unwrap().text.contains(".widget "));
     }
 
     #[test]

@@ -3,15 +3,17 @@
 //!
 //! Self-contained: no font, no picture and no address of another host, so that it can be mailed and
 //! opened at sea; the one script, of a dive's report, draws the map. A section has at most four charts of at most seven
-//! lines before the reader asks for more. Deliberately absent: files, and what figures mean or must reach.
+//! lines before the reader asks for more. What a client is handed prints on A4. Deliberately absent: files, and what figures mean or must reach.
 
 mod axes;
+mod changes;
 mod chart;
 mod curves;
 mod dive;
 mod map_view;
 mod picture;
 pub mod results;
+mod sheet;
 mod sonar_image;
 mod svg_file;
 pub mod table;
@@ -19,9 +21,11 @@ mod trajectory;
 
 use std::fmt::Write;
 
-pub use dive::DiveReport;
+pub use changes::{CHANGES, ChangeColor, ChangeReport};
+pub use dive::{DiveReport, Handout};
 pub use map_view::{MAX_GAUSSIANS, MapView};
 pub use picture::Picture;
+pub use sheet::{Bearings, Drawn, Numbered, Sheet, Shown, Side};
 pub use sonar_image::{Column, Panel, SonarImage};
 pub use trajectory::Trajectory;
 
@@ -34,9 +38,9 @@ const STYLE: &str = include_str!("style.css");
 /// Rows of named values.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Table {
-    /// What it shows.
+    /// What it shows; may be empty.
     pub title: String,
-    /// Names of the columns.
+    /// Names of the columns; without any, rows are a name and its value.
     pub columns: Vec<String>,
     /// Cells; the first of a row names it.
     pub rows: Vec<Vec<String>>,
@@ -214,12 +218,22 @@ impl Section {
 
 impl Table {
     fn to_html(&self) -> String {
-        let mut html = format!("<h3>{}</h3>\n", escape(&self.title));
-        html += "<div class=\"wide\"><table><thead><tr>";
+        let mut html = String::new();
+        if !self.title.is_empty() {
+            let _ = writeln!(html, "<h3>{}</h3>", escape(&self.title));
+        }
+        html += "<div class=\"wide\">";
+        html += match self.columns.is_empty() {
+            true => "<table class=\"facts\">",
+            false => "<table><thead><tr>",
+        };
         for column in &self.columns {
             let _ = write!(html, "<th>{}</th>", escape(column));
         }
-        html += "</tr></thead><tbody>\n";
+        if !self.columns.is_empty() {
+            html += "</tr></thead>";
+        }
+        html += "<tbody>\n";
         for row in &self.rows {
             html += "<tr>";
             for (index, cell) in row.iter().enumerate() {

@@ -70,16 +70,33 @@ impl MapView {
     /// [`MAX_GAUSSIANS`] one in two, three and so on is kept. What is not finite is left out.
     #[must_use]
     pub fn new(gaussians: &[Gaussian], errors_m: Option<&[f64]>, track: &[DVec3]) -> Self {
+        Self::packed(gaussians, errors_m, None, track)
+    }
+
+    /// Of two maps laid on each other: what became of each Gaussian is its number in [`CHANGES`](crate::CHANGES).
+    #[must_use]
+    pub fn of_changes(gaussians: &[Gaussian], changes: &[u8]) -> Self {
+        Self::packed(gaussians, None, Some(changes), &[])
+    }
+
+    fn packed(
+        gaussians: &[Gaussian],
+        errors_m: Option<&[f64]>,
+        changes: Option<&[u8]>,
+        track: &[DVec3],
+    ) -> Self {
         let errors = |index: usize| errors_m.and_then(|errors| errors.get(index).copied());
         let sound = gaussians.iter().enumerate().filter(|(_, g)| g.is_sound());
-        let sound: Vec<_> = sound.map(|(index, g)| (g, errors(index))).collect();
+        let change = |index: usize| changes.and_then(|all| all.get(index).copied());
+        let of = |(index, g)| (g, errors(index), change(index).unwrap_or(0));
+        let sound: Vec<_> = sound.map(of).collect();
         let stride = sound.len().div_ceil(MAX_GAUSSIANS).max(1);
         let kept = || sound.iter().step_by(stride);
-        let steps = Steps::over(kept().map(|(g, _)| g.mean_m.as_dvec3()));
+        let steps = Steps::over(kept().map(|(g, ..)| g.mean_m.as_dvec3()));
         let count = kept().count();
         let mut bytes = Vec::with_capacity(count * GAUSSIAN_BYTES + MAX_PLACES * PLACE_BYTES);
-        for (gaussian, error_m) in kept() {
-            write_gaussian(gaussian, *error_m, &steps, &mut bytes);
+        for (gaussian, error_m, change) in kept() {
+            write_gaussian(gaussian, *error_m, *change, &steps, &mut bytes);
         }
         let track: Vec<DVec3> = track.iter().copied().filter(|p| p.is_finite()).collect();
         let every = track.len().div_ceil(MAX_PLACES).max(1);
@@ -95,6 +112,7 @@ impl MapView {
             "sigma": SIGMA_LN,
             "reflectivity": REFLECTIVITY_LN,
             "has_error": errors_m.is_some(),
+            "has_change": changes.is_some(),
             "error_step": ERROR_STEP_M,
             "larger": (stride as f64).powf(LARGER_POWER),
             "track": track,
@@ -135,7 +153,13 @@ fn logarithmic(value: f64, [low, high]: [f64; 2]) -> u8 {
     (255.0 * share.clamp(0.0, 1.0)).round() as u8
 }
 
-fn write_gaussian(gaussian: &Gaussian, error_m: Option<f64>, steps: &Steps, to: &mut Vec<u8>) {
+fn write_gaussian(
+    gaussian: &Gaussian,
+    error_m: Option<f64>,
+    change: u8,
+    steps: &Steps,
+    to: &mut Vec<u8>,
+) {
     steps.write(gaussian.mean_m.as_dvec3(), to);
     let scales = gaussian.scale_m.as_dvec3().to_array();
     to.extend(scales.map(|scale_m| logarithmic(scale_m, SCALE_LN)));
@@ -146,7 +170,7 @@ fn write_gaussian(gaussian: &Gaussian, error_m: Option<f64>, steps: &Steps, to: 
     to.push(logarithmic(gaussian.sigma_m.into(), SIGMA_LN));
     let error = error_m.map_or(255.0, |error_m| (error_m / ERROR_STEP_M).round());
     to.push(error.clamp(0.0, 255.0) as u8);
-    to.push(u8::from(gaussian.standing == Standing::Confident));
+    to.push(u8::from(gaussian.standing == Standing::Confident) | (change << 1));
 }
 
 #[cfg(test)]
@@ -195,6 +219,18 @@ mod tests {
         // The error of 3 cm in steps of 2 mm, and one beyond all of them; sigma without end is the most.
         let errors = [view.bytes[16], view.bytes[GAUSSIAN_BYTES + 16]];
         assert_eq!((errors, view.bytes[15]), ([15, 255], 255));
+    }
+
+    #[test]
+    fn what_became_of_a_gaussian_stands_beside_whether_it_is_asserted() {
+        let mut gaussians = [Vec3::ZERO, Vec3::ONE].map(gaussian);
+        gaussians[1].standing = Standing::Ambiguous;
+        let view = MapView::of_changes(&gaussians, &[4, 5]);
+        assert_eq!(view.head["has_change"], true);
+        assert_eq!(
+            (view.bytes[17], view.bytes[GAUSSIAN_BYTES + 17]),
+            (4 << 1 | 1, 5 << 1)
+        );
     }
 
     #[test]

@@ -161,6 +161,7 @@ fn dive() -> DiveReport {
         title: "a <dive>".into(),
         text: "echosplat replay".into(),
         verdict: "A map of 1 Gaussian; nothing went wrong.".into(),
+        handout: Handout::default(),
         view: MapView::new(&[gaussian], Some(&[0.01]), &way),
         picture: section.picture.unwrap(),
         trajectory: Trajectory(
@@ -196,17 +197,11 @@ fn a_dive_is_told_in_its_order_and_reaches_nowhere() {
         "<h2>What was run</h2>",
     ];
     assert!(order.map(at).is_sorted());
-    for foreign in [
-        "://",
-        "src=",
-        "href=",
-        "url(",
-        "@import",
-        "fetch(",
-        "new WebSocket",
-    ] {
+    for foreign in ["://", "src=", "url(", "@import", "fetch(", "new WebSocket"] {
         assert!(!html.contains(foreign), "{foreign}");
     }
+    let pictures = html.matches("href=\"data:image/png;base64,").count();
+    assert_eq!(html.matches("href=").count(), pictures);
     assert!(html.len() < 250_000, "{} bytes", html.len());
     assert_closed(&read_by_people(&html));
 }

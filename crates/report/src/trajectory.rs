@@ -33,12 +33,30 @@ impl Trajectory {
         length_m
     }
 
-    pub(super) fn to_html(&self) -> String {
-        let finite = self
-            .0
+    fn finite(&self) -> Vec<(f64, DVec3)> {
+        let all = self.0.iter();
+        let finite = all.filter(|(at, place)| at.is_finite() && place.is_finite());
+        finite.copied().collect()
+    }
+
+    /// How high it was when.
+    pub(super) fn height_html(&self) -> String {
+        let height: Vec<DVec2> = self
+            .finite()
             .iter()
-            .filter(|(at, p)| at.is_finite() && p.is_finite());
-        let way: Vec<(f64, DVec3)> = finite.copied().collect();
+            .map(|(at, place)| DVec2::new(*at, place.z))
+            .collect();
+        if height.len() < 2 {
+            return String::new();
+        }
+        format!(
+            "<figure class=\"half\">{}<figcaption>Height of the sonar over the dive, in the frame of the poses.</figcaption></figure>\n",
+            drawing(&height, false, "dive time, s", "z, m")
+        )
+    }
+
+    pub(super) fn to_html(&self) -> String {
+        let way = self.finite();
         if way.len() < 2 {
             return "<p class=\"note\">No pose was joined with a ping: there is no way to draw.</p>\n".to_owned();
         }

@@ -21,6 +21,7 @@ mod log_clock;
 pub mod logging;
 mod logs;
 pub mod maps;
+mod measuring;
 pub mod pipeline;
 mod placing;
 pub mod processor;

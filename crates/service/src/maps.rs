@@ -75,6 +75,11 @@ impl RunNotes {
         }
     }
 
+    /// Where on Earth the map of snapshots with this epoch lies, if that is known.
+    pub(crate) fn place_of(&self, map: u64) -> Option<Georeference> {
+        self.of_map(map).georeference
+    }
+
     fn of_map(&self, map: u64) -> MapNotes {
         let mut notes = self.notes.clone();
         let learned = self.lock();
@@ -322,7 +327,7 @@ mod tests {
                 epoch,
                 ..snapshot(&[Standing::Confident])
             };
-            super::write(&snapshot, &map, notes).unwrap();
+            write(&snapshot, &map, notes).unwrap();
             read(&map).unwrap().notes.georeference
         };
         let notes = RunNotes::default();

@@ -9,14 +9,17 @@ use std::time::{Duration, UNIX_EPOCH};
 use echosplat_driver::Pause;
 use echosplat_georeference::Georeference;
 use echosplat_liveness::Heartbeat;
+use echosplat_model::glam::DVec3;
 use echosplat_model::{Snapshot, Standing};
 use echosplat_recording::ply::{self, MapFile};
 use echosplat_web::{About, Control, Feed, LogFile, MapPart, WebServer};
+use serde_json::{Value, json};
 
 use crate::arguments;
 use crate::config::Config;
 use crate::exit::Usage;
 use crate::maps::MapNotes;
+use crate::measuring::{Asked, asserted, measure};
 use crate::recorder::Recorder;
 use crate::runtime;
 use crate::signals::Stop;
@@ -143,6 +146,19 @@ impl Control for Service {
             ..MapFile::default()
         };
         ply::write(&file, to)
+    }
+
+    fn measure(&self, map: &Snapshot, query: &str) -> Result<Value, String> {
+        let asked = Asked::of_query(query)?;
+        let samples = asserted(map.origin_m, &map.gaussians);
+        let found = measure(&asked, &samples, self.georeference.as_ref());
+        let found = found.map_err(|error| error.to_string())?;
+        Ok(json!({
+            "name": found.name,
+            "lines": found.lines,
+            "facts": found.facts,
+            "shape_m": found.shape.iter().map(DVec3::to_array).collect::<Vec<_>>(),
+        }))
     }
 
     fn is_recording(&self) -> bool {

@@ -57,6 +57,24 @@ pub struct Change {
     pub probability: f64,
 }
 
+/// What became of a Gaussian, by the thing it is part of.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Became {
+    /// Nothing: it is in both maps, or tells of no change.
+    #[default]
+    Same,
+    /// Of the second map: part of what came.
+    Came,
+    /// Of the first map: part of what went.
+    Went,
+    /// Of the first map: part of what moved from there.
+    MovedFrom,
+    /// Of the second map: part of what moved to there.
+    MovedTo,
+    /// Of the first map: the second dive seems not to have looked there.
+    NotLookedAt,
+}
+
 /// Two maps, one on the other.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Compared {
@@ -66,6 +84,17 @@ pub struct Compared {
     pub changes: Vec<Change>,
     /// Share of the first map's Gaussians where the second dive seems not to have looked.
     pub not_looked_at: f64,
+    /// What became of each of the first map's places, in their order, shape `[first]`.
+    pub first: Vec<Became>,
+    /// The same of the second's, shape `[second]`.
+    pub second: Vec<Became>,
+}
+
+/// Places that hang together.
+struct Thing {
+    change: Change,
+    /// Their numbers.
+    members: Vec<usize>,
 }
 
 /// Lays the second map on the first and tells what is different. Ambiguous Gaussians tell of no change; but where one
@@ -78,31 +107,40 @@ pub fn compare(first: &[Sample], second: &[Sample]) -> Result<Compared, SurveyEr
     let second = alignment.apply(second);
     let (went, unseen) = missing(first, &second, &alignment);
     let (came, _) = missing(&second, first, &alignment);
-    let mut changes = moved(
-        things(&went, Kind::Went, &alignment),
-        things(&came, Kind::Came, &alignment),
-        &alignment,
-    );
+    let went = things(first, &went, Kind::Went, &alignment);
+    let came = things(&second, &came, Kind::Came, &alignment);
+    let mut became = [
+        vec![Became::Same; first.len()],
+        vec![Became::Same; second.len()],
+    ];
+    unseen
+        .iter()
+        .for_each(|index| became[0][*index] = Became::NotLookedAt);
+    let mut changes = moved(went, came, &alignment, &mut became);
     changes.sort_by_key(|change| std::cmp::Reverse(change.count));
     let confident = first.iter().filter(|sample| sample.is_confident).count();
+    let [first, second] = became;
     Ok(Compared {
         alignment,
         changes,
-        not_looked_at: unseen as f64 / confident.max(1) as f64,
+        not_looked_at: unseen.len() as f64 / confident.max(1) as f64,
+        first,
+        second,
     })
 }
 
-/// Confident Gaussians of the one that have nothing near them in the other, which looked there; and of how many it did
-/// not look.
-fn missing(of: &[Sample], other: &[Sample], alignment: &Alignment) -> (Vec<Sample>, usize) {
+/// Numbers of the one's confident Gaussians that have nothing near them in the other, which looked there; and of those
+/// where it did not look.
+fn missing(of: &[Sample], other: &[Sample], alignment: &Alignment) -> (Vec<usize>, Vec<usize>) {
     let reach_m = LEAST_M + SIGMAS * (2.0_f64.sqrt() * MOST_SIGMA_M + alignment.residual_m);
     let grid = Grid::new(other.iter().map(|sample| sample.at_m), reach_m);
     let flat = |at: DVec3| DVec3::new(at.x, at.y, 0.0);
     let ground = Grid::new(other.iter().map(|sample| flat(sample.at_m)), LOOKED_M);
-    let (mut found, mut unseen) = (Vec::new(), 0);
-    for sample in of.iter().filter(|sample| sample.is_confident) {
+    let (mut found, mut unseen) = (Vec::new(), Vec::new());
+    let confident = of.iter().enumerate();
+    for (number, sample) in confident.filter(|(_, sample)| sample.is_confident) {
         if ground.near(flat(sample.at_m)).next().is_none() {
-            unseen += 1;
+            unseen.push(number);
             continue;
         }
         let explains = |(index, apart_m): (usize, f64)| {
@@ -118,14 +156,15 @@ fn missing(of: &[Sample], other: &[Sample], alignment: &Alignment) -> (Vec<Sampl
             <= MOST_SIGMA_M
             && sample.sigma_along_m(DVec3::Z) <= MOST_SIGMA_M;
         if is_known && !grid.near(sample.at_m).any(explains) {
-            found.push(*sample);
+            found.push(number);
         }
     }
     (found, unseen)
 }
 
-/// Gaussians that hang together, where they are enough.
-fn things(samples: &[Sample], kind: Kind, alignment: &Alignment) -> Vec<Change> {
+/// Those of these numbers that hang together, where they are enough.
+fn things(all: &[Sample], numbers: &[usize], kind: Kind, alignment: &Alignment) -> Vec<Thing> {
+    let samples: Vec<Sample> = numbers.iter().map(|number| all[*number]).collect();
     let grid = Grid::new(samples.iter().map(|sample| sample.at_m), LINK_M);
     let mut is_taken = vec![false; samples.len()];
     let mut found = Vec::new();
@@ -144,7 +183,10 @@ fn things(samples: &[Sample], kind: Kind, alignment: &Alignment) -> Vec<Change> 
             }
         }
         let thing: Vec<Sample> = members.iter().map(|index| samples[*index]).collect();
-        found.extend(change(&thing, kind, alignment));
+        found.extend(change(&thing, kind, alignment).map(|change| Thing {
+            change,
+            members: members.iter().map(|index| numbers[*index]).collect(),
+        }));
     }
     found
 }
@@ -180,45 +222,57 @@ fn change(thing: &[Sample], kind: Kind, alignment: &Alignment) -> Option<Change>
     })
 }
 
-/// What went and what came, where they are alike and near, as one that moved.
-fn moved(went: Vec<Change>, mut came: Vec<Change>, alignment: &Alignment) -> Vec<Change> {
+/// What went and what came, where they are alike and near, as one that moved; `became` of both maps is told of it.
+fn moved(
+    went: Vec<Thing>,
+    mut came: Vec<Thing>,
+    alignment: &Alignment,
+    became: &mut [Vec<Became>; 2],
+) -> Vec<Change> {
+    let mut mark = |map: usize, thing: &Thing, what: Became| {
+        thing
+            .members
+            .iter()
+            .for_each(|index| became[map][*index] = what);
+    };
     let mut found = Vec::new();
     for gone in went {
-        let is_alike = |new: &Change| {
-            let ratios = [
-                (gone.size_m.length(), new.size_m.length()),
-                (gone.size_m.z + LEAST_SIZE_M, new.size_m.z + LEAST_SIZE_M),
-                ((gone.count as f64).sqrt(), (new.count as f64).sqrt()),
-            ];
-            ratios
-                .iter()
-                .all(|(a, b)| (1.0 / ALIKE..=ALIKE).contains(&(a / b)))
-        };
+        let apart_m = |new: &Thing| new.change.at_m.distance(gone.change.at_m);
         let nearest = came
             .iter()
             .enumerate()
-            .filter(|(_, new)| is_alike(new) && new.at_m.distance(gone.at_m) <= MOVED_M)
-            .min_by(|a, b| {
-                a.1.at_m
-                    .distance(gone.at_m)
-                    .total_cmp(&b.1.at_m.distance(gone.at_m))
-            })
+            .filter(|(_, new)| are_alike(&gone.change, &new.change) && apart_m(new) <= MOVED_M)
+            .min_by(|a, b| apart_m(a.1).total_cmp(&apart_m(b.1)))
             .map(|(index, _)| index);
-        match nearest {
-            None => found.push(gone),
-            Some(index) => {
-                let new = came.remove(index);
-                found.push(Change {
-                    kind: Kind::Moved,
-                    by_m: new.at_m - gone.at_m,
-                    sigma_m: gone.sigma_m.hypot(new.sigma_m).hypot(alignment.sigma_m),
-                    ..new
-                });
-            }
-        }
+        let Some(index) = nearest else {
+            mark(0, &gone, Became::Went);
+            found.push(gone.change);
+            continue;
+        };
+        let new = came.remove(index);
+        mark(0, &gone, Became::MovedFrom);
+        mark(1, &new, Became::MovedTo);
+        let (gone, new) = (gone.change, new.change);
+        found.push(Change {
+            kind: Kind::Moved,
+            by_m: new.at_m - gone.at_m,
+            sigma_m: gone.sigma_m.hypot(new.sigma_m).hypot(alignment.sigma_m),
+            ..new
+        });
     }
-    found.extend(came);
+    came.iter().for_each(|new| mark(1, new, Became::Came));
+    found.extend(came.into_iter().map(|new| new.change));
     found
+}
+
+fn are_alike(gone: &Change, new: &Change) -> bool {
+    let ratios = [
+        (gone.size_m.length(), new.size_m.length()),
+        (gone.size_m.z + LEAST_SIZE_M, new.size_m.z + LEAST_SIZE_M),
+        ((gone.count as f64).sqrt(), (new.count as f64).sqrt()),
+    ];
+    let is_near = |(a, b): &(f64, f64)| (1.0 / ALIKE..=ALIKE).contains(&(a / b));
+    ratios.iter().all(is_near)
 }
 
 #[cfg(test)]

@@ -14,7 +14,7 @@ mod profile;
 mod sample;
 
 pub use align::{Alignment, align};
-pub use compare::{Change, Compared, Kind, compare};
+pub use compare::{Became, Change, Compared, Kind, compare};
 pub use cylinder::{Cylinder, fit_cylinder};
 pub use plane::{Plane, fit_plane};
 pub use profile::{Bin, Cut, profile, section};

@@ -5,11 +5,15 @@
 //! | `Host` is an address or a name that nobody outside can make point here | pages that rebind their own name to this machine |
 //! | a write, or the WebSocket, from a browser has this page's own `Origin` | pages of others that are open in the same browser |
 //! | a write that reaches another address than loopback bears the token | other machines |
+//!
+//! With `web.cockpit_actions` a page of another origin may begin and end recordings, and nothing else, if it bears the
+//! token: that a browser does not add by itself.
 
 use std::net::IpAddr;
 
+use axum::extract::Request;
 use axum::http::header::{AUTHORIZATION, HOST, ORIGIN};
-use axum::http::{HeaderMap, HeaderName, StatusCode};
+use axum::http::{HeaderMap, HeaderName, HeaderValue, Method, StatusCode};
 
 use crate::address::is_loopback;
 
@@ -26,7 +30,12 @@ pub(crate) struct Access {
     pub(crate) token: String,
     /// More names under which it is asked for.
     pub(crate) allowed_hosts: Vec<String>,
+    /// Whether pages of other origins may begin and end recordings with the token.
+    pub(crate) cockpit_actions: bool,
 }
+
+/// What such a page may ask for.
+const COCKPIT_ACTIONS: [&str; 2] = ["/recording/start", "/recording/stop"];
 
 /// Why a request is refused.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -104,18 +113,39 @@ impl Access {
         }
     }
 
+    fn is_cockpit_action(&self, request: &Request) -> bool {
+        self.cockpit_actions && COCKPIT_ACTIONS.contains(&request.uri().path())
+    }
+
+    /// Whether it is a browser's question if another page may send the token.
+    pub(crate) fn lets_ask(&self, request: &Request) -> bool {
+        request.method() == Method::OPTIONS && self.is_cockpit_action(request)
+    }
+
+    /// The origin of a page that may act because it bears the token, also where none is wanted; or that asks if it may.
+    pub(crate) fn page_with_token(&self, request: &Request) -> Option<HeaderValue> {
+        let bears = || is_same(given(request.headers()).as_bytes(), self.token.as_bytes());
+        let may = self.is_cockpit_action(request) && (self.lets_ask(request) || bears());
+        let origin = request.headers().get(ORIGIN).filter(|_| may)?;
+        Some(origin.clone())
+    }
+
     /// What changes anything, besides [`Access::origin`].
     pub(crate) fn token(&self, headers: &HeaderMap) -> Result<(), Refusal> {
         if self.is_loopback {
             return Ok(());
         }
-        let bearer = one(headers, &AUTHORIZATION).and_then(|text| text.strip_prefix("Bearer "));
-        let given = one(headers, &TOKEN_HEADER).or(bearer).unwrap_or_default();
-        match is_same(given.as_bytes(), self.token.as_bytes()) {
+        match is_same(given(headers).as_bytes(), self.token.as_bytes()) {
             true => Ok(()),
             false => Err(NO_TOKEN),
         }
     }
+}
+
+/// The token that a request bears; empty without.
+fn given(headers: &HeaderMap) -> &str {
+    let bearer = one(headers, &AUTHORIZATION).and_then(|text| text.strip_prefix("Bearer "));
+    one(headers, &TOKEN_HEADER).or(bearer).unwrap_or_default()
 }
 
 /// The header's text if it is there once.
@@ -152,13 +182,47 @@ fn is_same(given: &[u8], wanted: &[u8]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use axum::http::HeaderValue;
-
     fn access(is_loopback: bool) -> Access {
         Access {
             is_loopback,
             token: "a good token".to_owned(),
             allowed_hosts: vec!["rov.example".to_owned()],
+            cockpit_actions: false,
+        }
+    }
+
+    #[test]
+    fn another_page_acts_only_where_that_is_allowed_with_the_token_and_on_recordings_alone() {
+        let asked = |allowed: bool, method: &str, path: &str, token: &str| {
+            let access = Access {
+                cockpit_actions: allowed,
+                ..access(false)
+            };
+            let request = Request::builder()
+                .method(method)
+                .uri(path)
+                .header(ORIGIN, "http://cockpit.example")
+                .header(&TOKEN_HEADER, token);
+            let request = request.body(axum::body::Body::empty()).unwrap();
+            (
+                access.lets_ask(&request),
+                access.page_with_token(&request).is_some(),
+            )
+        };
+        let (start, good) = ("/recording/start", "a good token");
+        assert_eq!(asked(true, "POST", start, good), (false, true));
+        assert_eq!(asked(true, "POST", "/recording/stop", good), (false, true));
+        assert_eq!(asked(true, "OPTIONS", start, ""), (true, true));
+        for (allowed, method, path, token) in [
+            (false, "POST", start, good),
+            (false, "OPTIONS", start, ""),
+            (true, "POST", start, "a wrong token"),
+            (true, "POST", start, ""),
+            (true, "POST", "/replay/pause", good),
+            (true, "OPTIONS", "/replay/pause", ""),
+        ] {
+            let found = asked(allowed, method, path, token);
+            assert_eq!(found, (false, false), "{allowed} {method} {path} {token}");
         }
     }
 

@@ -20,6 +20,10 @@ fn kind(name: &str) -> &'static str {
 
 /// The file of this name.
 pub(crate) fn file(name: &str) -> Option<Response> {
+    if name == "widget.html" {
+        let headers = [(CONTENT_TYPE, HTML), (CACHE_CONTROL, "no-cache")];
+        return Some((headers, echosplat_page::widget()).into_response());
+    }
     let found = FILES.iter().find(|known| known.name == name)?;
     // Small, and another version of the program may answer next.
     let headers = [(CONTENT_TYPE, kind(name)), (CACHE_CONTROL, "no-cache")];
@@ -48,6 +52,7 @@ mod tests {
     fn files_say_what_they_are() {
         for (name, wanted) in [
             ("index.html", HTML),
+            ("widget.html", HTML),
             ("style.css", CSS),
             ("icon.svg", SVG),
             ("app.js", JS),

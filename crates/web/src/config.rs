@@ -19,6 +19,10 @@ pub struct WebConfig {
     pub token: Option<String>,
     /// Names besides its own under which the page may be asked for, as a proxy has them.
     pub allowed_hosts: Vec<String>,
+    /// Whether Cockpit, a page of another origin, may begin and end recordings with the token. It goes where the token
+    /// goes: a recording of the settings has neither.
+    #[serde(skip_serializing)]
+    pub cockpit_actions: bool,
 }
 
 impl WebConfig {
@@ -41,6 +45,11 @@ impl WebConfig {
             let found = token.len();
             let why = format!("has {found} bytes; allowed is 8 to {MAX_TEXT_BYTES}");
             return Err(("token", why));
+        }
+        if self.cockpit_actions && self.token.is_none() {
+            let why =
+                "needs web.token: without, it is another at every start, and Cockpit keeps one";
+            return Err(("cockpit_actions", why.to_owned()));
         }
         let is_name = |host: &String| {
             let fits = (1..=MAX_TEXT_BYTES).contains(&host.len());
@@ -76,9 +85,16 @@ mod tests {
                 allowed_hosts: vec!["http://name".to_owned()],
                 ..WebConfig::default()
             },
+            WebConfig {
+                cockpit_actions: true,
+                ..WebConfig::default()
+            },
         ];
         let keys = wrong.map(|config| config.check().unwrap_err().0);
-        assert_eq!(keys, ["address", "token", "allowed_hosts"]);
+        assert_eq!(
+            keys,
+            ["address", "token", "allowed_hosts", "cockpit_actions"]
+        );
     }
 
     #[test]

@@ -5,6 +5,7 @@ use std::io::{self, Write};
 
 use echosplat_model::Snapshot;
 use serde::Serialize;
+use serde_json::Value;
 
 /// Half of a map that is downloaded.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -33,6 +34,13 @@ pub trait Control: Send + Sync + 'static {
     /// # Errors
     /// Of the writer.
     fn write_map(&self, map: &Snapshot, part: MapPart, to: &mut dyn Write) -> io::Result<()>;
+
+    /// A size in `map`, asked for by the query of an address: an object with `name`, `lines` for people, `facts` as the
+    /// command `measure` prints them, and `shape_m`, its places.
+    ///
+    /// # Errors
+    /// A sentence for whoever asked.
+    fn measure(&self, map: &Snapshot, query: &str) -> Result<Value, String>;
 
     /// Whether a recording goes on.
     fn is_recording(&self) -> bool;

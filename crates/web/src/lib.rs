@@ -6,12 +6,14 @@
 //! | `GET /` and its files | the page: plain ES modules and WebGL2, embedded in the binary |
 //! | `GET /live` | WebSocket: see [`wire`] |
 //! | `GET /map.ply`, `/map.ambiguous.ply` | the map as it stands |
+//! | `GET /measure?pile=X,Y,Z` | a size in the map as it stands, or of `plane`, `distance`, `profile`, `section` |
 //! | `GET /logs`, `/logs/NAME` | recordings as a JSON list, and one of them |
 //! | `POST /recording/start`, `/recording/stop` | begins and ends a recording |
 //! | `POST /replay/pause`, `/replay/resume` | holds what is replayed; with those for recordings all that changes anything |
 //! | `GET /metrics` | every number of the status, for Prometheus |
 //! | `GET /healthz` | 200 while the service reports, else 503 |
 //! | `GET /register_service` | what `BlueOS` asks an extension |
+//! | `GET /cockpit_extras.json`, `/widget.html` | what Cockpit asks of it, and the page without its frame |
 //!
 //! The service hands maps, pings and status to a [`Feed`]; nothing there waits for a browser or
 //! encodes anything. Without a browser a ping costs one atomic load. Deltas are made by
@@ -25,6 +27,7 @@ mod about;
 mod access;
 mod address;
 mod assets;
+mod cockpit;
 mod config;
 mod control;
 mod download;

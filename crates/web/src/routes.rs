@@ -3,12 +3,13 @@
 use std::sync::Arc;
 
 use axum::Router;
-use axum::extract::{Path, Request, State, WebSocketUpgrade};
+use axum::extract::{Path, RawQuery, Request, State, WebSocketUpgrade};
 use axum::http::header::{
+    ACCESS_CONTROL_ALLOW_HEADERS, ACCESS_CONTROL_ALLOW_METHODS, ACCESS_CONTROL_ALLOW_ORIGIN,
     CACHE_CONTROL, CONTENT_DISPOSITION, CONTENT_SECURITY_POLICY, CONTENT_TYPE, REFERRER_POLICY,
-    X_CONTENT_TYPE_OPTIONS,
+    VARY, X_CONTENT_TYPE_OPTIONS,
 };
-use axum::http::{HeaderMap, HeaderValue, StatusCode};
+use axum::http::{HeaderMap, HeaderValue, Method, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
 use axum::routing::{get, post};
@@ -19,7 +20,7 @@ use crate::access::{Access, Refusal};
 use crate::control::{Control, MapPart};
 use crate::hub::{Busy, count, lock};
 use crate::socket::{self, MAX_RECEIVED_BYTES, Source};
-use crate::{assets, download, metrics};
+use crate::{assets, cockpit, download, metrics};
 
 /// Browsers that may follow the map at once.
 const MAX_WATCHERS: usize = 16;
@@ -27,6 +28,10 @@ const MAX_WATCHERS: usize = 16;
 const MAX_DOWNLOADS: usize = 2;
 /// A service that did not report for so long is not well.
 const STATUS_LIMIT_S: f64 = 5.0;
+/// Measures at once; each copies the map's places and takes a processor.
+const MAX_MEASURES: usize = 1;
+/// Longest question of a measure that is read.
+const MAX_QUERY_BYTES: usize = 512;
 /// Longest name of a log that is looked for.
 const MAX_NAME_BYTES: usize = 255;
 
@@ -40,6 +45,7 @@ struct Inner {
     control: Arc<dyn Control>,
     switching: Arc<Busy>,
     downloads: Arc<Semaphore>,
+    measures: Arc<Semaphore>,
 }
 
 impl App {
@@ -50,6 +56,7 @@ impl App {
             control,
             switching: Arc::default(),
             downloads: Arc::new(Semaphore::new(MAX_DOWNLOADS)),
+            measures: Arc::new(Semaphore::new(MAX_MEASURES)),
         }))
     }
 }
@@ -61,6 +68,7 @@ pub(crate) fn router(app: App) -> Router {
         .route("/live", get(live))
         .route("/map.ply", get(map))
         .route("/map.ambiguous.ply", get(ambiguous_map))
+        .route("/measure", get(measure))
         .route("/logs", get(logs))
         .route("/logs/{name}", get(log))
         .route("/recording/start", post(start_recording))
@@ -70,6 +78,7 @@ pub(crate) fn router(app: App) -> Router {
         .route("/metrics", get(prometheus))
         .route("/healthz", get(health))
         .route("/register_service", get(register_service))
+        .route(cockpit::PATH, get(cockpit_extras))
         .fallback(|| async { refusal(StatusCode::NOT_FOUND, "there is nothing here") })
         .layer(from_fn_with_state(app.clone(), guard))
         .with_state(app)
@@ -96,7 +105,9 @@ async fn guard(State(app): State<App>, request: Request, next: Next) -> Response
     let counters = &app.0.source.hub.counters;
     count(&counters.requests, 1);
     let checked = check(&app.0.access, &request);
+    let other_page = app.0.access.page_with_token(&request);
     let mut response = match checked {
+        Ok(()) if request.method() == Method::OPTIONS => preflight(),
         Ok(()) => next.run(request).await,
         Err(refusal) => {
             count(&counters.refused, 1);
@@ -115,6 +126,11 @@ async fn guard(State(app): State<App>, request: Request, next: Next) -> Response
     for (name, value) in always {
         headers.insert(name, HeaderValue::from_static(value));
     }
+    // Whose page it is, so that its browser lets it read the answer.
+    if let Some(origin) = other_page {
+        headers.insert(ACCESS_CONTROL_ALLOW_ORIGIN, origin);
+        headers.insert(VARY, HeaderValue::from_static("origin"));
+    }
     if !headers.contains_key(CACHE_CONTROL) {
         headers.insert(CACHE_CONTROL, HeaderValue::from_static("no-store"));
     }
@@ -125,10 +141,17 @@ fn check(access: &Access, request: &Request) -> Result<(), Refusal> {
     let headers = request.headers();
     access.host(headers)?;
     let reads = matches!(request.method().as_str(), "GET" | "HEAD");
-    if reads && request.uri().path() != "/live" {
+    // What takes work is asked for by this page alone.
+    let takes_work = ["/live", "/measure"].contains(&request.uri().path());
+    if reads && !takes_work {
         return Ok(());
     }
-    access.origin(headers)?;
+    if access.lets_ask(request) {
+        return Ok(());
+    }
+    if access.page_with_token(request).is_none() {
+        access.origin(headers)?;
+    }
     if reads {
         return Ok(());
     }
@@ -142,6 +165,18 @@ fn check(access: &Access, request: &Request) -> Result<(), Refusal> {
             sentence: "requests here have no body",
         }),
     }
+}
+
+/// What a browser asks before a page of another origin may send the token.
+fn preflight() -> Response {
+    let headers = [
+        (ACCESS_CONTROL_ALLOW_METHODS, "POST"),
+        (
+            ACCESS_CONTROL_ALLOW_HEADERS,
+            "x-echosplat-token, content-type",
+        ),
+    ];
+    (StatusCode::NO_CONTENT, headers).into_response()
 }
 
 async fn file(Path(name): Path<String>) -> Response {
@@ -180,6 +215,33 @@ fn send_map(app: &App, part: MapPart, name: &str) -> Response {
     let control = Arc::clone(&app.0.control);
     let body = download::body(permit, move |to| control.write_map(&map, part, to));
     (attachment(name), body).into_response()
+}
+
+/// A size in the map as it stands.
+async fn measure(State(app): State<App>, RawQuery(query): RawQuery) -> Response {
+    let query = query.unwrap_or_default();
+    if query.len() > MAX_QUERY_BYTES {
+        return refusal(StatusCode::URI_TOO_LONG, "the question is too long");
+    }
+    let Some(map) = lock(&app.0.source.hub.orders).newest.clone() else {
+        return refusal(StatusCode::NOT_FOUND, "there is no map yet");
+    };
+    let Ok(permit) = Arc::clone(&app.0.measures).try_acquire_owned() else {
+        return refusal(
+            StatusCode::SERVICE_UNAVAILABLE,
+            "something else is measured: ask again",
+        );
+    };
+    let control = Arc::clone(&app.0.control);
+    let measured = tokio::task::spawn_blocking(move || {
+        let _permit = permit;
+        control.measure(&map, &query)
+    });
+    match measured.await {
+        Ok(Ok(found)) => answer(&found),
+        Ok(Err(sentence)) => refusal(StatusCode::UNPROCESSABLE_ENTITY, &sentence),
+        Err(_) => failed(),
+    }
 }
 
 fn too_many() -> Response {
@@ -327,5 +389,12 @@ async fn register_service(State(app): State<App>) -> Response {
         "api": "",
         "new_page": false,
         "works_in_relative_paths": true,
+        "extras": { "cockpit": cockpit::PATH },
     }))
+}
+
+/// As Cockpit asks what [`register_service`] names.
+async fn cockpit_extras(State(app): State<App>) -> Response {
+    let version = &app.0.source.about.version;
+    answer(&cockpit::extras(version, app.0.access.cockpit_actions))
 }

@@ -95,6 +95,7 @@ impl WebServer {
             is_loopback: is_loopback(local.ip()),
             token: token.clone(),
             allowed_hosts: config.allowed_hosts.clone(),
+            cockpit_actions: config.cockpit_actions,
         };
         let hub = Arc::new(Hub::new());
         let bandwidth_bps = match access.is_loopback {

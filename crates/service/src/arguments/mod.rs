@@ -22,7 +22,7 @@ pub(crate) use live::{
     DemoArguments, ProbeArguments, ReplayArguments, Role, RunArguments, ServiceArguments,
     WatchArguments,
 };
-pub(crate) use survey::{CompareArguments, MeasureArguments};
+pub(crate) use survey::{AskedArguments, CompareArguments, MeasureArguments, ReportArguments};
 pub use values::positive;
 
 /// The commit that this was built from; `unknown` without git.
@@ -86,6 +86,8 @@ pub enum Command {
     Georeference(GeoreferenceArguments),
     /// Measures in a map, each size with its sigma: a distance, a pile, a plane, a profile, a section
     Measure(MeasureArguments),
+    /// Writes what a client is handed of a dive: one page of HTML that prints on A4, with drawings to scale and measures
+    Report(ReportArguments),
     /// Lays one map on another of the same place, and says what came, went and moved
     Compare(CompareArguments),
     /// Says what logs, recordings, trajectories, maps and bags of other programs hold

@@ -92,6 +92,6 @@ pub(super) fn place(text: &str) -> Result<DVec3, String> {
 pub(super) fn key_and_value(text: &str) -> Result<(String, String), String> {
     match text.split_once('=') {
         Some((key, value)) if !key.is_empty() => Ok((key.to_owned(), value.to_owned())),
-        _ => Err("it must read key=json5, as in connect/endpoints=[\"tcp/10.0.0.2:7447\"]".into()),
+        _ => Err("it must read key=value, as in connect/endpoints=[\"tcp/10.0.0.2:7447\"]".into()),
     }
 }

@@ -7,13 +7,16 @@ use echosplat_report::table::{self, metres_unit, quantity};
 use echosplat_report::{DiveReport, MapView, OF_MAPS, Plot, Table, Trajectory};
 use serde_json::Value;
 
+use crate::commands::handout::{self, Subject, date};
 use crate::commands::judging::{AgainstTruth, Growth, Verdict};
+use crate::config::Config;
 use crate::pipeline::{Notice, Outcome};
 use crate::processor;
 
 /// Names a report.
-pub(super) struct Heading {
+pub(super) struct Heading<'a> {
     pub(super) title: String,
+    pub(super) settings: Option<&'a Config>,
     /// What was run, in a sentence or two.
     pub(super) text: String,
     pub(super) seed: Option<u64>,
@@ -21,7 +24,7 @@ pub(super) struct Heading {
 
 /// As one HTML document; `summary` as `--json` has it.
 pub(super) fn html(
-    heading: Heading,
+    heading: Heading<'_>,
     outcome: &Outcome,
     verdict: &Verdict,
     summary: &Value,
@@ -39,10 +42,21 @@ pub(super) fn html(
     let mut tables = Vec::new();
     tables.extend(against_truth.map(|found| error_table(&found.metrics)));
     tables.push(run_table(summary));
-    tables.extend(notice_table(&outcome.status.notices));
+    let subject = Subject {
+        about: Vec::new(),
+        origin_m: snapshot.origin_m,
+        gaussians: &snapshot.gaussians,
+        place: outcome.place.as_ref(),
+        way: &verdict.trajectory,
+        began: date(snapshot.time),
+        run: summary,
+        settings: heading.settings,
+        measures: &[],
+    };
     let report = DiveReport {
         title: heading.title,
         text: heading.text,
+        handout: handout::of(&subject),
         verdict: sentence(&Said::of(outcome, &verdict.trajectory, against_truth)),
         view: MapView::new(&snapshot.gaussians, errors_m, &way),
         picture: verdict.picture.clone(),
@@ -59,15 +73,17 @@ pub(super) fn html(
 }
 
 /// What the first sentence is made of.
-struct Said<'a> {
-    dive_s: f64,
-    way_m: f64,
+pub(super) struct Said<'a> {
+    /// How long and how far, where that is known: seconds, metres.
+    dive: Option<(f64, f64)>,
     asserted: usize,
     ambiguous: usize,
     /// Half of what is asserted is known as well as this, one sigma, metres.
     sigma_m: Option<f64>,
     truth: Option<&'a Metrics>,
     worst: Option<&'a str>,
+    /// Whether it is known what went wrong.
+    is_judged: bool,
 }
 
 impl<'a> Said<'a> {
@@ -75,15 +91,49 @@ impl<'a> Said<'a> {
         let gaussians = &outcome.snapshot.gaussians;
         let sigmas = sigmas_m(gaussians);
         Self {
-            dive_s: outcome.status.report.dive_s,
-            way_m: way.length_m(),
+            dive: Some((outcome.status.report.dive_s, way.length_m())),
             asserted: sigmas.len(),
             ambiguous: gaussians.len() - sigmas.len(),
             sigma_m: sigmas.get(sigmas.len() / 2).copied(),
             truth: truth.map(|truth| &truth.metrics),
             worst: worst(&outcome.status.notices).map(|notice| notice.sentence.as_str()),
+            is_judged: true,
         }
     }
+}
+
+impl<'a> Said<'a> {
+    /// Of a map, and of what is known of its dive.
+    pub(super) fn of_subject(subject: &'a Subject) -> Self {
+        let sigmas = sigmas_m(subject.gaussians);
+        let way = &subject.way.0;
+        let dive_s = subject.run["dive_s"].as_f64();
+        let dive_s = dive_s.or_else(|| Some(way.last()?.0 - way.first()?.0));
+        Self {
+            dive: dive_s
+                .filter(|_| way.len() > 1)
+                .map(|dive_s| (dive_s, subject.way.length_m())),
+            asserted: sigmas.len(),
+            ambiguous: subject.gaussians.len() - sigmas.len(),
+            sigma_m: sigmas.get(sigmas.len() / 2).copied(),
+            truth: None,
+            worst: worst_told(subject.run),
+            is_judged: subject.run["notices"].is_array(),
+        }
+    }
+}
+
+/// As [`worst`], of a status.
+fn worst_told(run: &Value) -> Option<&str> {
+    let rank = |notice: &&Value| {
+        let is_loss = notice["is_loss"].as_bool() == Some(true);
+        (
+            is_loss,
+            notice["until_s"].is_null(),
+            notice["count"].as_u64(),
+        )
+    };
+    run["notices"].as_array()?.iter().max_by_key(rank)?["sentence"].as_str()
 }
 
 /// Of what is asserted, least first.
@@ -103,19 +153,22 @@ fn worst(notices: &[Notice]) -> Option<&Notice> {
         .max_by_key(|notice| (notice.is_loss, notice.until_s.is_none(), notice.count))
 }
 
-fn sentence(said: &Said) -> String {
-    let dive = format!(
-        "{} s of dive along {} m",
-        quantity(said.dive_s),
-        quantity(said.way_m)
-    );
+pub(super) fn sentence(said: &Said) -> String {
+    let map = match said.dive {
+        Some((dive_s, way_m)) => format!(
+            "{} s of dive along {} m gave",
+            quantity(dive_s),
+            quantity(way_m)
+        ),
+        None => "This is".to_owned(),
+    };
     let map = match (said.asserted, said.sigma_m) {
-        (0, _) => format!("{dive} gave no map: no surface is asserted"),
+        (0, _) => format!("{map} no map: no surface is asserted"),
         (count, Some(sigma_m)) if sigma_m.is_finite() => format!(
-            "{dive} gave a map of {count} Gaussians, half of them known to {} (one sigma)",
+            "{map} a map of {count} Gaussians, half of them known to {} (one sigma)",
             metres_unit(sigma_m)
         ),
-        (count, _) => format!("{dive} gave a map of {count} Gaussians"),
+        (count, _) => format!("{map} a map of {count} Gaussians"),
     };
     let open = match said.ambiguous {
         0 => String::new(),
@@ -131,6 +184,7 @@ fn sentence(said: &Said) -> String {
         )
     });
     let worst = match said.worst {
+        None if !said.is_judged => ".".to_owned(),
         None => "; nothing went wrong.".to_owned(),
         Some(worst) => format!("; what went wrong most: {}.", worst.trim_end_matches('.')),
     };
@@ -244,43 +298,19 @@ fn run_table(summary: &Value) -> Table {
     }
 }
 
-/// What was wrong, if anything was.
-fn notice_table(notices: &[Notice]) -> Option<Table> {
-    let row = |notice: &Notice| {
-        let until = match notice.until_s {
-            Some(until_s) => format!("{until_s:.1} s"),
-            None => "to the end".to_owned(),
-        };
-        vec![
-            notice.code.to_string(),
-            format!("{:.1} s", notice.since_s),
-            until,
-            notice.sentence.clone(),
-        ]
-    };
-    (!notices.is_empty()).then(|| Table {
-        title: "What went wrong".to_owned(),
-        columns: ["notice", "from", "until", "what, and what to do"]
-            .map(str::to_owned)
-            .into(),
-        rows: notices.iter().map(row).collect(),
-        note: String::new(),
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     fn said() -> Said<'static> {
         Said {
-            dive_s: 240.0,
-            way_m: 181.4,
+            dive: Some((240.0, 181.4)),
             asserted: 17_677,
             ambiguous: 329,
             sigma_m: Some(0.0213),
             truth: None,
             worst: None,
+            is_judged: true,
         }
     }
 
@@ -322,6 +352,16 @@ mod tests {
         assert!(
             empty.contains("gave no map: no surface is asserted; nothing"),
             "{empty}"
+        );
+        let alone = sentence(&Said {
+            dive: None,
+            is_judged: false,
+            ambiguous: 0,
+            ..said()
+        });
+        assert_eq!(
+            alone,
+            "This is a map of 17677 Gaussians, half of them known to 0.021 m (one sigma)."
         );
         let unknown = sentence(&Said {
             sigma_m: Some(f64::INFINITY),

@@ -9,6 +9,7 @@ mod emulate;
 mod evaluate;
 mod export;
 mod georeference;
+mod handout;
 mod info;
 mod judging;
 mod measure;
@@ -16,6 +17,7 @@ mod probe;
 mod recover;
 mod render;
 mod replay;
+mod report;
 mod run;
 mod simulate;
 mod watch;
@@ -59,6 +61,7 @@ pub fn run(command: Command) -> anyhow::Result<Finish> {
         Command::Recover(arguments) => recover::run(&arguments),
         Command::Export(arguments) => export::run(&arguments),
         Command::Measure(arguments) => measure::run(&arguments),
+        Command::Report(arguments) => report::run(&arguments),
         Command::Compare(arguments) => compare::run(&arguments),
         Command::Georeference(arguments) => georeference::run(&arguments),
         Command::Config { basic } => {

@@ -354,7 +354,7 @@ fn conclude(
     if let Some(judge) = judge {
         let verdict = judge.finish(outcome, config.sonar.seed)?;
         if let Some(report) = report {
-            let page = dive_report::html(heading(arguments), outcome, &verdict, &summary);
+            let page = dive_report::html(heading(arguments, config), outcome, &verdict, &summary);
             files::write("--report", report, page.as_bytes())?;
             tracing::info!(report = %report.display(), "report written");
         }
@@ -372,13 +372,14 @@ fn conclude(
     Ok(outcome.finish())
 }
 
-fn heading(arguments: &ReplayArguments) -> Heading {
+fn heading<'a>(arguments: &ReplayArguments, config: &'a Config) -> Heading<'a> {
     let names = arguments.logs.iter();
     let names: Vec<String> = names
         .filter_map(|log| Some(log.file_name()?.to_string_lossy().into_owned()))
         .collect();
     Heading {
         title: format!("EchoSplat replay: {}", names.join(", ")),
+        settings: Some(config),
         text: "echosplat replay: the pipeline from logs. Maps made only to be judged count neither as work nor as \
                time."
             .to_owned(),

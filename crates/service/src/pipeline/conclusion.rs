@@ -90,7 +90,12 @@ impl Run {
         written?;
         tracked?;
         kept?;
-        Ok(Outcome { snapshot, status })
+        let place = self.notes.place_of(snapshot.epoch);
+        Ok(Outcome {
+            snapshot,
+            place,
+            status,
+        })
     }
 
     fn map_as_it_stands(&self) -> Arc<Snapshot> {

@@ -173,6 +173,8 @@ pub(crate) type OnFinal = Box<dyn FnOnce(&Snapshot)>;
 /// What a run came to.
 pub(crate) struct Outcome {
     pub(crate) snapshot: Arc<Snapshot>,
+    /// Where on Earth the map lies, if that is known.
+    pub(crate) place: Option<Georeference>,
     pub(crate) status: Status,
 }
 

@@ -61,6 +61,7 @@ pub(super) struct Run {
     pub(super) keeper: Option<Keeper>,
     /// Where the vehicle's way goes, if it is kept.
     pub(super) track: Option<PathBuf>,
+    pub(super) notes: RunNotes,
     pub(super) saving: Saving,
     pub(super) album: Option<AlbumWriter>,
     pub(super) diagnosis: Diagnosis,
@@ -111,7 +112,7 @@ impl Run {
             outlet,
             shedding: setup.shedding,
             earlier: EarlierMaps::beside(place.clone()),
-            places: Places::new(notes, setup.recorder.clone(), setup.places),
+            places: Places::new(notes.clone(), setup.recorder.clone(), setup.places),
             frame_check: Some(helpers.frame_check),
             calibration: calibration::Watch::new(config, pace),
             came: config
@@ -133,6 +134,7 @@ impl Run {
             recorder: setup.recorder,
             keeper: place.map(|(map, notes)| Keeper::new(map, notes)),
             track: config.output.track.clone(),
+            notes,
             saving,
             album,
             diagnosis: Diagnosis::new(setup.expectations, &config.pose, begin),

@@ -97,6 +97,18 @@ fn a_rod_that_went_and_a_crate_that_came_are_told_and_nothing_else() {
             < 0.1
     );
     assert!(gone.size_m.z > 2.0 && gone.sigma_m < 0.4, "{gone:?}");
+    // Each place is told what it is part of.
+    let count = |all: &[Became], what| all.iter().filter(|became| **became == what).count();
+    assert_eq!(count(&found.second, Became::Came), new.count);
+    assert_eq!(count(&found.first, Became::Went), gone.count);
+    assert_eq!(
+        (found.first.len(), found.second.len()),
+        (before.len(), after.len())
+    );
+    let is_rod = |at: DVec3| (at.x - 4.0).abs() < 0.3 && (at.y - 2.0).abs() < 0.3;
+    let went = before.iter().zip(&found.first);
+    let went = went.filter(|(_, became)| **became == Became::Went);
+    assert!(went.into_iter().all(|(sample, _)| is_rod(sample.at_m)));
 }
 
 #[test]
@@ -110,6 +122,9 @@ fn a_crate_that_was_moved_is_told_with_how_far() {
         panic!("{found:?}");
     };
     assert_eq!(moved.kind, Kind::Moved);
+    let count = |all: &[Became], what| all.iter().filter(|became| **became == what).count();
+    assert!(count(&found.first, Became::MovedFrom) > 100);
+    assert_eq!(count(&found.second, Became::MovedTo), moved.count);
     assert!(
         moved.by_m.distance(by) < 2.0 * moved.sigma_m.max(0.05),
         "{moved:?}"

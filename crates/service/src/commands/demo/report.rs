@@ -27,6 +27,7 @@ impl Results {
         );
         let heading = Heading {
             title: format!("EchoSplat demo: {}", self.title),
+            settings: None,
             text,
             seed: Some(self.seed),
         };

@@ -1,5 +1,10 @@
 //! `echosplat compare BEFORE.ply AFTER.ply`: what came, went and moved.
 
+mod page;
+
+use std::path::PathBuf;
+
+use echosplat_model::Gaussian;
 use echosplat_recording::export::placed::Shape;
 use echosplat_survey::{Change, Compared, Kind, compare, samples_of};
 use serde_json::{Value, json};
@@ -7,19 +12,28 @@ use serde_json::{Value, json};
 use super::measure::shapes;
 use crate::arguments::CompareArguments;
 use crate::exit::{Finish, Usage};
-use crate::{logging, maps};
+use crate::{files, logging, maps};
 
 /// # Errors
 /// If one of the maps cannot be read, or they share too little.
 pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<Finish> {
-    let before = maps::read(&arguments.before)?;
-    let after = maps::read(&arguments.after)?;
+    let mut before = maps::read(&arguments.before)?;
+    let mut after = maps::read(&arguments.after)?;
+    // So that places and Gaussians are as many.
+    for map in [&mut before, &mut after] {
+        map.gaussians.retain(Gaussian::is_sound);
+    }
     let [old, new] = [&before, &after].map(|map| samples_of(map.origin_m, &map.gaussians));
     let found = compare(&old, &new).map_err(|error| {
         let (before, after) = (arguments.before.display(), arguments.after.display());
         Usage::error(format!("{before} and {after}: {error}"))
     })?;
-    if let Some(out) = &arguments.out {
+    let is_page = |out: &&PathBuf| out.extension().is_some_and(|end| end == "html");
+    if let Some(out) = arguments.out.as_ref().filter(is_page) {
+        let names = [&arguments.before, &arguments.after].map(|path| path.display().to_string());
+        let html = page::html(&names, [&before, &after], &found, &lines(&found));
+        files::write("--out", out, html.as_bytes())?;
+    } else if let Some(out) = &arguments.out {
         let place = before.notes.georeference.as_ref();
         shapes::write(out, &arguments.before, place, "", |place| {
             let one = |change: &Change| {
