@@ -75,8 +75,8 @@ pub struct PoseDrift {
     pub turn_deg: f64,
     /// The longest shift so far, metres.
     pub longest_shift_m: f64,
-    /// One sigma of the newest shift, along the worse of two level axes, metres, and of the turn, degrees; with what aspects that
-    /// the map has not seen draw by.
+    /// One sigma of the newest shift, along the worse of two level axes, metres, and of the turn, degrees, with the error that
+    /// all places of the map share.
     pub shift_sigma_m: f64,
     /// See `shift_sigma_m`.
     pub turn_sigma_deg: f64,
@@ -507,7 +507,7 @@ mod tests {
         // By its end the way is 0.75 m off as it came.
         let (off_m, told_m) = way.unwrap();
         assert!(off_m < 0.15, "{off_m}");
-        assert!((0.5..2.0).contains(&(off_m / told_m)), "{off_m} {told_m}");
+        assert!((0.2..1.5).contains(&(off_m / told_m)), "{off_m} {told_m}");
         assert!((drift.shift_m[1] + 0.75).abs() < 0.2, "{drift:?}");
         assert!(count > 200 && near_m < 0.2, "{count} {near_m}");
         assert!(10 * without < count, "{without} {count}");
