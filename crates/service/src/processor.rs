@@ -277,7 +277,12 @@ mod tests {
         }
         drop(ends);
         thread.join().unwrap();
-        assert_eq!(clock.time(), None);
+        // The kernel lets go of it a little after it was joined.
+        let is_gone = || {
+            std::thread::yield_now();
+            clock.time().is_none()
+        };
+        assert!((0..1_000_000).any(|_| is_gone()));
     }
 
     #[test]

@@ -56,6 +56,8 @@ fn the_default_file_explains_every_key() {
         },
         georeference: GeoreferenceConfig {
             origin: Some("60,25,0".into()),
+            gnss: Some("udp://0.0.0.0:10110".parse().unwrap()),
+            x_heading_deg: Some(90.0),
             ..GeoreferenceConfig::default()
         },
         web: WebConfig {
