@@ -118,6 +118,11 @@ impl Run {
             );
             return Ok(());
         };
+        if track.is_empty() {
+            // An earlier way at the same place is worth more than nothing.
+            tracing::warn!("no ping was mapped, so no way is written");
+            return Ok(());
+        }
         track.write(path)?;
         tracing::info!(track = %path.display(), "way written");
         Ok(())

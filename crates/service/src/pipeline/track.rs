@@ -91,6 +91,11 @@ struct Point {
 pub(crate) struct Track(Vec<Point>);
 
 impl Track {
+    /// Whether no ping was mapped.
+    pub(super) fn is_empty(&self) -> bool {
+        self.0.is_empty()
+    }
+
     /// Writes it whole; an earlier file gives way.
     ///
     /// # Errors
@@ -220,7 +225,11 @@ mod tests {
         came.push(Timestamp::from_millis(1), vehicle);
         came.begin_anew();
         came.push(Timestamp::from_millis(2), vehicle * mount);
-        let poses = came.corrected(&mapper.pose_corrections()).stamped();
+        let track = came.corrected(&mapper.pose_corrections());
+        assert!(!track.is_empty());
+        let none = PosesAsTheyCame::new(mount).corrected(&mapper.pose_corrections());
+        assert!(none.is_empty());
+        let poses = track.stamped();
         assert_eq!(poses.len(), 1);
         let off = poses[0].world_from_vehicle.translation_m - vehicle.translation_m;
         assert!(off.length() < 1e-12, "{off}");
