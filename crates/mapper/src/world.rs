@@ -104,13 +104,31 @@ impl World {
         }
     }
 
+    /// Where the mapper's own axes lie in what is published.
+    pub(crate) fn placing(&self) -> Placing {
+        Placing {
+            heading: self.heading,
+            shift_m: self.origin_m - self.published_origin_m,
+        }
+    }
+}
+
+/// Where the mapper's own axes lie.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(crate) struct Placing {
+    /// World from the mapper's own axes, a turn about z.
+    heading: DQuat,
+    /// Of the first ping from the published origin, metres.
+    shift_m: DVec3,
+}
+
+impl Placing {
     /// A Gaussian on the mapper's own axes, relative to the published origin along the world's.
     /// Its place is rounded once.
     pub(crate) fn leave(&self, gaussian: Gaussian) -> Gaussian {
         let from_first_m = self.heading * gaussian.mean_m.as_dvec3();
-        let shift_m = self.origin_m - self.published_origin_m;
         Gaussian {
-            mean_m: (from_first_m + shift_m).as_vec3(),
+            mean_m: (from_first_m + self.shift_m).as_vec3(),
             rotation: self.heading.as_quat() * gaussian.rotation,
             position_covariance_m2: turned(self.heading, gaussian.position_covariance_m2),
             ..gaussian
@@ -242,7 +260,7 @@ mod tests {
                 why: echosplat_model::Why::default(),
             };
             let expected_m = origin_m + world.heading * inside.mean_m.as_dvec3();
-            let told_m = world.published_origin_m + world.leave(inside).mean_m.as_dvec3();
+            let told_m = world.published_origin_m + world.placing().leave(inside).mean_m.as_dvec3();
             let off_m = told_m.distance(expected_m);
             assert!(off_m < 0.0005, "{off_m} m off at {origin_m}");
         }

@@ -167,6 +167,7 @@ impl PaperMethod {
             origin_m: self.images.origin_m,
             intensity_unit: self.images.intensity_unit,
             gaussians: self.gaussians(),
+            news: None,
         }
     }
 

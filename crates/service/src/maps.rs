@@ -215,6 +215,7 @@ pub(crate) fn empty() -> Snapshot {
         origin_m: DVec3::ZERO,
         intensity_unit: 1.0,
         gaussians: Vec::new(),
+        news: None,
     }
 }
 
@@ -273,6 +274,7 @@ mod tests {
             origin_m: DVec3::ZERO,
             intensity_unit: 1.0,
             gaussians: standings.iter().map(gaussian).collect(),
+            news: None,
         }
     }
 

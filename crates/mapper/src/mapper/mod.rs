@@ -38,6 +38,7 @@ use crate::{ConfigError, MapperConfig};
 pub use calibrator::{Calibrator, Questions};
 use foretold::Foretelling;
 pub use foretold::Foretold;
+use published::{Print, Published};
 pub use status::{InsertReport, MapperStatus, ReasonCounts};
 
 /// Fraction of a typical strength; found.
@@ -68,7 +69,9 @@ pub struct Mapper {
     workout: Option<Workout>,
     /// Work allowed and not yet done; below zero what the last portion took too much.
     credit_pairs: i64,
+    epoch: u64,
     sequence: u64,
+    published: Published,
     unit_strength: f32,
     cues: Cues,
     at_work: AtWork,
@@ -114,7 +117,9 @@ impl Mapper {
             last_geometry: None,
             workout: None,
             credit_pairs: 0,
+            epoch: 1,
             sequence: 0,
+            published: Published::default(),
             unit_strength: 0.0,
             cues: Cues::default(),
             at_work,
@@ -126,9 +131,26 @@ impl Mapper {
         }
     }
 
-    /// The map as it stands. Looking at it leaves no trace.
-    pub fn snapshot(&mut self) -> Snapshot {
-        self.publish()
+    /// Its snapshots are of this epoch from now on, and count on from `sequence`.
+    pub fn number(&mut self, epoch: u64, sequence: u64) {
+        (self.epoch, self.sequence) = (epoch, sequence);
+    }
+
+    /// The map as it stands. Looking at it leaves no trace. While the last one is held, what is in both is copied from there.
+    pub fn snapshot(&mut self) -> Arc<Snapshot> {
+        let snapshot = Arc::new(self.publish());
+        if let Some(print) = self.print() {
+            self.published.keep(print, &snapshot);
+        }
+        snapshot
+    }
+
+    /// What published Gaussians are made with, once there is a first ping.
+    fn print(&self) -> Option<Print> {
+        Some(Print {
+            unit: published::intensity_unit(self.unit_strength),
+            placing: self.world.as_ref()?.placing(),
+        })
     }
 
     /// Has `tell` called again and again, from any of the mapper's threads, while a step of [`Self::insert`] goes on that may
@@ -175,23 +197,23 @@ impl Mapper {
         self.sequence += 1;
         let newest = self.history.newest();
         let intensity_unit = published::intensity_unit(self.unit_strength);
-        let mut gaussians = Vec::new();
-        if let Some(world) = &self.world {
-            let placed = |gaussian| world.leave(gaussian);
-            let of_map = || published::published(&self.gaussians, intensity_unit, placed);
-            gaussians = self.pool.install(of_map);
+        let (mut gaussians, mut news) = (Vec::new(), None);
+        if let Some(print) = self.print() {
+            let (published, map) = (&mut self.published, &self.gaussians);
             let ground = self.seabed.published(intensity_unit);
-            gaussians.extend(ground.into_iter().map(placed));
+            let of_map = || published.of(map, print, &ground);
+            (gaussians, news) = self.pool.install(of_map);
         }
-        let confident = gaussians
-            .iter()
-            .filter(|g| g.standing == Standing::Confident)
-            .count() as u64;
+        let mut confident = 0;
+        let reasons = gaussians.iter().map(|gaussian| {
+            confident += u64::from(gaussian.standing == Standing::Confident);
+            gaussian.why.reason
+        });
+        self.status.reasons = ReasonCounts::of(reasons);
         self.status.confident = confident;
         self.status.ambiguous = gaussians.len() as u64 - confident;
-        self.status.reasons = ReasonCounts::of(gaussians.iter().map(|g| g.why.reason));
         Snapshot {
-            epoch: 1,
+            epoch: self.epoch,
             sequence: self.sequence,
             time: newest.map_or(Timestamp::ZERO, |keyframe| keyframe.time),
             through_ping: newest.map_or(0, |keyframe| keyframe.sequence),
@@ -201,6 +223,7 @@ impl Mapper {
                 .map_or(DVec3::ZERO, |w| w.published_origin_m),
             intensity_unit,
             gaussians,
+            news,
         }
     }
 

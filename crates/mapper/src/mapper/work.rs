@@ -76,7 +76,9 @@ impl Mapper {
         }
         // Their pings tell of nothing where there was nothing to work out.
         self.gaussians.let_former_go();
-        self.publish()
+        let snapshot = self.publish();
+        self.published.forget();
+        snapshot
     }
 
     /// Until nothing is left to do.
@@ -492,7 +494,7 @@ mod tests {
         (0..600).for_each(|number| insert(&mut mapper, number));
         mapper.work_all_out();
         let asserted = |mapper: &mut Mapper| {
-            let mut gaussians = mapper.snapshot().gaussians;
+            let mut gaussians = mapper.snapshot().gaussians.clone();
             gaussians.retain(|gaussian| gaussian.standing == Standing::Confident);
             gaussians
         };

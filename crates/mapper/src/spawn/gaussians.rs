@@ -38,6 +38,8 @@ pub(crate) enum Stage {
 #[derive(Debug, Default)]
 pub(crate) struct Gaussians {
     pub(crate) id: Vec<GaussianId>,
+    /// The id it was spawned with, which no other ever has: what is in a map stays as it is from then on until it is gone.
+    pub(crate) birth: Vec<GaussianId>,
     pub(crate) alive: Vec<bool>,
     /// Where it was spawned; it stays within a voxel of there.
     pub(crate) home_m: Vec<Vec3>,
@@ -91,7 +93,7 @@ impl Gaussians {
         self.next_id += 1;
         let slot = self.free.pop().unwrap_or_else(|| self.grow());
         let s = slot as usize;
-        self.id[s] = id;
+        (self.id[s], self.birth[s]) = (id, id);
         self.alive[s] = true;
         self.home_m[s] = home_m;
         self.home[s] = home;
@@ -190,6 +192,7 @@ impl Gaussians {
     /// Room for so many more slots and no more than that.
     pub(crate) fn reserve(&mut self, count: usize) {
         self.id.reserve_exact(count);
+        self.birth.reserve_exact(count);
         self.alive.reserve_exact(count);
         self.home_m.reserve_exact(count);
         self.home.reserve_exact(count);
@@ -215,6 +218,7 @@ impl Gaussians {
             self.reserve(spare(self.id.len()));
         }
         self.id.push(0);
+        self.birth.push(0);
         self.alive.push(false);
         self.home_m.push(Vec3::ZERO);
         self.home.push((0, 0));

@@ -213,35 +213,32 @@ impl Outlet {
     }
 
     /// Publishes a map, and shows it to the observers for whom it is time.
-    pub(crate) fn map(&mut self, mut snapshot: Snapshot, moment: Moment) -> Arc<Snapshot> {
-        snapshot.epoch = self.epoch;
-        let snapshot = Arc::new(snapshot);
+    pub(crate) fn map(&mut self, snapshot: &Arc<Snapshot>, moment: Moment) {
         if let Some(publisher) = &self.publisher {
-            publisher.offer(Arc::clone(&snapshot));
+            publisher.offer(Arc::clone(snapshot));
         }
         if let Some(ros) = &self.ros {
-            ros.offer(Arc::clone(&snapshot));
+            ros.offer(Arc::clone(snapshot));
         }
         if let Some(page) = &self.page {
-            page.map(&snapshot);
+            page.map(snapshot);
         }
         self.made = Some(Sent {
             sequence: snapshot.sequence,
             at: Instant::now(),
         });
         if let Some(prediction) = &mut self.prediction {
-            prediction.map(&snapshot, moment.dive_s);
+            prediction.map(snapshot, moment.dive_s);
         }
         for (observer, next_s) in &mut self.observers {
             if moment.dive_s >= *next_s {
                 *next_s = observer.schedule.after(moment.dive_s);
                 (observer.take)(Observed {
-                    snapshot: Arc::clone(&snapshot),
+                    snapshot: Arc::clone(snapshot),
                     moment,
                 });
             }
         }
-        snapshot
     }
 }
 

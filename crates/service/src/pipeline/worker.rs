@@ -90,8 +90,6 @@ pub(crate) struct State {
     listening: Listening,
     /// Epoch of the poses that the map at hand is made of.
     epoch: Option<u32>,
-    /// Of the last map of the epochs before.
-    past_sequence: u64,
     past_work: Spent,
     meter: Meter,
 }
@@ -109,7 +107,6 @@ impl State {
             newest_snapshot_at: None,
             listening: Listening::default(),
             epoch: None,
-            past_sequence: 0,
             past_work: Spent::default(),
             meter: Meter::default(),
         }
@@ -122,6 +119,7 @@ impl Worker {
     /// Runs as one of the mapper's threads, so that its many small pieces of work begin at once.
     pub(crate) fn run(mut self) -> Arc<Snapshot> {
         self.beat_as_mapper_works();
+        self.mapper.number(self.outlet.epoch(), 0);
         self.mapper.pool().install(move || self.map_all())
     }
 
@@ -252,7 +250,8 @@ impl Worker {
         self.publish_if_due(time, inserted.slice_taken_in);
         self.note_published();
         if inserted.slice_taken_in {
-            self.calibration.advance(&self.mapper);
+            let has_time = !self.shedding.report().work;
+            self.calibration.advance(&self.mapper, has_time);
         }
     }
 
@@ -297,13 +296,14 @@ impl Worker {
         let state = &mut self.state;
         state.past_work = work;
         state.report.maps += 1;
-        state.past_sequence = state.report.newest_sequence;
         // The dive's own time goes on.
         state.first_ping = Some(time.offset_by(-state.report.dive_s));
         // The map that ends shall bear what was found of its place.
         self.places.look(&self.poses.report());
         let ended = self.outlet.epoch();
         self.outlet.begin_epoch();
+        let newest = self.state.report.newest_sequence;
+        self.mapper.number(self.outlet.epoch(), newest);
         if let Some(came) = &mut self.came {
             came.begin_anew();
         }
@@ -352,15 +352,14 @@ impl Worker {
         self.state.next_snapshot_at = begin + pause.max(begin.elapsed() * rest);
     }
 
-    /// Whether more than half as many pings wait as may.
+    /// Whether work on the map is put off, or more than half as many pings wait as may.
     fn is_behind(&self) -> bool {
         let capacity = self.events.capacity().unwrap_or(usize::MAX);
-        self.events.len() > capacity / 2
+        self.shedding.report().work || self.events.len() > capacity / 2
     }
 
-    fn hand_on(&mut self, mut snapshot: Snapshot, dive_s: f64) -> Arc<Snapshot> {
+    fn hand_on(&mut self, snapshot: Arc<Snapshot>, dive_s: f64) -> Arc<Snapshot> {
         let work = self.work();
-        snapshot.sequence += self.state.past_sequence;
         self.state.report.newest_sequence = snapshot.sequence;
         let moment = Moment {
             dive_s,
@@ -369,10 +368,10 @@ impl Worker {
             voxel_observations: work.voxel_observations,
             pings: self.mapper.status().pings,
         };
-        let snapshot = {
+        {
             let _span = tracing::trace_span!("published", map = snapshot.sequence).entered();
-            self.outlet.map(snapshot, moment)
-        };
+            self.outlet.map(&snapshot, moment);
+        }
         self.state.latency.offered(snapshot.sequence);
         self.shared.keep_map(&snapshot);
         self.state.report.snapshots += 1;
@@ -445,7 +444,7 @@ impl Worker {
             Some(_) => snapshot.time.seconds_since(first),
             None => 0.0,
         };
-        let last = self.hand_on(snapshot, dive_s);
+        let last = self.hand_on(Arc::new(snapshot), dive_s);
         if let Some(frame_check) = &self.frame_check {
             frame_check.wait_for_last();
         }

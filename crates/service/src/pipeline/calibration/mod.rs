@@ -79,9 +79,12 @@ impl Watch {
         }
     }
 
-    /// Begins an estimate if one is due, and takes what the last one found. Never waits.
-    pub(crate) fn advance(&mut self, mapper: &Mapper) {
+    /// Begins an estimate if one is due and there is time for it, and takes what the last one found. Never waits.
+    pub(crate) fn advance(&mut self, mapper: &Mapper, has_time: bool) {
         self.take_found();
+        if !has_time {
+            return;
+        }
         let pings = mapper.status().pings;
         if self.under_way.is_some() || self.next_pings.is_none_or(|next| pings < next) {
             return;
