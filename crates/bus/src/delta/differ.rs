@@ -204,7 +204,7 @@ impl SnapshotDiffer {
 
 /// With each id behind all smaller ones, once.
 fn in_order(snapshot: Arc<Snapshot>) -> Arc<Snapshot> {
-    // Who tells news tells them of such a one.
+    // One that comes with news is so already.
     if snapshot.news.is_some() || snapshot.gaussians.is_sorted_by(|a, b| a.id < b.id) {
         return snapshot;
     }

@@ -136,7 +136,7 @@ impl Mapper {
         (self.epoch, self.sequence) = (epoch, sequence);
     }
 
-    /// The map as it stands. Looking at it leaves no trace. While the last one is held, what is in both is copied from there.
+    /// The map as it stands. Looking at it leaves no trace in later ones. It is held until the next, which copies what stayed.
     pub fn snapshot(&mut self) -> Arc<Snapshot> {
         let snapshot = Arc::new(self.publish());
         if let Some(print) = self.print() {

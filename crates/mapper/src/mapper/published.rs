@@ -38,11 +38,12 @@ pub(super) struct Print {
     pub(super) placing: Placing,
 }
 
-/// A Gaussian of the map as it was last published.
+/// Which Gaussian of the map stands there in what was last published.
 #[derive(Debug, Clone, Copy)]
 struct Row {
     id: GaussianId,
     slot: u32,
+    /// See [`Gaussians::birth`]: the slot may hold another by now, with the same id even.
     birth: GaussianId,
 }
 
@@ -50,7 +51,7 @@ struct Row {
 #[derive(Debug, Default)]
 pub(super) struct Published {
     last: Option<(Print, Arc<Snapshot>)>,
-    /// Of its first Gaussians.
+    /// Of the first Gaussians of that snapshot; behind them is ground.
     rows: Vec<Row>,
     /// None of them was born with this id or a later one.
     next_birth: GaussianId,
@@ -87,7 +88,7 @@ impl Published {
             ..News::default()
         });
         if let Some(news) = &mut news {
-            // Both in order: what none of them goes on from is gone, unless another took its place.
+            // A row that nothing is copied from is gone, unless another took its id.
             let mut from = order.iter().filter_map(|&(_, from)| from).peekable();
             let is_gone = |&(at, _): &(u32, &Row)| from.next_if_eq(&at).is_none();
             let gone = (0..).zip(&self.rows).filter(is_gone).map(|(_, row)| row.id);
@@ -111,22 +112,23 @@ impl Published {
             published.retain(Gaussian::is_sound);
             news = None;
         }
+        let ground = ground.iter().map(|gaussian| print.placing.leave(*gaussian));
+        let from = published.len();
+        published.extend(ground);
         if let Some(news) = &mut news {
-            let placed = |gaussian: &Gaussian| print.placing.leave(*gaussian);
             let old = last.get(self.rows.len()..).unwrap_or_default();
             let mut old = old.iter().peekable();
-            for (at, gaussian) in (published.len() as u32..).zip(ground.iter().map(placed)) {
+            for (at, gaussian) in (from as u32..).zip(&published[from..]) {
                 while let Some(before) = old.next_if(|old| old.id < gaussian.id) {
                     news.gone.push(before.id);
                 }
                 let same = old.next_if(|old| old.id == gaussian.id);
-                if same != Some(&gaussian) {
+                if same != Some(gaussian) {
                     news.fresh.push(at);
                 }
             }
             news.gone.extend(old.map(|old| old.id));
         }
-        published.extend(ground.iter().map(|gaussian| print.placing.leave(*gaussian)));
         self.rows = rows;
         (published, news)
     }
