@@ -39,7 +39,6 @@ pub(crate) fn snapshot(epoch: u64, sequence: u64, gaussians: Vec<Gaussian>) -> A
         origin_m: DVec3::new(500_000.125, 0.1, -3.0),
         intensity_unit: 0.3,
         gaussians,
-        news: None,
     })
 }
 

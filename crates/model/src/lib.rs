@@ -28,7 +28,7 @@ pub use pose::{
 pub use rate_limit::RateLimit;
 pub use reason::{Reason, Unit, Why};
 pub use smoothing::LEFT_OF_JITTER;
-pub use snapshot::{Delta, News, Snapshot, TileKey};
+pub use snapshot::{Delta, Snapshot, TileKey};
 pub use soundness::{
     INTENSITY_UNITS, MAX_ORIGIN_M, MAX_PLACE_M, MAX_REFLECTIVITY, SCALE_LIMITS_M, Unsound,
     is_origin,

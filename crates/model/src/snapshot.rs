@@ -36,19 +36,6 @@ pub struct Snapshot {
     pub intensity_unit: f32,
     /// In order of id.
     pub gaussians: Vec<Gaussian>,
-    /// What is not as in the snapshot before; nothing where all may be another.
-    pub news: Option<News>,
-}
-
-/// What a snapshot has that the one before had not: the rest is the same to the bit.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
-pub struct News {
-    /// Sequence of the one before, of the same epoch.
-    pub since: u64,
-    /// Indices of Gaussians that are new or changed, ascending.
-    pub fresh: Vec<u32>,
-    /// Those of the one before that are no more.
-    pub gone: Vec<GaussianId>,
 }
 
 /// What changed in one tile between two published states.

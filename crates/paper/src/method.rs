@@ -167,7 +167,6 @@ impl PaperMethod {
             origin_m: self.images.origin_m,
             intensity_unit: self.images.intensity_unit,
             gaussians: self.gaussians(),
-            news: None,
         }
     }
 

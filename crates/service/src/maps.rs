@@ -215,7 +215,6 @@ pub(crate) fn empty() -> Snapshot {
         origin_m: DVec3::ZERO,
         intensity_unit: 1.0,
         gaussians: Vec::new(),
-        news: None,
     }
 }
 
@@ -274,7 +273,6 @@ mod tests {
             origin_m: DVec3::ZERO,
             intensity_unit: 1.0,
             gaussians: standings.iter().map(gaussian).collect(),
-            news: None,
         }
     }
 

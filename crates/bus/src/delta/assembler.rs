@@ -356,7 +356,6 @@ impl MapAssembler {
             origin_m: head.origin_m,
             intensity_unit: head.intensity_unit,
             gaussians: entries.into_iter().map(|(_, gaussian)| *gaussian).collect(),
-            news: None,
         })
     }
 }

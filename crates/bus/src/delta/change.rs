@@ -48,45 +48,41 @@ pub(super) struct Change {
     pub(super) score: f64,
 }
 
-/// Tells each that is not the same in both, as it was and as it is, in order of id as both are.
-pub(super) fn differences<'a>(
-    old: &'a [Gaussian],
-    new: &'a [Gaussian],
-    mut tell: impl FnMut(Option<&'a Gaussian>, Option<&'a Gaussian>),
-) {
+/// What leads from the tile `old` to the tile `new`, both in order of id, in order of id.
+pub(super) fn changes(old: &[Gaussian], new: &[Gaussian]) -> Vec<Change> {
+    let mut found = Vec::new();
     let (mut old, mut new) = (old, new);
     loop {
         let order = match (old.first(), new.first()) {
-            (None, None) => return,
+            (None, None) => return found,
             (Some(_), None) => Ordering::Less,
             (None, Some(_)) => Ordering::Greater,
             (Some(was), Some(is)) => was.id.cmp(&is.id),
         };
-        match order {
-            Ordering::Less => tell(old.first(), None),
-            Ordering::Greater => tell(None, new.first()),
-            Ordering::Equal if bits(&old[0]) != bits(&new[0]) => tell(old.first(), new.first()),
-            Ordering::Equal => {}
+        if order == Ordering::Equal && bits(&old[0]) != bits(&new[0]) {
+            found.push(change_of(&new[0], score(&old[0], &new[0])));
+        }
+        if order == Ordering::Less {
+            found.push(Change {
+                id: old[0].id,
+                now: None,
+                score: 1.0,
+            });
+        }
+        if order == Ordering::Greater {
+            found.push(change_of(&new[0], 1.0));
         }
         old = &old[usize::from(order != Ordering::Greater)..];
         new = &new[usize::from(order != Ordering::Less)..];
     }
 }
 
-/// What leads from one state of a Gaussian to another, if they are not the same.
-pub(super) fn change_of(
-    id: GaussianId,
-    was: Option<&Gaussian>,
-    is: Option<&Gaussian>,
-) -> Option<Change> {
-    let score = match (was, is) {
-        (None, None) => return None,
-        (Some(was), Some(is)) if bits(was) == bits(is) => return None,
-        (Some(was), Some(is)) => score(was, is),
-        _ => 1.0,
-    };
-    let now = is.copied();
-    Some(Change { id, now, score })
+fn change_of(now: &Gaussian, score: f64) -> Change {
+    Change {
+        id: now.id,
+        now: Some(*now),
+        score,
+    }
 }
 
 /// How different two states of one Gaussian look: its shift in units of its size, and what its
@@ -127,16 +123,6 @@ pub(super) fn applied(old: &[Gaussian], changes: &[Change]) -> Vec<Gaussian> {
 mod tests {
     use super::*;
     use crate::test_support::{gaussian, same};
-
-    /// What leads from `old` to `new`, both in order of id, in order of id.
-    fn changes(old: &[Gaussian], new: &[Gaussian]) -> Vec<Change> {
-        let mut found = Vec::new();
-        differences(old, new, |was, is| {
-            let id = was.or(is).unwrap().id;
-            found.extend(change_of(id, was, is));
-        });
-        found
-    }
 
     #[test]
     fn applying_the_changes_gives_the_new_tile() {

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use echosplat_model::{Delta, Gaussian, GaussianId, Snapshot, TileKey};
 
-use super::change::{Change, applied, change_of, differences};
+use super::change::{Change, applied, changes};
 use super::published::{PublishedMap, PublishedTile};
 use super::tile::tile_of;
 use crate::map_message::BYTES_PER_POINT;
@@ -28,12 +28,11 @@ pub struct SnapshotDiffer {
     unsound_count: u64,
 }
 
-/// The newest snapshot, in order of id.
+/// The newest snapshot, sorted into tiles.
 #[derive(Debug)]
 struct Target {
     snapshot: Arc<Snapshot>,
-    /// Of each tile the ids that may not be as they are published, ascending.
-    pending: BTreeMap<TileKey, Vec<GaussianId>>,
+    tiles: BTreeMap<TileKey, Vec<Gaussian>>,
     is_reached: bool,
 }
 
@@ -60,12 +59,10 @@ impl SnapshotDiffer {
 
     /// Makes `snapshot` what the deltas lead to. A new epoch starts from an empty map and from
     /// sequence 0. Unsound Gaussians are counted and left out.
-    ///
-    /// Cost: a search for each that its news name; without news a look at each Gaussian of this and the last one.
     pub fn offer(&mut self, snapshot: Arc<Snapshot>) {
-        let snapshot = in_order(snapshot);
-        let same_epoch = |epoch: u64| epoch == snapshot.epoch;
-        if !self.published.as_ref().is_some_and(|p| same_epoch(p.epoch)) {
+        let tiles = self.sorted_into_tiles(&snapshot);
+        let same_epoch = |published: &PublishedMap| published.epoch == snapshot.epoch;
+        if !self.published.as_ref().is_some_and(same_epoch) {
             self.published = Some(PublishedMap::empty(&snapshot, self.tile_edge_m));
             self.rounds_waited.clear();
         }
@@ -75,48 +72,31 @@ impl SnapshotDiffer {
         {
             published.origin_m = snapshot.origin_m;
         }
-        let last = self
-            .target
-            .take()
-            .filter(|last| same_epoch(last.snapshot.epoch));
-        let (last, mut pending) = match last {
-            Some(last) => (Some(last.snapshot), last.pending),
-            None => (None, BTreeMap::new()),
-        };
-        let (old, new) = (
-            last.as_ref().map_or(&[][..], |last| &last.gaussians),
-            &snapshot.gaussians,
-        );
-        let tile_edge_m = self.tile_edge_m;
-        let mut told: BTreeMap<TileKey, Vec<GaussianId>> = BTreeMap::new();
-        let mut tell = |was: Option<&Gaussian>, is: Option<&Gaussian>| {
-            self.unsound_count += u64::from(is.is_some_and(|is| !is.is_sound()));
-            for gaussian in [was, is].into_iter().flatten().filter(|g| g.is_sound()) {
-                let tile = tile_of(gaussian.mean_m, tile_edge_m);
-                told.entry(tile).or_default().push(gaussian.id);
-            }
-        };
-        match (&last, &snapshot.news) {
-            (Some(last), Some(news)) if news.since == last.sequence => {
-                for &index in &news.fresh {
-                    let is = &new[index as usize];
-                    tell(at(old, is.id), Some(is));
-                }
-                news.gone.iter().for_each(|&id| tell(at(old, id), None));
-            }
-            _ => differences(old, new, tell),
-        }
-        for (tile, mut ids) in told {
-            let of_tile = pending.entry(tile).or_default();
-            of_tile.append(&mut ids);
-            of_tile.sort();
-            of_tile.dedup();
-        }
         self.target = Some(Target {
             snapshot,
-            pending,
+            tiles,
             is_reached: false,
         });
+    }
+
+    fn sorted_into_tiles(&mut self, snapshot: &Snapshot) -> BTreeMap<TileKey, Vec<Gaussian>> {
+        let mut tiles: BTreeMap<TileKey, Vec<Gaussian>> = BTreeMap::new();
+        let tile_edge_m = self.tile_edge_m;
+        let is_sound = |gaussian: &&Gaussian| gaussian.is_sound();
+        let sound = snapshot.gaussians.iter().filter(is_sound);
+        let sound: Vec<&Gaussian> = sound.collect();
+        self.unsound_count += (snapshot.gaussians.len() - sound.len()) as u64;
+        // Neighbours in a snapshot mostly lie in one tile.
+        let tile = |gaussian: &Gaussian| tile_of(gaussian.mean_m, tile_edge_m);
+        for together in sound.chunk_by(|a, b| tile(a) == tile(b)) {
+            let of_tile = tiles.entry(tile(together[0])).or_default();
+            of_tile.extend(together.iter().copied());
+        }
+        for gaussians in tiles.values_mut() {
+            gaussians.sort_by_key(|gaussian| gaussian.id);
+            gaussians.dedup_by_key(|gaussian| gaussian.id);
+        }
+        tiles
     }
 
     /// The next deltas towards the newest snapshot, the most changed tiles first, at most about
@@ -144,16 +124,11 @@ impl SnapshotDiffer {
 
         let mut room = budget_bytes.unwrap_or(usize::MAX);
         let mut deltas: Vec<Delta> = Vec::new();
-        let plans = plans(published, target, rounds_waited);
-        target.pending.clear();
-        for plan in plans {
+        target.is_reached = true;
+        for plan in plans(published, target, rounds_waited) {
             let sent = affordable(&plan.changes, room, deltas.is_empty());
             if sent.len() < plan.changes.len() {
-                let is_sent =
-                    |id: GaussianId| sent.binary_search_by_key(&id, |sent| sent.id).is_ok();
-                let ids = plan.changes.iter().map(|change| change.id);
-                let left = ids.filter(|&id| !is_sent(id)).collect();
-                target.pending.insert(plan.tile, left);
+                target.is_reached = false;
                 *rounds_waited.entry(plan.tile).or_default() += 1;
             } else {
                 rounds_waited.remove(&plan.tile);
@@ -163,7 +138,6 @@ impl SnapshotDiffer {
                 deltas.push(publish(published, plan.tile, &sent));
             }
         }
-        target.is_reached = target.pending.is_empty();
         if unit_changed && deltas.is_empty() {
             deltas.push(publish(published, TileKey::default(), &[]));
         }
@@ -202,57 +176,23 @@ impl SnapshotDiffer {
     }
 }
 
-/// With each id behind all smaller ones, once.
-fn in_order(snapshot: Arc<Snapshot>) -> Arc<Snapshot> {
-    // One that comes with news is so already.
-    if snapshot.news.is_some() || snapshot.gaussians.is_sorted_by(|a, b| a.id < b.id) {
-        return snapshot;
-    }
-    let mut sorted = Arc::unwrap_or_clone(snapshot);
-    sorted.gaussians.sort_by_key(|gaussian| gaussian.id);
-    sorted.gaussians.dedup_by_key(|gaussian| gaussian.id);
-    Arc::new(sorted)
-}
-
-/// The one with this id, of some in order of id.
-fn at(gaussians: &[Gaussian], id: GaussianId) -> Option<&Gaussian> {
-    let found = gaussians.binary_search_by_key(&id, |gaussian| gaussian.id);
-    found.ok().map(|index| &gaussians[index])
-}
-
-/// The one with this id, of some in order of id; `rest` goes on from there. Cheap where it is near.
-fn next_at<'a>(rest: &mut &'a [Gaussian], id: GaussianId) -> Option<&'a Gaussian> {
-    let mut bound = 1;
-    while rest.get(bound).is_some_and(|gaussian| gaussian.id < id) {
-        bound *= 2;
-    }
-    let near = bound / 2..(bound + 1).min(rest.len());
-    let skipped = near.start + rest[near].partition_point(|gaussian| gaussian.id < id);
-    *rest = &rest[skipped..];
-    rest.first().filter(|gaussian| gaussian.id == id)
-}
-
-/// What every tile that may differ needs, most urgent first; among equals in order of tile.
+/// What every tile needs, most urgent first; among equals in order of tile.
 fn plans(
     published: &PublishedMap,
     target: &Target,
     rounds_waited: &BTreeMap<TileKey, u32>,
 ) -> Vec<Plan> {
-    let is_here = |gaussian: &&Gaussian, tile: TileKey| {
-        gaussian.is_sound() && tile_of(gaussian.mean_m, published.tile_edge_m) == tile
-    };
+    let gone = published.tiles.keys();
+    let gone = gone.filter(|tile| !target.tiles.contains_key(tile));
     let mut plans: Vec<_> = target
-        .pending
-        .iter()
-        .filter_map(|(&tile, ids)| {
+        .tiles
+        .keys()
+        .chain(gone)
+        .filter_map(|&tile| {
             let old = published.tiles.get(&tile);
-            let mut old = old.map_or(&[][..], |old| &old.gaussians);
-            let mut new = &target.snapshot.gaussians[..];
-            let change = |&id: &GaussianId| {
-                let is = next_at(&mut new, id).filter(|is| is_here(is, tile));
-                change_of(id, next_at(&mut old, id), is)
-            };
-            let changes: Vec<Change> = ids.iter().filter_map(change).collect();
+            let old = old.map_or(&[][..], |old| &old.gaussians);
+            let new = target.tiles.get(&tile).map_or(&[][..], Vec::as_slice);
+            let changes = changes(old, new);
             let score: f64 = changes.iter().map(|change| change.score).sum();
             let waited = rounds_waited.get(&tile).copied().unwrap_or(0);
             (!changes.is_empty()).then_some(Plan {

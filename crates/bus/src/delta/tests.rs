@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use echosplat_model::{Delta, Gaussian, News, Snapshot};
+use echosplat_model::{Delta, Gaussian, Snapshot};
 use glam::Vec3;
 use proptest::prelude::*;
 
@@ -377,53 +377,7 @@ fn buffer_and_map_are_bounded_by_the_receiver() {
     assert!(assembler.gaussian_count() <= 50);
 }
 
-/// What `is` has that `was` had not; in some rounds of one before.
-fn news(was: &Snapshot, is: &Snapshot, round: usize) -> News {
-    let same = |a: &Gaussian, b: &Gaussian| bits(a) == bits(b);
-    let fresh = (0..).zip(&is.gaussians);
-    let fresh = fresh.filter(|(_, now)| !was.gaussians.iter().any(|old| same(old, now)));
-    let gone = was.gaussians.iter().map(|old| old.id);
-    News {
-        since: was.sequence - u64::from(round % 4 == 3),
-        fresh: fresh.map(|(at, _)| at).collect(),
-        gone: gone
-            .filter(|&id| is.gaussians.iter().all(|now| now.id != id))
-            .collect(),
-    }
-}
-
 proptest! {
-    /// What is in the last snapshot and the next is passed over; of one that is out of order all is sorted anew.
-    #[test]
-    fn what_stayed_is_passed_over_and_deltas_are_those_of_all_sorted_anew(
-        budgets in proptest::collection::vec(500_usize..20_000, 1..20),
-    ) {
-        let (mut differ, mut twin) = (SnapshotDiffer::new(4.0), SnapshotDiffer::new(4.0));
-        let mut sent = snapshot(5, 1, (0..200).map(gaussian).collect());
-        let mut last: Option<Arc<Snapshot>> = None;
-        for (round, &budget) in budgets.iter().enumerate() {
-            let mut next = Snapshot::clone(&stirred(&sent));
-            if round % 5 == 2 {
-                next.gaussians[7 * round].mean_m.y = f32::NAN;
-            }
-            next.epoch += u64::from(round == 13);
-            sent = Arc::new(next);
-            let mut reversed = Snapshot::clone(&sent);
-            reversed.gaussians.reverse();
-            let mut told = Snapshot::clone(&sent);
-            // Some come without.
-            told.news = last.as_ref().filter(|_| round % 5 != 3).map(|last| news(last, &sent, round));
-            last = Some(Arc::clone(&sent));
-            differ.offer(Arc::new(told));
-            twin.offer(Arc::new(reversed));
-            let deltas = differ.next_deltas(Some(budget));
-            let of_twin = twin.next_deltas(Some(budget));
-            prop_assert_eq!(format!("{deltas:?}"), format!("{of_twin:?}"));
-            prop_assert_eq!(differ.is_drained(), twin.is_drained());
-        }
-        prop_assert_eq!(differ.finish(), twin.finish());
-    }
-
     /// Whatever is lost on the way, one answer at the end makes both sides the same.
     #[test]
     fn any_loss_ends_in_the_same_map(

@@ -95,7 +95,6 @@ impl DeltaThread {
         let begin = Instant::now();
         let budget = self.rounds.begin(begin, self.bps(begin));
         let deltas = self.differ.next_deltas(Some(budget));
-        self.rounds.planned(begin.elapsed());
         self.publish_state();
         self.send(&deltas, false);
         let is_drained = self.differ.is_drained();

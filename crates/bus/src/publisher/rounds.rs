@@ -5,12 +5,6 @@ use std::time::{Duration, Instant};
 /// Least of a round, which takes longer where the pace is slow: what a delta costs besides its points
 /// is a kilobyte.
 const MIN_ROUND_BYTES: usize = 5000;
-/// Ratio of times; bounds work: 6 % of a processor.
-/// The next round begins no sooner than so many times what it took to find out what to send, where much of a map is left.
-const REST: u32 = 15;
-/// Seconds; bounds latency.
-/// It never waits longer for that.
-const LONGEST_REST: Duration = Duration::from_millis(250);
 
 /// One round after the other, each spread over the time until the next, on average at the pace.
 ///
@@ -20,8 +14,6 @@ const LONGEST_REST: Duration = Duration::from_millis(250);
 pub(super) struct Rounds {
     /// Shortest time from one round to the next.
     interval: Duration,
-    /// The same, as long as finding out what to send takes long.
-    rest: Duration,
     begun: Option<Instant>,
     /// When a link of this pace is done with all that was sent.
     link_free: Option<Instant>,
@@ -31,7 +23,6 @@ impl Rounds {
     pub(super) fn new(interval: Duration) -> Self {
         Self {
             interval,
-            rest: Duration::ZERO,
             begun: None,
             link_free: None,
         }
@@ -40,21 +31,11 @@ impl Rounds {
     /// Begins a round; the bytes that it may take: what a link of `bps` carries from the last round to this one.
     pub(super) fn begin(&mut self, now: Instant, bps: f64) -> usize {
         let since_last = self.begun.map(|begun| now.saturating_duration_since(begun));
-        let covered = since_last.unwrap_or(self.interval).min(self.longest());
+        let covered = since_last.unwrap_or(self.interval).min(2 * self.interval);
         self.begun = Some(now);
         self.link_free = self.link_free.max(Some(now));
         let bytes = bps * covered.as_secs_f64() / 8.0;
         (bytes as usize).max(MIN_ROUND_BYTES)
-    }
-
-    /// To find out what to send took so long.
-    pub(super) fn planned(&mut self, took: Duration) {
-        self.rest = (REST * took).min(LONGEST_REST);
-    }
-
-    /// Longest time from one round to the next.
-    fn longest(&self) -> Duration {
-        (2 * self.interval).max(self.rest)
     }
 
     /// A message of so many bytes was sent.
@@ -79,7 +60,7 @@ impl Rounds {
             true => self.earliest(),
             false => self
                 .begun
-                .map(|begun| begun + self.longest())
+                .map(|begun| begun + 2 * self.interval)
                 .max(self.link_free),
         }
     }
@@ -90,7 +71,7 @@ impl Rounds {
             .link_free
             .and_then(|free| free.checked_sub(self.interval));
         self.begun
-            .map(|begun| begun + self.interval.max(self.rest))
+            .map(|begun| begun + self.interval)
             .max(nearly_free)
     }
 }
@@ -146,24 +127,6 @@ mod tests {
         }
         let (_, longest) = sent_in_ten_seconds(Duration::from_millis(69), 4e6);
         assert!(longest < Duration::from_millis(5), "{longest:?}");
-    }
-
-    #[test]
-    fn what_takes_long_to_find_out_is_asked_less_often_and_the_pace_is_kept() {
-        let mut rounds = Rounds::new(INTERVAL);
-        let start = Instant::now();
-        let _ = rounds.begin(start, 4e6);
-        rounds.planned(Duration::from_millis(1));
-        assert_eq!(rounds.next_round(true), Some(start + INTERVAL));
-        rounds.planned(Duration::from_millis(10));
-        let next = start + Duration::from_millis(150);
-        assert_eq!(
-            [true, false].map(|is_ready| rounds.next_round(is_ready)),
-            [Some(next); 2]
-        );
-        assert_eq!(rounds.begin(next, 4e6), 75_000);
-        rounds.planned(Duration::from_secs(1));
-        assert_eq!(rounds.next_round(true), Some(next + LONGEST_REST));
     }
 
     #[test]

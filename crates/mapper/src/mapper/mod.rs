@@ -197,12 +197,12 @@ impl Mapper {
         self.sequence += 1;
         let newest = self.history.newest();
         let intensity_unit = published::intensity_unit(self.unit_strength);
-        let (mut gaussians, mut news) = (Vec::new(), None);
+        let mut gaussians = Vec::new();
         if let Some(print) = self.print() {
             let (published, map) = (&mut self.published, &self.gaussians);
+            gaussians = self.pool.install(|| published.of(map, print));
             let ground = self.seabed.published(intensity_unit);
-            let of_map = || published.of(map, print, &ground);
-            (gaussians, news) = self.pool.install(of_map);
+            gaussians.extend(ground.into_iter().map(|ground| print.placing.leave(ground)));
         }
         let mut confident = 0;
         let reasons = gaussians.iter().map(|gaussian| {
@@ -223,7 +223,6 @@ impl Mapper {
                 .map_or(DVec3::ZERO, |w| w.published_origin_m),
             intensity_unit,
             gaussians,
-            news,
         }
     }
 

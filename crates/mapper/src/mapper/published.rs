@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use echosplat_measurement::SymmetricMat3;
-use echosplat_model::{Gaussian, GaussianId, News, Snapshot, Standing};
+use echosplat_model::{Gaussian, GaussianId, Snapshot, Standing};
 use rayon::prelude::*;
 
 use crate::spawn::gaussians::{Gaussians, Verdict};
@@ -63,16 +63,10 @@ impl Published {
         *self = Self::default();
     }
 
-    /// Published Gaussians in order of id, and behind them those of the `ground`; what is not likely is ambiguous. What comes of
-    /// them is to be kept by [`Self::keep`].
+    /// Published Gaussians in order of id; what is not likely is ambiguous. What comes of them is to be kept by [`Self::keep`].
     ///
     /// Cost: a copy of each, and some 200 ns for one that is new.
-    pub(super) fn of(
-        &mut self,
-        gaussians: &Gaussians,
-        print: Print,
-        ground: &[Gaussian],
-    ) -> (Vec<Gaussian>, Option<News>) {
+    pub(super) fn of(&mut self, gaussians: &Gaussians, print: Print) -> Vec<Gaussian> {
         if self.last.as_ref().is_none_or(|(last, _)| *last != print) {
             self.forget();
         }
@@ -83,54 +77,20 @@ impl Published {
             Some(from) => last[from as usize],
             None => made(gaussians, row, print),
         };
-        let mut news = self.last.as_ref().map(|(_, last)| News {
-            since: last.sequence,
-            ..News::default()
-        });
-        if let Some(news) = &mut news {
-            // A row that nothing is copied from is gone, unless another took its id.
-            let mut from = order.iter().filter_map(|&(_, from)| from).peekable();
-            let is_gone = |&(at, _): &(u32, &Row)| from.next_if_eq(&at).is_none();
-            let gone = (0..).zip(&self.rows).filter(is_gone).map(|(_, row)| row.id);
-            let is_taken =
-                |id: &GaussianId| order.binary_search_by_key(id, |(row, _)| row.id).is_ok();
-            news.gone = gone.filter(|id| !is_taken(id)).collect();
-            let fresh = (0..).zip(&order).filter(|(_, (_, from))| from.is_none());
-            news.fresh = fresh.map(|(at, _)| at).collect();
-        }
         // As many as there are in order, so that each thread writes its share in place.
         let mut published: Vec<Gaussian> = order.par_iter().map(gaussian).collect();
         // What was published once was sound.
         let new = order.par_iter().zip(&published);
         let new = new.filter(|((_, from), _)| from.is_none());
         let is_sound = new.all(|(_, gaussian)| gaussian.is_sound());
-        let mut rows: Vec<Row> = order.into_iter().map(|(row, _)| row).collect();
+        self.rows = order.into_iter().map(|(row, _)| row).collect();
         if !is_sound {
             let is_sound: Vec<bool> = published.iter().map(Gaussian::is_sound).collect();
             let mut of_rows = is_sound.iter();
-            rows.retain(|_| of_rows.next() == Some(&true));
+            self.rows.retain(|_| of_rows.next() == Some(&true));
             published.retain(Gaussian::is_sound);
-            news = None;
         }
-        let ground = ground.iter().map(|gaussian| print.placing.leave(*gaussian));
-        let from = published.len();
-        published.extend(ground);
-        if let Some(news) = &mut news {
-            let old = last.get(self.rows.len()..).unwrap_or_default();
-            let mut old = old.iter().peekable();
-            for (at, gaussian) in (from as u32..).zip(&published[from..]) {
-                while let Some(before) = old.next_if(|old| old.id < gaussian.id) {
-                    news.gone.push(before.id);
-                }
-                let same = old.next_if(|old| old.id == gaussian.id);
-                if same != Some(gaussian) {
-                    news.fresh.push(at);
-                }
-            }
-            news.gone.extend(old.map(|old| old.id));
-        }
-        self.rows = rows;
-        (published, news)
+        published
     }
 
     /// Those to be published in order of id, and where they stand in what was last published.
@@ -198,26 +158,8 @@ fn made(gaussians: &Gaussians, row: Row, print: Print) -> Gaussian {
 mod tests {
     use super::*;
     use crate::spawn::gaussians::Stage;
-    use echosplat_model::glam::{DVec3, Quat, Vec3};
-    use echosplat_model::{Reason, Timestamp, Why};
-
-    const GROUND: Gaussian = Gaussian {
-        id: 0,
-        mean_m: Vec3::ZERO,
-        rotation: Quat::IDENTITY,
-        scale_m: Vec3::ONE,
-        opacity: 0.5,
-        reflectivity: 0.5,
-        sigma_m: 0.1,
-        position_covariance_m2: [0.01, 0.0, 0.0, 0.01, 0.0, 0.01],
-        probability: 1.0,
-        standing: Standing::Confident,
-        why: Why {
-            reason: Reason::Ground,
-            clear: 0,
-            measured: 0,
-        },
-    };
+    use echosplat_model::Timestamp;
+    use echosplat_model::glam::{DVec3, Vec3};
 
     #[test]
     fn what_is_copied_from_the_last_map_is_what_would_be_made_anew() {
@@ -228,7 +170,6 @@ mod tests {
         };
         let mut published = Published::default();
         let mut source = Gaussians::default();
-        let mut told = 0;
         for step in 0..40_u32 {
             for number in 0..7 {
                 let at_m = Vec3::new(step as f32, number as f32, 0.0);
@@ -259,27 +200,9 @@ mod tests {
             if step == 20 {
                 print.unit = 2.0;
             }
-            let of_ground = |id: u32| Gaussian {
-                id: 1 << 31 | id,
-                mean_m: Vec3::new(0.0, 0.0, if id == 5 { step as f32 } else { 0.0 }),
-                ..GROUND
-            };
-            let ground: Vec<Gaussian> = (step / 4..step / 3 + 6).map(of_ground).collect();
-            let (anew, none) = Published::default().of(&gaussians, print, &ground);
-            let (found, news) = published.of(&gaussians, print, &ground);
-            assert_eq!((&found, none), (&anew, None));
-            let last = published.last.as_ref().map(|(_, last)| Arc::clone(last));
-            if let Some((news, last)) = news.zip(last) {
-                let ids = |of: &[Gaussian]| -> Vec<_> { of.iter().map(|g| g.id).collect() };
-                let gone = ids(&last.gaussians).into_iter();
-                let gone: Vec<_> = gone.filter(|id| !ids(&found).contains(id)).collect();
-                assert_eq!(news.gone, gone);
-                let fresh = (0..)
-                    .zip(&found)
-                    .filter(|(_, g)| !last.gaussians.contains(g));
-                assert_eq!(news.fresh, fresh.map(|(at, _)| at).collect::<Vec<u32>>());
-                told += 1;
-            }
+            let anew = Published::default().of(&gaussians, print);
+            let found = published.of(&gaussians, print);
+            assert_eq!(found, anew);
             assert!(found.is_sorted_by_key(|gaussian| gaussian.id));
             let snapshot = Snapshot {
                 epoch: 1,
@@ -289,7 +212,6 @@ mod tests {
                 origin_m: DVec3::ZERO,
                 intensity_unit: print.unit,
                 gaussians: found,
-                news: None,
             };
             published.keep(print, &Arc::new(snapshot));
         }
@@ -297,10 +219,7 @@ mod tests {
             .last
             .as_ref()
             .map_or(0, |(_, map)| map.gaussians.len());
-        assert!(
-            last > 10 && published.rows.len() < last && told > 20,
-            "{last} {told}"
-        );
+        assert!(last > 10 && published.rows.len() == last, "{last}");
     }
 
     #[test]
@@ -324,7 +243,7 @@ mod tests {
             unit: 1.0,
             placing: Placing::default(),
         };
-        let (published, _) = Published::default().of(&gaussians, print, &[]);
+        let published = Published::default().of(&gaussians, print);
         let standings: Vec<Standing> = published.iter().map(|g| g.standing).collect();
         let (confident, ambiguous) = (Standing::Confident, Standing::Ambiguous);
         assert_eq!(standings, [confident, ambiguous, ambiguous]);

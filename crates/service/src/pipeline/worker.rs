@@ -352,10 +352,10 @@ impl Worker {
         self.state.next_snapshot_at = begin + pause.max(begin.elapsed() * rest);
     }
 
-    /// Whether work on the map is put off, or more than half as many pings wait as may.
+    /// Whether more than half as many pings wait as may.
     fn is_behind(&self) -> bool {
         let capacity = self.events.capacity().unwrap_or(usize::MAX);
-        self.shedding.report().work || self.events.len() > capacity / 2
+        self.events.len() > capacity / 2
     }
 
     fn hand_on(&mut self, snapshot: Arc<Snapshot>, dive_s: f64) -> Arc<Snapshot> {
