@@ -107,7 +107,7 @@ fn what_makes_no_surface_is_told() {
             "--origin and --heading",
         ),
         (&["map.ply", "--separation", "18"], "--separation is for"),
-        (&["map.glb", "--up", "y"], "--up is for"),
+        (&["map.las", "--up", "y"], "--up is for"),
     ] {
         let out = path(arguments[0]);
         let refused = run(&[&["export", &map, &out], &arguments[1..]].concat(), 2);

@@ -8,7 +8,7 @@ const MAPS = {
   age: ["#ffd166", "#f2915c", "#c0628a", "#7f5ba8", "#5a6bb0", "#5c7f9e"],
   error: ["#12806f", "#6fa53f", "#d9a520", "#e8762c", "#cc1f2f"],
   // By the number of what became of a Gaussian between two maps; the report has the names.
-  change: ["#96a0a8", "#1f9e57", "#d62f45", "#f0a040", "#2f6fd0", "#cfd6db"],
+  change: ["#96a0a8", "#1f9e57", "#d62f45", "#f0a040", "#2f6fd0", "#c9b27c"],
   echo: ["#081224", "#10315c", "#15608c", "#1c9a9a", "#7cc77b", "#f2d95c", "#fff6d6"],
 };
 

@@ -25,13 +25,18 @@ export function toggleMeasuring(isOn = !isPicking()) {
   picking = isOn ? [] : null;
   $("measure-pick").setAttribute("aria-pressed", isOn);
   document.body.classList.toggle("measures", isOn);
-  if (isOn) $("panel-measure").open = true;
+  if (isOn) reveal();
   $("measure-says").classList.remove("bad");
   $("measure-says").textContent = isOn ? WORDS[kind()][0] : "";
   mark();
 }
 
 const kind = () => $("measure-kind").value;
+
+function reveal() {
+  $("panel-measure").open = true;
+  $("panel-measure").scrollIntoView({ block: "nearest" });
+}
 
 /// A place that was clicked on, metres of the world; null where nothing of the map is.
 export function take(place) {
@@ -74,6 +79,7 @@ async function ask(what, places) {
 function say(text, isBad = false) {
   $("measure-says").textContent = text;
   $("measure-says").classList.toggle("bad", isBad);
+  if (isBad) reveal();
 }
 
 function keep(one) {
@@ -139,11 +145,28 @@ function chart(points) {
   return svg;
 }
 
+const AROUND = 32;
+
+/// A pile as two rings and four lines between them, metres of the world; nothing of all else.
+function outlines({ what, answer }) {
+  if (what !== "pile") return [];
+  const { middle_m: middle, lean_x_deg: leanX, lean_y_deg: leanY, radius_m: radius, bottom_m: bottom, top_m: top } = answer.facts;
+  const [slopeX, slopeY] = [leanX, leanY].map((lean) => Math.tan((lean.value * Math.PI) / 180));
+  const ring = (z) => Array.from({ length: AROUND + 1 }, (_, index) => {
+    const turn = (2 * Math.PI * index) / AROUND;
+    const up = z - middle[2];
+    return [middle[0] + slopeX * up + radius.value * Math.cos(turn), middle[1] + slopeY * up + radius.value * Math.sin(turn), z];
+  });
+  const [low, high] = [ring(bottom), ring(top)];
+  const sides = [0, 1, 2, 3].map((quarter) => [low[(quarter * AROUND) / 4], high[(quarter * AROUND) / 4]]);
+  return [low, high, ...sides];
+}
+
 /// Lines and crosses of all that was measured, and of what is being picked.
 function mark() {
   const shapes = kept.map(({ answer }) => answer.shape_m);
   if (picking?.length) shapes.push(picking);
-  scene.setMeasured(shapes);
+  scene.setMeasured(shapes, kept.flatMap(outlines));
   wake();
 }
 

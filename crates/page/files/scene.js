@@ -14,6 +14,7 @@ export class Scene {
     this.track = new Lines(2);
     this.measured = new Lines(2.5);
     this.shapes = [];
+    this.outlines = [];
     this.fanEdge = new Lines(1.5);
     this.fan = new Mesh(false);
     this.body = new Mesh(true);
@@ -27,9 +28,10 @@ export class Scene {
     this.trackDirty = true;
   }
 
-  /// Lists of places that were measured, in the poses' frame.
-  setMeasured(shapes) {
+  /// Lists of places that were measured, and lines through places that show what was, in the poses' frame.
+  setMeasured(shapes, outlines) {
     this.shapes = shapes;
+    this.outlines = outlines;
     this.measuredKey = null;
   }
 
@@ -110,13 +112,17 @@ export class Scene {
     }
   }
 
-  /// A cross at each place, of the same size on the screen from afar, and a line between both ends.
+  /// A cross at each place, of the same size on the screen from afar, and a line between both ends; outlines as they are.
   #buildMeasured(originM, view, colors) {
     const reach = view.metresPerPixel * 7;
     const key = `${reach.toPrecision(2)}|${originM}|${colors.name}`;
     if (key === this.measuredKey) return;
     this.measuredKey = key;
     this.measured.clear();
+    for (const outline of this.outlines) {
+      const places = outline.map((place) => sub(place, originM));
+      for (let at = 1; at < places.length; at += 1) this.measured.line(places[at - 1], places[at], [...colors.measured, 0.85]);
+    }
     for (const shape of this.shapes) {
       const places = shape.map((place) => sub(place, originM));
       if (places.length === 2) this.measured.line(...places, [...colors.measured, 1]);

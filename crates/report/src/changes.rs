@@ -36,7 +36,7 @@ pub const CHANGES: [ChangeColor; 6] = [
     },
     ChangeColor {
         name: "of before, not heard again nearby",
-        rgb: [0xcf, 0xd6, 0xdb],
+        rgb: [0xc9, 0xb2, 0x7c],
     },
 ];
 

@@ -2,7 +2,7 @@
 
 use echosplat_model::glam::{DMat3, DVec3};
 
-use crate::grid::Grid;
+use crate::grid::{Grid, SHARED_M, cells};
 use crate::linear::{inverse, times};
 use crate::plane::axes_of;
 use crate::{Sample, SurveyError};
@@ -41,7 +41,7 @@ pub struct Alignment {
     pub pivot_m: DVec3,
     /// Root mean square of the distances that the pairs kept, across what they are part of, metres.
     pub residual_m: f64,
-    /// One sigma of the move, along its least known axis, metres.
+    /// One sigma of the move, along its least known axis, metres: of the pairs, and of what poses' errors do to both maps.
     pub sigma_m: f64,
     /// Places of the second map that have one of the first near.
     pub pairs: usize,
@@ -122,7 +122,19 @@ pub fn align(first: &[Sample], second: &[Sample]) -> Result<Alignment, SurveyErr
             }
         }
     }
+    let both_m2 = shared_m2(first, &fixed) + shared_m2(second, &moving);
+    found.sigma_m = found.sigma_m.hypot(both_m2.sqrt());
     Ok(found)
+}
+
+/// Variance of a whole map's place, square metres: that which it tells of a Gaussian, alike within a block.
+fn shared_m2(samples: &[Sample], places: &[DVec3]) -> f64 {
+    let told = samples.iter().filter(|sample| sample.is_confident);
+    let told = told.map(|sample| sample.covariance_m2);
+    let told = told.map(|of| (of.x_axis.x + of.y_axis.y + of.z_axis.z) / 3.0);
+    let known: Vec<f64> = told.filter(|variance| variance.is_finite()).collect();
+    let mean = known.iter().sum::<f64>() / known.len().max(1) as f64;
+    mean / cells(places, SHARED_M).max(1) as f64
 }
 
 /// A place of the second map where it lies now, the nearest of the first, and how much each direction counts there.

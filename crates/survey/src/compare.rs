@@ -12,6 +12,11 @@ const LEAST_M: f64 = 0.25;
 const SIGMAS: f64 = 3.0;
 /// Metres; a sigma beyond this tells nothing of a place, and such a Gaussian nothing of a change.
 const MOST_SIGMA_M: f64 = 0.3;
+/// Metres; of the other map's place a sigma beyond this is taken for this: what is known so badly explains what lies at its
+/// middle, not all within its reach.
+const MOST_EXPLAINING_SIGMA_M: f64 = 0.1;
+/// Share of a thing, without a unit, that must have nothing near in the other map, not even ambiguous.
+const LEAST_SHARE_ALONE: f64 = 0.5;
 /// Metres; Gaussians of one thing are no farther from each other.
 const LINK_M: f64 = 0.3;
 /// Gaussians of a thing, at least: fewer are noise of a map.
@@ -97,8 +102,8 @@ struct Thing {
     members: Vec<usize>,
 }
 
-/// Lays the second map on the first and tells what is different. Ambiguous Gaussians tell of no change; but where one
-/// is near, nothing is gone.
+/// Lays the second map on the first and tells what is different. Ambiguous Gaussians and the ground tell of no change; but
+/// where most of a thing has ambiguous ones beside it, it is not gone.
 ///
 /// # Errors
 /// If the two cannot be laid on each other.
@@ -116,7 +121,7 @@ pub fn compare(first: &[Sample], second: &[Sample]) -> Result<Compared, SurveyEr
     unseen
         .iter()
         .for_each(|index| became[0][*index] = Became::NotLookedAt);
-    let mut changes = moved(went, came, &alignment, &mut became);
+    let mut changes = moved(went, came, &mut became);
     changes.sort_by_key(|change| std::cmp::Reverse(change.count));
     let confident = first.iter().filter(|sample| sample.is_confident).count();
     let [first, second] = became;
@@ -129,42 +134,60 @@ pub fn compare(first: &[Sample], second: &[Sample]) -> Result<Compared, SurveyEr
     })
 }
 
-/// Numbers of the one's confident Gaussians that have nothing near them in the other, which looked there; and of those
+/// A Gaussian that the other map asserts nothing beside.
+#[derive(Debug, Clone, Copy)]
+struct Missing {
+    number: usize,
+    /// Nor has it something ambiguous there.
+    is_alone: bool,
+}
+
+/// The one's confident Gaussians that have nothing confident near them in the other, which looked there; and numbers of those
 /// where it did not look.
-fn missing(of: &[Sample], other: &[Sample], alignment: &Alignment) -> (Vec<usize>, Vec<usize>) {
-    let reach_m = LEAST_M + SIGMAS * (2.0_f64.sqrt() * MOST_SIGMA_M + alignment.residual_m);
-    let grid = Grid::new(other.iter().map(|sample| sample.at_m), reach_m);
+fn missing(of: &[Sample], other: &[Sample], alignment: &Alignment) -> (Vec<Missing>, Vec<usize>) {
+    let most_m = 2.0 * MOST_SIGMA_M.hypot(MOST_EXPLAINING_SIGMA_M) + alignment.sigma_m;
+    let grid = Grid::new(
+        other.iter().map(|sample| sample.at_m),
+        LEAST_M + SIGMAS * most_m,
+    );
     let flat = |at: DVec3| DVec3::new(at.x, at.y, 0.0);
     let ground = Grid::new(other.iter().map(|sample| flat(sample.at_m)), LOOKED_M);
     let (mut found, mut unseen) = (Vec::new(), Vec::new());
-    let confident = of.iter().enumerate();
-    for (number, sample) in confident.filter(|(_, sample)| sample.is_confident) {
+    let telling = of.iter().enumerate();
+    let telling = telling.filter(|(_, sample)| sample.is_confident && !sample.is_ground);
+    for (number, sample) in telling {
         if ground.near(flat(sample.at_m)).next().is_none() {
             unseen.push(number);
             continue;
         }
+        let is_known = [DVec3::X, DVec3::Y, DVec3::Z]
+            .iter()
+            .all(|axis| sample.sigma_along_m(*axis) <= MOST_SIGMA_M);
+        if !is_known {
+            continue;
+        }
         let explains = |(index, apart_m): (usize, f64)| {
-            let direction = (other[index].at_m - sample.at_m).normalize_or(DVec3::Z);
-            let along_m = sample
-                .sigma_along_m(direction)
-                .hypot(other[index].sigma_along_m(direction).min(MOST_SIGMA_M));
-            apart_m <= LEAST_M + SIGMAS * (along_m.hypot(alignment.sigma_m))
+            let other = &other[index];
+            let direction = (other.at_m - sample.at_m).normalize_or(DVec3::Z);
+            let other_m = match other.is_ground {
+                true => 0.0,
+                false => other.sigma_along_m(direction).min(MOST_EXPLAINING_SIGMA_M),
+            };
+            let sigma_m = sample.sigma_along_m(direction).hypot(other_m);
+            other.is_confident && apart_m <= LEAST_M + SIGMAS * sigma_m.hypot(alignment.sigma_m)
         };
-        let is_known = sample
-            .sigma_along_m(DVec3::X)
-            .max(sample.sigma_along_m(DVec3::Y))
-            <= MOST_SIGMA_M
-            && sample.sigma_along_m(DVec3::Z) <= MOST_SIGMA_M;
-        if is_known && !grid.near(sample.at_m).any(explains) {
-            found.push(number);
+        if !grid.near(sample.at_m).any(explains) {
+            let is_beside = |(_, apart_m): (usize, f64)| apart_m <= LEAST_M;
+            let is_alone = !grid.near(sample.at_m).any(is_beside);
+            found.push(Missing { number, is_alone });
         }
     }
     (found, unseen)
 }
 
-/// Those of these numbers that hang together, where they are enough.
-fn things(all: &[Sample], numbers: &[usize], kind: Kind, alignment: &Alignment) -> Vec<Thing> {
-    let samples: Vec<Sample> = numbers.iter().map(|number| all[*number]).collect();
+/// Those of these that hang together, where they are enough and most of them alone.
+fn things(all: &[Sample], missing: &[Missing], kind: Kind, alignment: &Alignment) -> Vec<Thing> {
+    let samples: Vec<Sample> = missing.iter().map(|missing| all[missing.number]).collect();
     let grid = Grid::new(samples.iter().map(|sample| sample.at_m), LINK_M);
     let mut is_taken = vec![false; samples.len()];
     let mut found = Vec::new();
@@ -182,10 +205,14 @@ fn things(all: &[Sample], numbers: &[usize], kind: Kind, alignment: &Alignment) 
                 }
             }
         }
+        let alone = members.iter().filter(|index| missing[**index].is_alone);
+        if (alone.count() as f64) < LEAST_SHARE_ALONE * members.len() as f64 {
+            continue;
+        }
         let thing: Vec<Sample> = members.iter().map(|index| samples[*index]).collect();
         found.extend(change(&thing, kind, alignment).map(|change| Thing {
             change,
-            members: members.iter().map(|index| numbers[*index]).collect(),
+            members: members.iter().map(|index| missing[*index].number).collect(),
         }));
     }
     found
@@ -209,6 +236,16 @@ fn change(thing: &[Sample], kind: Kind, alignment: &Alignment) -> Option<Change>
     // What is seen of a thing differs from map to map: its middle is no better known than its places scatter, over
     // the root of a tenth of their number.
     let middle_m = (spread / count / 3.0).sqrt() / (0.1 * count).max(1.0).sqrt();
+    // Its places err alike as well, by what the map tells of each.
+    let told_m2 = thing.iter().map(|sample| {
+        let of = sample.covariance_m2;
+        of.x_axis.x.max(of.y_axis.y).max(of.z_axis.z)
+    });
+    let shared_m = (told_m2.sum::<f64>() / count).sqrt();
+    let laid_m = match kind {
+        Kind::Went => 0.0,
+        Kind::Came | Kind::Moved => alignment.sigma_m,
+    };
     let is_thing =
         thing.len() >= FEWEST && size_m.max_element() >= LEAST_SIZE_M && size_m.z >= LEAST_HEIGHT_M;
     is_thing.then(|| Change {
@@ -216,19 +253,14 @@ fn change(thing: &[Sample], kind: Kind, alignment: &Alignment) -> Option<Change>
         at_m: mean_m,
         by_m: DVec3::ZERO,
         size_m,
-        sigma_m: middle_m.hypot(alignment.sigma_m),
+        sigma_m: middle_m.hypot(shared_m).hypot(laid_m),
         count: thing.len(),
         probability: thing.iter().map(|sample| sample.probability).sum::<f64>() / count,
     })
 }
 
 /// What went and what came, where they are alike and near, as one that moved; `became` of both maps is told of it.
-fn moved(
-    went: Vec<Thing>,
-    mut came: Vec<Thing>,
-    alignment: &Alignment,
-    became: &mut [Vec<Became>; 2],
-) -> Vec<Change> {
+fn moved(went: Vec<Thing>, mut came: Vec<Thing>, became: &mut [Vec<Became>; 2]) -> Vec<Change> {
     let mut mark = |map: usize, thing: &Thing, what: Became| {
         thing
             .members
@@ -256,7 +288,7 @@ fn moved(
         found.push(Change {
             kind: Kind::Moved,
             by_m: new.at_m - gone.at_m,
-            sigma_m: gone.sigma_m.hypot(new.sigma_m).hypot(alignment.sigma_m),
+            sigma_m: gone.sigma_m.hypot(new.sigma_m),
             ..new
         });
     }

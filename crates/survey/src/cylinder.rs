@@ -2,7 +2,7 @@
 
 mod solve;
 
-use echosplat_model::glam::{DVec2, DVec3};
+use echosplat_model::glam::{DMat3, DVec2, DVec3};
 
 use self::solve::{Fit, Problem, off_m};
 use crate::{Sample, SurveyError, Told};
@@ -93,9 +93,11 @@ pub fn fit_cylinder(samples: &[Sample]) -> Result<Cylinder, SurveyError> {
         .iter()
         .map(|sample| across_sigma_m(sample).max(LEAST_SIGMA_M))
         .collect();
+    let covariances: Vec<DMat3> = kept.iter().map(|sample| sample.covariance_m2).collect();
     let problem = Problem {
         places: &places,
         sigmas: &sigmas,
+        covariances: &covariances,
     };
     let unlike = |why: &str| SurveyError::Unlike {
         what: "pile",

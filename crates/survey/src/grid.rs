@@ -4,15 +4,23 @@ use std::collections::{BTreeSet, HashMap};
 
 use echosplat_model::glam::DVec3;
 
-type Cell = [i64; 3];
+pub(crate) type Cell = [i64; 3];
 
 /// Metres; Gaussians of a map so near to each other are worked out of the same echoes, and err alike.
 const ALIKE_M: f64 = 0.2;
 
+/// Metres; what is so near to each other was seen at one time, with one error of the poses.
+pub(crate) const SHARED_M: f64 = 1.0;
+
 /// Of these places, without a unit, how many count as known for themselves.
 pub(crate) fn independent_share(places_m: &[DVec3]) -> f64 {
-    let patches: BTreeSet<Cell> = places_m.iter().map(|at| cell(*at, ALIKE_M)).collect();
-    patches.len() as f64 / places_m.len().max(1) as f64
+    cells(places_m, ALIKE_M) as f64 / places_m.len().max(1) as f64
+}
+
+/// How many cells of this edge, metres, these places lie in.
+pub(crate) fn cells(places_m: &[DVec3], edge_m: f64) -> usize {
+    let cells: BTreeSet<Cell> = places_m.iter().map(|at| cell(*at, edge_m)).collect();
+    cells.len()
 }
 
 /// Metres; edge of a cell. Surfaces of maps have a Gaussian in each.
@@ -87,7 +95,7 @@ impl Grid {
     }
 }
 
-fn cell(at_m: DVec3, edge_m: f64) -> Cell {
+pub(crate) fn cell(at_m: DVec3, edge_m: f64) -> Cell {
     (at_m / edge_m).floor().to_array().map(|index| index as i64)
 }
 

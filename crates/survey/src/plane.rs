@@ -1,8 +1,10 @@
 //! A plane through places, and how it lies.
 
+use std::collections::BTreeMap;
+
 use echosplat_model::glam::{DMat3, DVec3};
 
-use crate::grid::independent_share;
+use crate::grid::{Cell, SHARED_M, cell, independent_share};
 use crate::{Sample, SurveyError, Told};
 
 /// Least number of places; three numbers are fitted.
@@ -11,6 +13,8 @@ const FEWEST: usize = 10;
 const ROUNDS: usize = 10;
 /// Sigmas of what places scatter, beyond which one counts less (Huber).
 const HUBER: f64 = 2.0;
+/// Metres; a place that is known less well lies on the plane by chance, and its sigma tells nothing of it.
+const MOST_SIGMA_M: f64 = 0.3;
 /// Metres; places never scatter less.
 const LEAST_SCATTER_M: f64 = 1e-4;
 /// Sweeps of turning a matrix of three rows to its own axes; five are exact.
@@ -84,14 +88,21 @@ pub fn fit_plane(samples: &[Sample]) -> Result<Plane, SurveyError> {
         .zip(&weights)
         .map(|(place, w)| w * (*place - middle_m).dot(uphill).powi(2))
         .sum();
+    // What the map says of its places' errors is alike for all of a block.
+    let mut blocks: BTreeMap<Cell, f64> = BTreeMap::new();
+    for ((place, weight), sample) in places.iter().zip(&weights).zip(samples) {
+        let told_m = sample.sigma_along_m(normal).min(MOST_SIGMA_M);
+        *blocks.entry(cell(*place, SHARED_M)).or_default() +=
+            weight * told_m * (*place - middle_m).dot(uphill);
+    }
+    let shared_2 = blocks.values().map(|sum| sum * sum).sum::<f64>() / (lever * lever);
+    let own_2 = scatter_2 / lever / independent_share(&places);
     Ok(Plane {
         middle_m,
         normal,
         tilt_deg: Told {
             value: normal.z.clamp(-1.0, 1.0).acos().to_degrees(),
-            sigma: (scatter_2 / lever / independent_share(&places))
-                .sqrt()
-                .to_degrees(),
+            sigma: (own_2 + shared_2).sqrt().to_degrees(),
         },
         towards_deg: normal.x.atan2(normal.y).to_degrees().rem_euclid(360.0),
         count,
@@ -156,6 +167,7 @@ mod tests {
             covariance_m2: DMat3::ZERO,
             probability: 1.0,
             is_confident: true,
+            is_ground: false,
         };
         (0..400).map(sample).collect()
     }

@@ -104,6 +104,7 @@ mod tests {
             covariance_m2: DMat3::from_diagonal(DVec3::new(1.0, 1.0, 0.01)),
             probability: 1.0,
             is_confident: true,
+            is_ground: false,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Places that are measured by, and how far two of them are apart.
 
-use echosplat_model::Gaussian;
 use echosplat_model::glam::{DMat3, DVec3, Vec3};
+use echosplat_model::{Gaussian, Reason, Standing};
 
 use crate::SurveyError;
 use crate::grid::Grid;
@@ -17,6 +17,8 @@ pub struct Sample {
     pub probability: f64,
     /// Whether the map asserts it.
     pub is_confident: bool,
+    /// Whether it is of the ground that the map assumes: as far as a dive heard it, at one height over some width.
+    pub is_ground: bool,
 }
 
 /// A number and its sigma, in one unit.
@@ -52,7 +54,8 @@ pub fn samples_of(origin_m: DVec3, gaussians: &[Gaussian]) -> Vec<Sample> {
             at_m: origin_m + place(gaussian.mean_m),
             covariance_m2: DMat3::from_cols_array(&columns),
             probability: f64::from(gaussian.probability),
-            is_confident: gaussian.standing == echosplat_model::Standing::Confident,
+            is_confident: gaussian.standing == Standing::Confident,
+            is_ground: gaussian.why.reason == Reason::Ground,
         }
     };
     let sound = gaussians.iter().filter(|gaussian| gaussian.is_sound());

@@ -11,10 +11,10 @@ use serde_json::{Value, json};
 use super::{SINGLE_PRECISION_M, Up, WrittenMesh, in_world, sound};
 use crate::ply::HARMONIC_0;
 use crate::ply::MapFile;
-use crate::ramp::{bytes_of_color, color_of_reflectivity};
+use crate::ramp::color_of_reflectivity;
 
 /// Kinds of numbers, as glTF numbers them.
-const U8: u32 = 5121;
+const U16: u32 = 5123;
 const U32: u32 = 5125;
 const F32: u32 = 5126;
 /// What a buffer is for, as glTF numbers it.
@@ -50,15 +50,16 @@ pub fn write_gaussians_glb(map: &MapFile, writer: impl Write) -> io::Result<()> 
     let mut glb = Glb::default();
     let places: Vec<Vec3> = all.iter().map(|g| g.mean_m).collect();
     let color = |g: &&Gaussian| color_of_reflectivity(g.reflectivity);
+    let share = |share: f32| ((65_535.0 * share).round() as u16).to_le_bytes();
     let shown = all.iter().flat_map(|g| {
-        let [r, g_, b] = bytes_of_color(color(g));
-        [r, g_, b, (255.0 * g.opacity).round() as u8]
+        let [red, green, blue] = color(g).map(linear);
+        [red, green, blue, g.opacity].map(share)
     });
-    let shown: Vec<u8> = shown.collect();
+    let shown: Vec<u8> = shown.flatten().collect();
     let own = |name: &str| format!("{SPLATTING}:{name}");
     let mut attributes = json!({ "POSITION": glb.places(&places) });
     let count = all.len();
-    attributes["COLOR_0"] = glb.column(&shown, U8, "VEC4", count, true);
+    attributes["COLOR_0"] = glb.column(&shown, U16, "VEC4", count, true);
     let floats = |of: &dyn Fn(&Gaussian) -> Vec<f32>| -> Vec<f32> {
         all.iter().flat_map(|gaussian| of(gaussian)).collect()
     };
@@ -155,6 +156,14 @@ pub fn write_mesh_glb(
     let is_there = !surface.triangles.is_empty();
     glb.write(is_there.then_some(primitive), &[], left_m, place, writer)?;
     Ok(WrittenMesh::of(&surface))
+}
+
+/// A channel of a colour as screens take it, 0 to 1, as light: glTF's own colours are linear (IEC 61966-2-1).
+fn linear(channel: f32) -> f32 {
+    match channel <= 0.040_45 {
+        true => channel / 12.92,
+        false => ((channel + 0.055) / 1.055).powf(2.4),
+    }
 }
 
 impl Glb {
@@ -270,5 +279,19 @@ impl Glb {
             writer.write_all(chunk)?;
         }
         writer.flush()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_of_a_screen_is_a_fifth_of_its_light() {
+        // sRGB's byte 188 is half the light (IEC 61966-2-1).
+        assert!((linear(188.0 / 255.0) - 0.5).abs() < 0.01);
+        assert!((linear(0.5) - 0.214).abs() < 0.001);
+        assert_eq!((linear(0.0), linear(1.0)), (0.0, 1.0));
+        assert!((linear(0.040_45) - linear(0.040_46)).abs() < 1e-5);
     }
 }

@@ -21,8 +21,10 @@ const AROUND_M: f64 = 1.0;
 const END_M: f64 = 0.5;
 /// Metres; to each side of a line.
 const BESIDE_M: f64 = 0.25;
-/// Metres; how far up and down from a place a pile is followed.
+/// Metres; a pile is looked for so far up and down from a place, then followed as far as it goes.
 const PILE_REACH_M: f64 = 4.0;
+/// Metres; a pile that is not seen over more than this is taken to end there.
+const PILE_GAP_M: f64 = 1.0;
 /// Metres; a pile's own places are no farther from its surface than this, at least and at most.
 const PILE_SKIN_M: (f64, f64) = (0.05, 0.15);
 /// Rounds of choosing a pile's places by the cylinder found so far.
@@ -85,7 +87,8 @@ pub(crate) fn measure(
     }
 }
 
-/// The pile whose places are near a place: those near the upright line through it, then those near the cylinder found.
+/// The pile whose places are near a place: those near the upright line through it, then those near the cylinder found, as far
+/// up and down as they go.
 fn pile(samples: &[Sample], at_m: DVec3, reach_m: f64) -> Result<Cylinder, SurveyError> {
     let is_level = |sample: &Sample| (sample.at_m.z - at_m.z).abs() <= PILE_REACH_M;
     let near = samples
@@ -95,19 +98,37 @@ fn pile(samples: &[Sample], at_m: DVec3, reach_m: f64) -> Result<Cylinder, Surve
     let mut found = fit_cylinder(&near)?;
     for _ in 0..PILE_ROUNDS {
         let skin_m = (3.0 * found.residual_m).clamp(PILE_SKIN_M.0, PILE_SKIN_M.1);
-        let of_it = samples.iter().filter(|sample| {
-            let is_near = (sample.at_m - at_m).truncate().length() <= reach_m + 1.0;
-            is_level(sample) && is_near && found.off_m(sample.at_m).abs() <= skin_m
-        });
-        let of_it: Vec<Sample> = of_it.copied().collect();
-        found = fit_cylinder(&of_it)?;
+        let on_it = samples
+            .iter()
+            .filter(|sample| found.off_m(sample.at_m).abs() <= skin_m);
+        let on_it: Vec<Sample> = on_it.copied().collect();
+        found = fit_cylinder(&without_gaps(on_it, at_m.z))?;
     }
     Ok(found)
 }
 
+/// Those that follow each other up and down from the one nearest in height.
+fn without_gaps(mut samples: Vec<Sample>, height_m: f64) -> Vec<Sample> {
+    samples.sort_by(|a, b| a.at_m.z.total_cmp(&b.at_m.z));
+    let z = |sample: &Sample| sample.at_m.z;
+    let above = samples.partition_point(|sample| z(sample) < height_m);
+    let is_gap = |pair: &[Sample]| z(&pair[1]) - z(&pair[0]) > PILE_GAP_M;
+    let begin = samples[..above].windows(2).rposition(is_gap);
+    let end = samples[above..].windows(2).position(is_gap);
+    let begin = begin.map_or(0, |at| at + 1);
+    let end = end.map_or(samples.len(), |at| above + at + 1);
+    samples[begin..end].to_vec()
+}
+
+/// With two digits of the sigma, and three decimals at most.
 fn with_sigma(told: Told, unit: &str) -> String {
+    let first = told.sigma.abs().log10().floor();
+    let decimals = (1.0 - first).clamp(0.0, 3.0) as usize;
     match told.sigma.is_finite() {
-        true => format!("{:.3} ± {:.3} {unit}", told.value, told.sigma),
+        true => format!(
+            "{:.decimals$} ± {:.decimals$} {unit}",
+            told.value, told.sigma
+        ),
         false => format!("{:.3} {unit}, of unknown sigma", told.value),
     }
 }
@@ -276,5 +297,42 @@ fn of_section(cuts: &[Cut], ends_m: [DVec3; 2]) -> Measured {
         facts: json!({ "section": told.collect::<Vec<_>>() }),
         shape: ends_m.to_vec(),
         rows,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use echosplat_model::glam::DMat3;
+
+    #[test]
+    fn a_pile_is_followed_as_far_as_it_goes_and_not_to_what_stands_above_it() {
+        let at = |z: f64| Sample {
+            at_m: DVec3::new(0.0, 0.0, z),
+            covariance_m2: DMat3::ZERO,
+            probability: 1.0,
+            is_confident: true,
+            is_ground: false,
+        };
+        let pile = (0..90).map(|i| at(-8.0 + 0.1 * f64::from(i)));
+        let above = (0..20).map(|i| at(3.0 + 0.1 * f64::from(i)));
+        let below = (0..5).map(|i| at(-12.0 + 0.1 * f64::from(i)));
+        let all: Vec<Sample> = above.chain(pile).chain(below).collect();
+        for height_m in [-7.9, -2.0, 0.8] {
+            let kept = without_gaps(all.clone(), height_m);
+            assert_eq!(kept.len(), 90, "{height_m}");
+            assert!((kept[0].at_m.z + 8.0).abs() < 1e-9);
+        }
+        assert_eq!(without_gaps(Vec::new(), 0.0), []);
+    }
+
+    #[test]
+    fn a_number_has_as_many_decimals_as_its_sigma_says() {
+        let said = |value, sigma| with_sigma(Told { value, sigma }, "m");
+        assert_eq!(said(1.234_56, 0.012_3), "1.235 ± 0.012 m");
+        assert_eq!(said(8.018_2, 0.351), "8.02 ± 0.35 m");
+        assert_eq!(said(8.018_2, 35.1), "8 ± 35 m");
+        assert_eq!(said(8.018_2, 0.0), "8.018 ± 0.000 m");
+        assert_eq!(said(8.018_2, f64::INFINITY), "8.018 m, of unknown sigma");
     }
 }

@@ -21,6 +21,7 @@ fn sample(random: &mut SplitMix64, at_m: DVec3) -> Sample {
         covariance_m2: DMat3::from_diagonal(DVec3::splat(0.02 * 0.02)),
         probability: 0.9,
         is_confident: true,
+        is_ground: false,
     }
 }
 
@@ -144,4 +145,58 @@ fn maps_of_two_places_are_not_compared() {
         compare(&here, &[]),
         Err(SurveyError::Apart { .. })
     ));
+}
+
+fn with(of: &[Sample], more: impl Iterator<Item = Sample>) -> Vec<Sample> {
+    of.iter().copied().chain(more).collect()
+}
+
+#[test]
+fn a_few_ambiguous_places_far_along_their_arcs_hide_no_change_and_those_all_along_do() {
+    let before = scene(1, &[2.0, 4.0, 6.0], None);
+    let after = scene(9, &[2.0, 6.0], None);
+    let ambiguous = |z: f64| Sample {
+        at_m: DVec3::new(4.0, 2.0, z),
+        covariance_m2: DMat3::from_diagonal(DVec3::splat(4.0)),
+        probability: 0.6,
+        is_confident: false,
+        is_ground: false,
+    };
+    let few = with(&after, [-4.5, -3.0].map(ambiguous).into_iter());
+    let found = compare(&before, &few).unwrap();
+    let kinds: Vec<Kind> = found.changes.iter().map(|change| change.kind).collect();
+    assert_eq!(kinds, [Kind::Went], "{found:?}");
+    let all = (0..30).map(|i| ambiguous(-5.0 + 0.1 * f64::from(i)));
+    let found = compare(&before, &with(&after, all)).unwrap();
+    assert_eq!(found.changes, []);
+}
+
+#[test]
+fn ground_tells_of_no_change_and_explains_only_what_lies_on_it() {
+    let at = DVec3::new(1.0, 3.5, -5.0);
+    let as_ground = |mut samples: Vec<Sample>| {
+        for sample in samples.iter_mut().filter(|sample| sample.at_m.z < -4.85) {
+            sample.is_ground = true;
+            sample.covariance_m2 = DMat3::from_diagonal(DVec3::new(0.04, 0.04, 0.04));
+        }
+        samples
+    };
+    let before = as_ground(scene(1, &[2.0, 4.0, 6.0], None));
+    let after = as_ground(scene(5, &[2.0, 4.0, 6.0], Some(at)));
+    let found = compare(&before, &after).unwrap();
+    let [crate_of_it] = found.changes[..] else {
+        panic!("{found:?}");
+    };
+    assert!(crate_of_it.size_m.z > 0.3, "{crate_of_it:?}");
+    // A strip of ground that the first dive did not hear, in reach of what it did.
+    let strip = (0..200).map(|i| Sample {
+        at_m: DVec3::new(
+            8.3 + 0.003 * f64::from(i),
+            0.03 * f64::from(i),
+            -5.0 + 0.001 * f64::from(i),
+        ),
+        ..before[0]
+    });
+    let after = with(&as_ground(scene(7, &[2.0, 4.0, 6.0], None)), strip);
+    assert_eq!(compare(&before, &after).unwrap().changes, []);
 }

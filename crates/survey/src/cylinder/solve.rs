@@ -1,9 +1,11 @@
 //! The five numbers of a cylinder from places near its surface and some that are not of it.
 
+use std::collections::BTreeMap;
+
 use echosplat_model::glam::{DMat3, DVec2, DVec3};
 
 use super::{LEAST_SIGMA_M, NUMBERS, RADII_M};
-use crate::grid::independent_share;
+use crate::grid::{SHARED_M, independent_share};
 use crate::linear::{inverse, times};
 
 /// Without a unit; 30 degrees from upright is no pile any more.
@@ -23,11 +25,12 @@ const STEP: f64 = 1e-6;
 /// Rounds of drawing a pile like the one found, to see how far such fits are off.
 const DRAWS: usize = 24;
 
-/// What a cylinder is fitted to: places about their middle, metres, and one sigma of each.
+/// What a cylinder is fitted to: places about their middle, metres, one sigma of each, and their covariances, square metres.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Problem<'p> {
     pub(super) places: &'p [DVec3],
     pub(super) sigmas: &'p [f64],
+    pub(super) covariances: &'p [DMat3],
 }
 
 /// What was found, and how sure it is.
@@ -74,11 +77,15 @@ impl Rule {
     }
 }
 
-/// How far from the surface a place is, metres; negative inside.
-pub(super) fn off_m(place: DVec3, [x, y, along_x, along_y, radius]: [f64; NUMBERS]) -> f64 {
+/// From the axis to a place, metres.
+fn from_axis(place: DVec3, [x, y, along_x, along_y, _]: [f64; NUMBERS]) -> DVec3 {
     let axis = DVec3::new(along_x, along_y, 1.0).normalize();
-    let from = place - DVec3::new(x, y, 0.0);
-    from.reject_from_normalized(axis).length() - radius
+    (place - DVec3::new(x, y, 0.0)).reject_from_normalized(axis)
+}
+
+/// How far from the surface a place is, metres; negative inside.
+pub(super) fn off_m(place: DVec3, numbers: [f64; NUMBERS]) -> f64 {
+    from_axis(place, numbers).length() - numbers[4]
 }
 
 /// How a place's distance changes with each number.
@@ -89,6 +96,12 @@ fn slopes_of(place: DVec3, numbers: [f64; NUMBERS]) -> [f64; NUMBERS] {
         moved[i] += STEP;
         (off_m(place, moved) - off) / STEP
     })
+}
+
+/// The part of a pile that a place belongs to: a quarter around, [`SHARED_M`] high.
+fn block_of(place: DVec3, numbers: [f64; NUMBERS]) -> (i64, i64) {
+    let side = from_axis(place, numbers).truncate().to_angle() / std::f64::consts::FRAC_PI_2;
+    ((place.z / SHARED_M).floor() as i64, side.floor() as i64)
 }
 
 /// What a place may be off, metres: what all scatter, or what the map says of it where that is more.
@@ -222,8 +235,8 @@ impl Problem<'_> {
         (normal, right)
     }
 
-    /// Of the numbers, by what the places really scatter about the surface: forces over slopes of the forces, the
-    /// sandwich of robust fits.
+    /// Of the numbers: forces over slopes of the forces, the sandwich of robust fits. Forces are what places really scatter
+    /// about the surface, each place for itself, and what the map says of their error, alike for all of a block.
     fn covariance(
         &self,
         numbers: [f64; NUMBERS],
@@ -231,36 +244,45 @@ impl Problem<'_> {
     ) -> Option<[[f64; NUMBERS]; NUMBERS]> {
         let mut slopes = [[0.0; NUMBERS]; NUMBERS];
         let mut forces = [[0.0; NUMBERS]; NUMBERS];
-        for (place, sigma) in self.places.iter().zip(self.sigmas) {
+        let mut blocks: BTreeMap<(i64, i64), [f64; NUMBERS]> = BTreeMap::new();
+        let count = self.places.len() as f64;
+        let freedom = count / (count - NUMBERS as f64).max(1.0) / independent_share(self.places);
+        let known = self.sigmas.iter().zip(self.covariances);
+        for (place, (sigma, covariance)) in self.places.iter().zip(known) {
             let expected_m = expected_m(*sigma, scatter_m);
             let (off, row) = (off_m(*place, numbers), slopes_of(*place, numbers));
-            let force = Rule::Tukey.weight(off, expected_m) * off;
+            let pull = Rule::Tukey.weight(off, expected_m);
             let share = (off / (TUKEY * expected_m)).powi(2);
             let slope = (1.0 - share).max(0.0) * (1.0 - 5.0 * share) / (expected_m * expected_m);
+            let out = from_axis(*place, numbers).normalize_or(DVec3::X);
+            let told_m = out.dot(*covariance * out).max(0.0).sqrt();
+            let shared = blocks.entry(block_of(*place, numbers)).or_default();
             for i in 0..NUMBERS {
+                shared[i] += pull * told_m * row[i];
                 for j in 0..NUMBERS {
                     slopes[i][j] += slope * row[i] * row[j];
-                    forces[i][j] += force * force * row[i] * row[j];
+                    forces[i][j] += freedom * (pull * off).powi(2) * row[i] * row[j];
+                }
+            }
+        }
+        for shared in blocks.values() {
+            for i in 0..NUMBERS {
+                for j in 0..NUMBERS {
+                    forces[i][j] += shared[i] * shared[j];
                 }
             }
         }
         let bread = inverse(&slopes)?;
         let half: [[f64; NUMBERS]; NUMBERS] = std::array::from_fn(|i| times(&forces, &bread[i]));
-        let count = self.places.len() as f64;
-        let freedom = count / (count - NUMBERS as f64).max(1.0) / independent_share(self.places);
-        Some(std::array::from_fn(|i| {
-            times(&bread, &half[i]).map(|x| x * freedom)
-        }))
+        Some(std::array::from_fn(|i| times(&bread, &half[i])))
     }
 
     /// Without what fits of such arcs are off on average, found by fitting piles drawn from this one: noise across a
     /// short arc makes it look rounder than it is.
     pub(super) fn unbiased(&self, found: Fit) -> Fit {
-        let [x, y, along_x, along_y, radius] = found.numbers;
-        let axis = DVec3::new(along_x, along_y, 1.0).normalize();
         let foot = |place: &DVec3| {
-            let out = (*place - DVec3::new(x, y, 0.0)).reject_from_normalized(axis);
-            *place + out.normalize_or(DVec3::X) * (radius - out.length())
+            let out = from_axis(*place, found.numbers);
+            *place + out.normalize_or(DVec3::X) * (found.numbers[4] - out.length())
         };
         let feet: Vec<DVec3> = self.places.iter().map(foot).collect();
         let mut noise = Noise(1);
@@ -271,7 +293,7 @@ impl Problem<'_> {
             let places: Vec<DVec3> = drawn.collect();
             let again = Problem {
                 places: &places,
-                sigmas: self.sigmas,
+                ..*self
             };
             let again = again.fit(found.numbers)?;
             Some(std::array::from_fn(|i| again.numbers[i] - found.numbers[i]))

@@ -204,6 +204,13 @@ fn gaussians_in_gltf_are_points_too() {
         serde_json::json!([10.0, -2.0, 0.0])
     );
     assert!(primitive["attributes"]["KHR_gaussian_splatting:SCALE"].is_number());
+    // Dark colours would lose their differences in bytes of light.
+    let shown = primitive["attributes"]["COLOR_0"].as_u64().unwrap() as usize;
+    let shown = &document["accessors"][shown];
+    assert_eq!(
+        (&shown["componentType"], &shown["normalized"]),
+        (&5123.into(), &true.into())
+    );
     assert!(
         document["asset"]["extras"]["georeference"]
             .as_str()

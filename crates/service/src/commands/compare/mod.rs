@@ -31,7 +31,7 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<Finish> {
     let is_page = |out: &&PathBuf| out.extension().is_some_and(|end| end == "html");
     if let Some(out) = arguments.out.as_ref().filter(is_page) {
         let names = [&arguments.before, &arguments.after].map(|path| path.display().to_string());
-        let html = page::html(&names, [&before, &after], &found, &lines(&found));
+        let html = page::html(&names, [&before, &after], &found);
         files::write("--out", out, html.as_bytes())?;
     } else if let Some(out) = &arguments.out {
         let place = before.notes.georeference.as_ref();
@@ -45,7 +45,9 @@ pub(crate) fn run(arguments: &CompareArguments) -> anyhow::Result<Finish> {
     }
     match arguments.json {
         true => logging::print(&document(&found).to_string()),
-        false => lines(&found).iter().for_each(|line| logging::print(line)),
+        false => changes(&found)
+            .chain(comparison(&found))
+            .for_each(|line| logging::print(&line)),
     }
     Ok(maps::finish_of(&before))
 }
@@ -58,44 +60,49 @@ fn name(kind: Kind) -> &'static str {
     }
 }
 
-fn lines(found: &Compared) -> Vec<String> {
+/// Each change in words; that there is none if there is none.
+fn changes(found: &Compared) -> impl Iterator<Item = String> {
+    let nothing = found.changes.is_empty();
+    let nothing = nothing.then(|| "nothing came, went or moved".to_owned());
+    found.changes.iter().map(line).chain(nothing)
+}
+
+fn line(change: &Change) -> String {
+    let [x, y, z] = change.at_m.to_array();
+    let [width, depth, height] = change.size_m.to_array();
+    let moved = match change.kind {
+        Kind::Moved => {
+            let [east, north, up] = change.by_m.to_array();
+            format!(", by {east:+.2},{north:+.2},{up:+.2}")
+        }
+        Kind::Came | Kind::Went => String::new(),
+    };
+    format!(
+        "{}: {x:.2},{y:.2},{z:.2}{moved} ± {:.2} m, {width:.2} by {depth:.2} by {height:.2} m, {} Gaussians of \
+         probability {:.2}",
+        name(change.kind),
+        change.sigma_m,
+        change.count,
+        change.probability
+    )
+}
+
+/// How the maps lie on each other, and how much of the first was not compared.
+fn comparison(found: &Compared) -> impl Iterator<Item = String> {
     let alignment = &found.alignment;
     let [x, y, z] = alignment.move_m.to_array();
-    let mut lines = vec![format!(
+    let laid = format!(
         "the second map is laid on the first by {:+.2} degrees about up and {x:+.3},{y:+.3},{z:+.3} m; {} pairs are \
          {:.3} m apart (root mean square)",
         alignment.turn_deg, alignment.pairs, alignment.residual_m
-    )];
-    if found.not_looked_at > 0.0 {
-        lines.push(format!(
-            "{:.0} % of the first map lie where the second has nothing near: it is not compared",
-            100.0 * found.not_looked_at
-        ));
-    }
-    let said = found.changes.iter().map(|change| {
-        let [x, y, z] = change.at_m.to_array();
-        let [width, depth, height] = change.size_m.to_array();
-        let moved = match change.kind {
-            Kind::Moved => {
-                let [east, north, up] = change.by_m.to_array();
-                format!(", by {east:+.2},{north:+.2},{up:+.2}")
-            }
-            Kind::Came | Kind::Went => String::new(),
-        };
+    );
+    let percent = 100.0 * found.not_looked_at;
+    let unseen = (percent >= 0.5).then(|| {
         format!(
-            "{}: {x:.2},{y:.2},{z:.2}{moved} ± {:.2} m, {width:.2} by {depth:.2} by {height:.2} m, {} Gaussians of \
-             probability {:.2}",
-            name(change.kind),
-            change.sigma_m,
-            change.count,
-            change.probability
+            "{percent:.0} % of the first map lie where the second has nothing near: it is not compared"
         )
     });
-    lines.extend(said);
-    if found.changes.is_empty() {
-        lines.push("nothing came, went or moved".to_owned());
-    }
-    lines
+    [laid].into_iter().chain(unseen)
 }
 
 fn facts(change: &Change) -> Value {

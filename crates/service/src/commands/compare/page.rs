@@ -6,16 +6,15 @@ use echosplat_recording::ply::MapFile;
 use echosplat_report::{Bearings, ChangeReport, Drawn, Numbered, Table};
 use echosplat_survey::{Alignment, Became, Change, Compared, Kind};
 
-use super::name;
+use super::{comparison, name};
 use crate::arguments::VERSION;
 use crate::clock;
 
-/// The second map laid on the first, with what is only in the first. `lines` are what the command says.
+/// The second map laid on the first, with what is only in the first.
 pub(super) fn html(
     names: &[String; 2],
     [before, after]: [&MapFile; 2],
     found: &Compared,
-    lines: &[String],
 ) -> String {
     let (gaussians, changes) = merged(before, after, found);
     let numbered = found.changes.iter().enumerate();
@@ -42,8 +41,8 @@ pub(super) fn html(
         numbered: &numbered,
         bearings: &bearings,
     };
-    let told = lines.iter().filter(|line| !is_of_a_change(line));
-    let told: Vec<&str> = told.map(String::as_str).collect();
+    let comparison: Vec<String> = comparison(found).collect();
+    let verdict = format!("{}. {}.", in_short(&found.changes), comparison.join("; "));
     let report = ChangeReport {
         title: "What changed".to_owned(),
         about: vec![
@@ -52,17 +51,24 @@ pub(super) fn html(
             ("Made".to_owned(), clock::iso_utc(clock::now())),
             ("Made by".to_owned(), format!("EchoSplat {VERSION}")),
         ],
-        verdict: format!("{}.", told.join("; ")),
+        verdict,
         table: table(&found.changes),
     };
     report.to_html(&drawn)
 }
 
-/// Lines of single changes stand in the table.
-fn is_of_a_change(line: &str) -> bool {
-    [Kind::Came, Kind::Went, Kind::Moved]
-        .iter()
-        .any(|kind| line.starts_with(&format!("{}:", name(*kind))))
+/// How many things came, went and moved; the table has them one by one.
+fn in_short(changes: &[Change]) -> String {
+    let told = [Kind::Came, Kind::Went, Kind::Moved].map(|kind| {
+        let count = changes.iter().filter(|change| change.kind == kind).count();
+        let things = if count == 1 { "thing" } else { "things" };
+        (count > 0).then(|| format!("{count} {things} {}", name(kind)))
+    });
+    let told: Vec<String> = told.into_iter().flatten().collect();
+    match told.is_empty() {
+        true => "Nothing came, went or moved".to_owned(),
+        false => told.join(", "),
+    }
 }
 
 fn table(changes: &[Change]) -> Table {
@@ -159,8 +165,18 @@ mod tests {
     }
 
     #[test]
-    fn only_lines_of_changes_are_left_to_the_table() {
-        assert!(is_of_a_change("came: 1.00,2.00,3.00 ± 0.10 m"));
-        assert!(!is_of_a_change("nothing came, went or moved"));
+    fn what_changed_is_counted_in_one_sentence() {
+        let change = |kind| Change {
+            kind,
+            at_m: DVec3::ZERO,
+            by_m: DVec3::ZERO,
+            size_m: DVec3::ONE,
+            sigma_m: 0.1,
+            count: 20,
+            probability: 0.9,
+        };
+        assert_eq!(in_short(&[]), "Nothing came, went or moved");
+        let some = [Kind::Went, Kind::Came, Kind::Went].map(change);
+        assert_eq!(in_short(&some), "1 thing came, 2 things went");
     }
 }

@@ -148,10 +148,6 @@ impl Output {
             Self::Placed(format) => formats.contains(&format),
             _ => false,
         };
-        let is_glb = matches!(
-            self,
-            Self::Gaussians(Format::Glb) | Self::Mesh(MeshFormat::Glb)
-        );
         let is_placed = matches!(self, Self::Placed(_));
         let is_on_earth = is_placed && !is(&[Tum]);
         let has_cells = matches!(self, Self::Mesh(_)) || is(&[GeoTiff]);
@@ -179,8 +175,8 @@ impl Output {
                 "--separation is for .las, .laz, .tif, .csv, .geojson or .kml",
             ),
             (
-                asked.up != Up::Z && (is_placed || is_glb),
-                "--up is for .ply, .pcd, .npz, .splat and .obj: what lies on Earth has its own axes, a .glb has y up",
+                asked.up != Up::Z && is_placed,
+                "--up is for .ply, .pcd, .npz, .splat and .obj: what lies on Earth has its own axes",
             ),
         ];
         unused
