@@ -37,6 +37,9 @@ pub(crate) enum Bench {
     /// A service for hours, live and from a log, with floods, bursts, steps of the clock and a frozen
     /// subscriber: whether memory and descriptors stay as they were
     Soak(SoakBenchArguments),
+    /// The service on part of one processor, beside the same on the whole machine: what is put off, how late maps are, how near
+    /// the last is; takes root, for a control group
+    Small(SmallBenchArguments),
     /// Error-time, ablation, stability and targets in turn, each within its share of the time
     All(AllBenchArguments),
     /// What this version reaches, as one file: accuracy, live maps, certainty, noise, error against time,
@@ -180,6 +183,24 @@ pub(crate) struct SoakBenchArguments {
     /// How long a dive is replayed; 90, or 4 with --quick
     #[arg(long, value_name = "MINUTES", value_parser = positive)]
     pub(crate) replayed_minutes: Option<f64>,
+    /// Another build of this program, in place of this one
+    #[arg(long, hide = true, value_name = "FILE")]
+    pub(crate) program: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Args)]
+pub(crate) struct SmallBenchArguments {
+    #[command(flatten)]
+    pub(crate) options: BenchOptions,
+    /// What is surveyed; repeatable
+    #[arg(long, value_name = "SCENE", default_values = ["fence", "wall", "pier"])]
+    pub(crate) scene: Vec<String>,
+    /// Part of one processor that the service may use
+    #[arg(long, value_name = "N", default_value_t = 0.5, value_parser = positive)]
+    pub(crate) processors: f64,
+    /// How long each dive lasts; 165, or 20 with --quick
+    #[arg(long, value_name = "SECONDS", value_parser = positive)]
+    pub(crate) seconds: Option<f64>,
     /// Another build of this program, in place of this one
     #[arg(long, hide = true, value_name = "FILE")]
     pub(crate) program: Option<PathBuf>,

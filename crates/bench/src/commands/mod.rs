@@ -57,6 +57,7 @@ pub fn run(arguments: &BenchArguments) -> anyhow::Result<Finish> {
         Bench::Long(arguments) => publish(long::run(arguments)?, &arguments.options),
         Bench::Faults(arguments) => faults::run(arguments),
         Bench::Soak(arguments) => faults::soak::run(arguments),
+        Bench::Small(arguments) => faults::small::run(arguments),
         Bench::All(arguments) => all::run(arguments),
         Bench::Report(arguments) => report::run(arguments),
         Bench::Run(arguments) => runs::run_one(arguments),

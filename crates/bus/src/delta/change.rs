@@ -40,16 +40,16 @@ pub(crate) fn bits(gaussian: &Gaussian) -> [u32; 23] {
 
 /// One entry of a tile that is to be sent.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Change {
+pub(super) struct Change<'g> {
     pub(super) id: GaussianId,
     /// The new state; `None` where it is gone.
-    pub(super) now: Option<Gaussian>,
+    pub(super) now: Option<&'g Gaussian>,
     /// How much it matters, above 0, at most 1.
     pub(super) score: f64,
 }
 
 /// What leads from the tile `old` to the tile `new`, both in order of id, in order of id.
-pub(super) fn changes(old: &[Gaussian], new: &[Gaussian]) -> Vec<Change> {
+pub(super) fn changes<'g>(old: &[Gaussian], new: &'g [Gaussian]) -> Vec<Change<'g>> {
     let mut found = Vec::new();
     let (mut old, mut new) = (old, new);
     loop {
@@ -77,10 +77,10 @@ pub(super) fn changes(old: &[Gaussian], new: &[Gaussian]) -> Vec<Change> {
     }
 }
 
-fn change_of(now: &Gaussian, score: f64) -> Change {
+fn change_of(now: &Gaussian, score: f64) -> Change<'_> {
     Change {
         id: now.id,
-        now: Some(*now),
+        now: Some(now),
         score,
     }
 }
@@ -100,7 +100,7 @@ fn score(was: &Gaussian, is: &Gaussian) -> f64 {
 }
 
 /// `old` with `changes` applied, both in order of id.
-pub(super) fn applied(old: &[Gaussian], changes: &[Change]) -> Vec<Gaussian> {
+pub(super) fn applied(old: &[Gaussian], changes: &[Change<'_>]) -> Vec<Gaussian> {
     let mut merged = Vec::with_capacity(old.len() + changes.len());
     let mut rest = old;
     for change in changes {
@@ -113,7 +113,7 @@ pub(super) fn applied(old: &[Gaussian], changes: &[Change]) -> Vec<Gaussian> {
         {
             rest = &rest[1..];
         }
-        merged.extend(change.now);
+        merged.extend(change.now.copied());
     }
     merged.extend_from_slice(rest);
     merged
@@ -141,7 +141,7 @@ mod tests {
         let a = gaussian(1);
         let mut b = a;
         b.mean_m.x = f32::from_bits(b.mean_m.x.to_bits() ^ 1);
-        let found = changes(&[a], &[b]);
+        let found = changes(&[a], std::slice::from_ref(&b));
         assert_eq!(found.len(), 1);
         assert!(found[0].score < 0.01);
         let mut negative = a;

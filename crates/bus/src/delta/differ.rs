@@ -38,9 +38,9 @@ struct Target {
 
 /// What one tile needs.
 #[derive(Debug)]
-struct Plan {
+struct Plan<'g> {
     tile: TileKey,
-    changes: Vec<Change>,
+    changes: Vec<Change<'g>>,
     urgency: f64,
 }
 
@@ -86,15 +86,20 @@ impl SnapshotDiffer {
         let sound = snapshot.gaussians.iter().filter(is_sound);
         let sound: Vec<&Gaussian> = sound.collect();
         self.unsound_count += (snapshot.gaussians.len() - sound.len()) as u64;
+        let placed = sound
+            .iter()
+            .map(|&gaussian| (tile_of(gaussian.mean_m, tile_edge_m), gaussian));
+        let placed: Vec<(TileKey, &Gaussian)> = placed.collect();
         // Neighbours in a snapshot mostly lie in one tile.
-        let tile = |gaussian: &Gaussian| tile_of(gaussian.mean_m, tile_edge_m);
-        for together in sound.chunk_by(|a, b| tile(a) == tile(b)) {
-            let of_tile = tiles.entry(tile(together[0])).or_default();
-            of_tile.extend(together.iter().copied());
+        for together in placed.chunk_by(|a, b| a.0 == b.0) {
+            let of_tile = tiles.entry(together[0].0).or_default();
+            of_tile.extend(together.iter().map(|(_, gaussian)| **gaussian));
         }
         for gaussians in tiles.values_mut() {
-            gaussians.sort_by_key(|gaussian| gaussian.id);
-            gaussians.dedup_by_key(|gaussian| gaussian.id);
+            if !gaussians.is_sorted_by(|a, b| a.id < b.id) {
+                gaussians.sort_by_key(|gaussian| gaussian.id);
+                gaussians.dedup_by_key(|gaussian| gaussian.id);
+            }
         }
         tiles
     }
@@ -125,9 +130,10 @@ impl SnapshotDiffer {
         let mut room = budget_bytes.unwrap_or(usize::MAX);
         let mut deltas: Vec<Delta> = Vec::new();
         target.is_reached = true;
-        for plan in plans(published, target, rounds_waited) {
-            let sent = affordable(&plan.changes, room, deltas.is_empty());
-            if sent.len() < plan.changes.len() {
+        for plan in plans(published, &target.tiles, rounds_waited) {
+            let wanted = plan.changes.len();
+            let sent = affordable(plan.changes, room, deltas.is_empty());
+            if sent.len() < wanted {
                 target.is_reached = false;
                 *rounds_waited.entry(plan.tile).or_default() += 1;
             } else {
@@ -177,21 +183,20 @@ impl SnapshotDiffer {
 }
 
 /// What every tile needs, most urgent first; among equals in order of tile.
-fn plans(
+fn plans<'g>(
     published: &PublishedMap,
-    target: &Target,
+    tiles: &'g BTreeMap<TileKey, Vec<Gaussian>>,
     rounds_waited: &BTreeMap<TileKey, u32>,
-) -> Vec<Plan> {
+) -> Vec<Plan<'g>> {
     let gone = published.tiles.keys();
-    let gone = gone.filter(|tile| !target.tiles.contains_key(tile));
-    let mut plans: Vec<_> = target
-        .tiles
+    let gone = gone.filter(|tile| !tiles.contains_key(tile));
+    let mut plans: Vec<_> = tiles
         .keys()
         .chain(gone)
         .filter_map(|&tile| {
             let old = published.tiles.get(&tile);
             let old = old.map_or(&[][..], |old| &old.gaussians);
-            let new = target.tiles.get(&tile).map_or(&[][..], Vec::as_slice);
+            let new = tiles.get(&tile).map_or(&[][..], Vec::as_slice);
             let changes = changes(old, new);
             let score: f64 = changes.iter().map(|change| change.score).sum();
             let waited = rounds_waited.get(&tile).copied().unwrap_or(0);
@@ -206,39 +211,50 @@ fn plans(
     plans
 }
 
-fn change_cost(change: &Change) -> usize {
+fn change_cost(change: &Change<'_>) -> usize {
     match change.now {
         Some(_) => BYTES_PER_POINT,
         None => REMOVED_BYTES,
     }
 }
 
-fn cost(changes: &[Change]) -> usize {
+fn cost(changes: &[Change<'_>]) -> usize {
     DELTA_OVERHEAD_BYTES + changes.iter().map(change_cost).sum::<usize>()
 }
 
 /// The most important changes that `room` bytes hold, in order of id; at least one if `must_move`.
-fn affordable(changes: &[Change], room: usize, must_move: bool) -> Vec<Change> {
-    if cost(changes) <= room {
-        return changes.to_vec();
+///
+/// Only those that could fit are sorted: most tiles of a large map wait, round after round.
+fn affordable(mut changes: Vec<Change<'_>>, room: usize, must_move: bool) -> Vec<Change<'_>> {
+    if cost(&changes) <= room {
+        return changes;
     }
-    let mut sent = changes.to_vec();
-    sent.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
+    let most = room.saturating_sub(DELTA_OVERHEAD_BYTES) / REMOVED_BYTES.min(BYTES_PER_POINT);
+    let most = most.max(usize::from(must_move));
+    if most == 0 {
+        return Vec::new();
+    }
+    let first = |a: &Change<'_>, b: &Change<'_>| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id));
+    if most < changes.len() {
+        changes.select_nth_unstable_by(most, first);
+        changes.truncate(most);
+    }
+    changes.sort_by(first);
     let mut total = DELTA_OVERHEAD_BYTES;
-    let fitting = sent
+    let fitting = changes
         .iter()
         .take_while(|change| {
             total += change_cost(change);
             total <= room
         })
         .count();
-    sent.truncate(fitting.max(usize::from(must_move)));
-    sent.sort_by_key(|change| change.id);
-    sent
+    changes.truncate(fitting.max(usize::from(must_move)));
+    changes.sort_by_key(|change| change.id);
+    changes
 }
 
 /// Takes the changes into the published state and gives the delta that says so.
-fn publish(published: &mut PublishedMap, tile: TileKey, sent: &[Change]) -> Delta {
+fn publish(published: &mut PublishedMap, tile: TileKey, sent: &[Change<'_>]) -> Delta {
     published.sequence += 1;
     if !sent.is_empty() {
         let entry = published.tiles.entry(tile).or_default();
@@ -256,7 +272,45 @@ fn publish(published: &mut PublishedMap, tile: TileKey, sent: &[Change]) -> Delt
         origin_m: published.origin_m,
         intensity_unit: published.intensity_unit,
         tile,
-        gaussians: sent.iter().filter_map(|change| change.now).collect(),
+        gaussians: sent
+            .iter()
+            .filter_map(|change| change.now.copied())
+            .collect(),
         removed: removed.map(|change| change.id).collect::<Vec<GaussianId>>(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::test_support::gaussian;
+
+    #[test]
+    fn what_fits_is_what_matters_most_of_all_that_waits() {
+        let gaussians: Vec<Gaussian> = (0..500).map(gaussian).collect();
+        let change = |id: GaussianId| Change {
+            id,
+            now: (!id.is_multiple_of(3)).then(|| &gaussians[id as usize]),
+            // Many alike, as new Gaussians are.
+            score: f64::from(id * 7919 % 5) / 4.0,
+        };
+        let all: Vec<Change<'_>> = (0..500).map(change).collect();
+        let mut sorted = all.clone();
+        sorted.sort_by(|a, b| b.score.total_cmp(&a.score).then(a.id.cmp(&b.id)));
+        for room in (0..60_000).step_by(701) {
+            for must_move in [false, true] {
+                let sent = affordable(all.clone(), room, must_move);
+                assert!(sent.is_sorted_by_key(|change| change.id));
+                let mut first = sorted[..sent.len()].to_vec();
+                first.sort_by_key(|change| change.id);
+                assert_eq!(sent, first);
+                let is_least = must_move && sent.len() == 1;
+                assert!(sent.is_empty() || is_least || cost(&sent) <= room);
+                // One more would not fit.
+                let more = sorted.get(..=sent.len());
+                assert!(more.is_none_or(|more| cost(more) > room));
+                assert!(!must_move || !sent.is_empty());
+            }
+        }
     }
 }

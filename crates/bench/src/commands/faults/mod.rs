@@ -6,6 +6,7 @@
 mod clock;
 mod disk;
 mod grid;
+mod group;
 mod hostile;
 mod kills;
 mod outcome;
@@ -16,6 +17,7 @@ mod recorded;
 mod replayed;
 mod shim;
 mod side_by_side;
+pub(super) mod small;
 pub(super) mod soak;
 mod sonar;
 mod status;
