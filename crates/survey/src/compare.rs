@@ -145,11 +145,10 @@ struct Missing {
 /// The one's confident Gaussians that have nothing confident near them in the other, which looked there; and numbers of those
 /// where it did not look.
 fn missing(of: &[Sample], other: &[Sample], alignment: &Alignment) -> (Vec<Missing>, Vec<usize>) {
-    let most_m = 2.0 * MOST_SIGMA_M.hypot(MOST_EXPLAINING_SIGMA_M) + alignment.sigma_m;
-    let grid = Grid::new(
-        other.iter().map(|sample| sample.at_m),
-        LEAST_M + SIGMAS * most_m,
-    );
+    // No direction has more than the root of all three axes' variances.
+    let most_m = (3.0_f64.sqrt() * MOST_SIGMA_M).hypot(MOST_EXPLAINING_SIGMA_M);
+    let reach_m = LEAST_M + SIGMAS * most_m.hypot(alignment.sigma_m);
+    let grid = Grid::new(other.iter().map(|sample| sample.at_m), reach_m);
     let flat = |at: DVec3| DVec3::new(at.x, at.y, 0.0);
     let ground = Grid::new(other.iter().map(|sample| flat(sample.at_m)), LOOKED_M);
     let (mut found, mut unseen) = (Vec::new(), Vec::new());

@@ -14,6 +14,7 @@ use echosplat_service::exit::Finish;
 use echosplat_service::signals::Stop;
 use echosplat_service::{dives, truth};
 
+use super::grid;
 use super::group::Group;
 use super::outcome::Outcome;
 use super::program::{LOOK_AGAIN, Program};
@@ -36,6 +37,8 @@ const END_LIMIT: Duration = Duration::from_secs(600);
 const PUBLISHED_WITHIN_S: f64 = 0.5;
 /// The finished map is there so soon after the last ping.
 const ENDED_WITHIN_S: f64 = 10.0;
+/// Work that waits for the end may take nearly all of that.
+const SETTINGS: &str = "[pipeline]\nfinish_within_s = 9\n";
 /// Of the map's distance from the truth to that of the whole machine's map.
 const MOST_RATIO: f64 = 1.05;
 
@@ -102,7 +105,10 @@ impl Case<'_> {
     fn lived(&self, outcome: &mut Outcome, whole: Option<&Metrics>) -> anyhow::Result<Metrics> {
         let folder = self.arguments.options.out.join("small");
         fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
-        let map = folder.join(format!("{}.ply", self.scene));
+        let map = folder.join(grid::folder(self.scene) + ".ply");
+        let config = folder.join("config.toml");
+        fs::write(&config, SETTINGS)
+            .with_context(|| format!("cannot write {}", config.display()))?;
         let group = self.processors.map(Group::of).transpose()?;
         let file = match &self.arguments.program {
             Some(program) => program.clone(),
@@ -111,7 +117,8 @@ impl Case<'_> {
         let (sonar_port, bus_port) = (free_port()?, free_port()?);
         let url = format!("tcp://127.0.0.1:{sonar_port}");
         let sonar = Program::start(&file, &self.sonar_words(&url, bus_port), &[])?;
-        let mut service = Program::start(&file, &service_words(&url, bus_port, &map), &[])?;
+        let words = service_words(&url, bus_port, [&config, &map]);
+        let mut service = Program::start(&file, &words, &[])?;
         if let Some(group) = &group {
             group.take(service.id())?;
         }
@@ -189,11 +196,13 @@ impl Case<'_> {
     }
 }
 
-fn service_words(sonar_url: &str, bus_port: u16, map: &Path) -> Vec<String> {
+fn service_words(sonar_url: &str, bus_port: u16, files: [&Path; 2]) -> Vec<String> {
     let listen = format!("listen/endpoints=[\"tcp/127.0.0.1:{bus_port}\"]");
-    let map = map.display().to_string();
+    let [config, map] = files.map(|file| file.display().to_string());
     let words = [
         "run",
+        "--config",
+        &config,
         "--sonar",
         sonar_url,
         "--map",
