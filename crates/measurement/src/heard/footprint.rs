@@ -3,7 +3,7 @@
 use fearless_simd::prelude::*;
 use fearless_simd::{f32x8, mask32x8};
 
-use super::pulses::Pulses;
+use super::pulses::{Pulses, width_steps};
 use super::rows::{Detail, Rows};
 use super::view::{Numbers, View};
 use crate::constants::{BEAM_REACH_SIGMAS, LEAST_FAN, LEAST_VARIANCE_M2};
@@ -286,12 +286,13 @@ fn place_each<S: Simd>(
     let one = f32x8::splat(simd, 1.0);
     let (mut at, mut width) = ([0; LANES], [0; LANES]);
     let (mut inside, mut fraction) = ([0.0; LANES], [0.0; LANES]);
-    let widths = (range_sigma_m * view.bins_per_m).to_array();
+    let widths = range_sigma_m * view.bins_per_m;
+    let (steps, widths) = (width_steps(widths).to_array(), widths.to_array());
     for lane in 0..count {
         if !widths[lane].is_finite() {
             continue;
         }
-        let of_lane = pulses.rounded_width(widths[lane]);
+        let of_lane = pulses.rounded_width(steps[lane]);
         let placed = pulses.steps(of_lane).place(bins, view.ping.bin_count);
         pulses.touch(of_lane, placed.touched);
         at[lane] = placed.at[lane];

@@ -2,9 +2,11 @@
 
 use std::ops::Range;
 
+use fearless_simd::f32x8;
 use fearless_simd::prelude::*;
 
 use super::rows::Rows;
+use crate::lanes;
 use crate::pulse::{GROUP, Pulse, Steps, Weighted};
 
 /// Ratio of widths; grid.
@@ -69,9 +71,10 @@ impl Pulses {
         self.steps.len() - 1
     }
 
-    /// The same of a width among others, rounded to a power of [`WIDTH_STEP`].
-    pub(super) fn rounded_width(&mut self, sigma_bins: f32) -> usize {
-        let step = (sigma_bins.ln() / WIDTH_STEP.ln()).round() as i32;
+    /// The same of the width that is this power of [`WIDTH_STEP`], a whole number: see [`width_steps`].
+    #[inline(always)]
+    pub(super) fn rounded_width(&mut self, step: f32) -> usize {
+        let step = step as i32;
         if let Some(&(_, known)) = self.by_width.iter().find(|(known, _)| *known == step) {
             return known;
         }
@@ -166,6 +169,12 @@ impl Pulses {
         let skipped = bins.start.saturating_add_signed(-first).min(shares.len());
         (bins.clone(), &shares[skipped..skipped + bins.len()])
     }
+}
+
+/// The powers of [`WIDTH_STEP`] that are next to some widths, bins.
+#[inline(always)]
+pub(super) fn width_steps<S: Simd>(sigma_bins: f32x8<S>) -> f32x8<S> {
+    (lanes::ln(sigma_bins) * WIDTH_STEP.ln().recip() + 0.5).floor()
 }
 
 /// Each of `x` so many times over, with room for so many bins and a group before and after.
