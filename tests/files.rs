@@ -23,12 +23,14 @@ import numpy as np
 PROPERTIES = ("x y z nx ny nz f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 "
               "rot_0 rot_1 rot_2 rot_3 reflectivity sigma cov_xx cov_xy cov_xz cov_yy cov_yz cov_zz "
               "probability").split()
-COLORS = "red green blue reason clear measured".split()
+COLORS = "red green blue alpha".split()
+WHY = "reason clear_observations measured".split()
 
 def rows(path):
     header, _, body = open(path, "rb").read().partition(b"end_header\n")
     origin = next(line for line in header.split(b"\n") if line.startswith(b"comment origin_m"))
-    found = np.frombuffer(body, np.dtype([(name, "<f4") for name in PROPERTIES] + [(name, "u1") for name in COLORS]))
+    found = np.frombuffer(body, np.dtype([(name, "<f4") for name in PROPERTIES] + [(name, "u1") for name in COLORS]
+                                        + [(name, "<f8") for name in WHY]))
     return np.array([float(word) for word in origin.split()[2:]]), found
 
 folder = sys.argv[1]

@@ -260,7 +260,7 @@ fn a_slow_reader_gets_all_of_it() {
 #[test]
 fn a_recording_that_fills_the_disk_leaves_room_for_the_map() {
     let folder = tempfile::tempdir().unwrap();
-    let Some(disk) = Tmpfs::mount(folder.path(), 2_400_000) else {
+    let Some(disk) = Tmpfs::mount(folder.path(), 2_880_000) else {
         return;
     };
     let path = |name: &str| disk.0.join(name).display().to_string();

@@ -26,7 +26,7 @@ def places_of(map_file):
     head, _, body = map_file.read_bytes().partition(b"end_header\n")
     lines = [line.split() for line in head.decode().splitlines()]
     origin = next([float(x) for x in line[2:]] for line in lines if line[:2] == ["comment", "origin_m"])
-    kinds = {"float": "<f4", "uchar": "u1"}
+    kinds = {"float": "<f4", "double": "<f8", "uchar": "u1"}
     names = [(line[2], kinds[line[1]]) for line in lines if line[0] == "property"]
     rows = np.frombuffer(body, np.dtype(names))
     return [rows[axis].astype(float) + shift for axis, shift in zip("xyz", origin)]

@@ -32,8 +32,8 @@ FWHM = 2.35482  # full width at half maximum of a Gaussian, in sigmas
 erf = np.frompyfunc(math.erf, 1, 1)
 
 
-# Numbers are floats, and bytes where they are colours.
-KINDS = {"float": "<f4", "uchar": "u1"}
+# Numbers are floats, bytes where they are colours, and doubles where they say why.
+KINDS = {"float": "<f4", "double": "<f8", "uchar": "u1"}
 
 
 def read_ply(path):

@@ -152,13 +152,13 @@ impl Element {
         }
     }
 
-    /// The same with a `uchar` of each name behind them.
+    /// The same with a number of this type of each name behind them.
     #[must_use]
-    pub fn with_bytes(mut self, properties: &[&str]) -> Self {
+    pub fn with(mut self, scalar: Scalar, properties: &[&str]) -> Self {
         self.properties
             .extend(properties.iter().map(|name| Property {
                 name: (*name).to_owned(),
-                kind: Kind::Scalar(Scalar::U8),
+                kind: Kind::Scalar(scalar),
             }));
         self
     }

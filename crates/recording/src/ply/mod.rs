@@ -1,7 +1,10 @@
 //! Maps as 3DGS PLY: binary little-endian, floats in the order of [`PROPERTIES`], then [`COLORS`] and [`WHY`].
 //!
+//! Many programs take every column of such a file for a float. Four bytes and three doubles take the room of seven floats, so
+//! that those programs find the rows, and all floats in them.
+//!
 //! `opacity` is a logit, `scale_*` are natural logarithms of metres, `rot_*` is w x y z, the colour
-//! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels (again as bytes `red green blue`, which
+//! is 0.5 + 0.2820948 · `f_dc` and shows reflectivity in decibels (again as bytes `red green blue alpha`, which
 //! point cloud tools show); `nx ny nz` is the shortest axis.
 //! Last come `reflectivity` (linear), `sigma` (one sigma of the position along its least known direction, metres, may be
 //! infinite), the position's covariance `cov_*` (square metres, world axes) and `probability`, that there is surface
@@ -69,9 +72,9 @@ pub const PROPERTIES: [&str; 26] = [
 ];
 
 /// The bytes of a vertex behind them: its colour, 0 to 255.
-pub const COLORS: [&str; 3] = ["red", "green", "blue"];
+pub const COLORS: [&str; 4] = ["red", "green", "blue", "alpha"];
 
-/// The bytes behind these: which test gave it its verdict, how many observations were clear, and what the test measured.
+/// The doubles behind these, whole numbers from 0 to 255: which test gave it its verdict, how many observations were clear, and what the test measured.
 ///
 /// `Open3D` 0.20 reads no file with a column `clear`, which its dictionaries have as a method.
 pub const WHY: [&str; 3] = ["reason", "clear_observations", "measured"];
@@ -79,7 +82,14 @@ pub const WHY: [&str; 3] = ["reason", "clear_observations", "measured"];
 const WHY_BEFORE: [&str; 3] = ["reason", "clear", "measured"];
 
 /// Bytes of a vertex.
-pub const ROW_BYTES: usize = PROPERTIES.len() * size_of::<f32>() + COLORS.len() + WHY.len();
+pub const ROW_BYTES: usize =
+    PROPERTIES.len() * size_of::<f32>() + COLORS.len() + WHY.len() * size_of::<f64>();
+
+// As many bytes as if all were floats: programs that take every column for one find the rows.
+const _: () = assert!(
+    ROW_BYTES == (PROPERTIES.len() + COLORS.len() + WHY.len()) * size_of::<f32>(),
+    "a row of a map is as long as one of floats alone"
+);
 
 /// What a map's header says besides where its Gaussians are.
 #[derive(Debug, Clone, PartialEq, Default)]

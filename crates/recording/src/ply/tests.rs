@@ -77,11 +77,11 @@ fn the_header_is_the_documented_one() {
     ));
     let end = b"property float sigma\nproperty float cov_xx\nproperty float cov_xy\nproperty float cov_xz\n\
           property float cov_yy\nproperty float cov_yz\nproperty float cov_zz\nproperty float probability\n\
-          property uchar red\nproperty uchar green\nproperty uchar blue\n\
-          property uchar reason\nproperty uchar clear_observations\nproperty uchar measured\nend_header\n";
+          property uchar red\nproperty uchar green\nproperty uchar blue\nproperty uchar alpha\n\
+          property double reason\nproperty double clear_observations\nproperty double measured\nend_header\n";
     let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
-    assert_eq!(bytes.len() - at - end.len(), 26 * 4 + 3 + 3);
-    assert_eq!(ROW_BYTES, 110);
+    assert_eq!(bytes.len() - at - end.len(), 26 * 4 + 4 + 3 * 8);
+    assert_eq!(ROW_BYTES, 132);
 }
 
 #[test]
@@ -132,8 +132,12 @@ fn a_row_holds_logit_logarithms_and_w_first() {
     one.rotation = Quat::IDENTITY;
     let bytes = bytes_of(&map(vec![one]));
     let (floats, rest) = bytes[bytes.len() - ROW_BYTES..].split_at(104);
-    let (color, why) = rest.split_at(3);
-    assert_eq!(why, [2, 12, 40]);
+    let (color, why) = rest.split_at(4);
+    assert_eq!(color[3], 255);
+    let why = why
+        .chunks_exact(8)
+        .map(|b| f64::from_le_bytes(b.try_into().unwrap()));
+    assert!(why.eq([2.0, 12.0, 40.0]));
     let row: Vec<f32> = floats
         .chunks_exact(4)
         .map(|b| f32::from_le_bytes(b.try_into().unwrap()))
@@ -444,6 +448,27 @@ fn a_map_that_an_editor_saved_again_is_read_and_says_what_it_lacks() {
     let list = text.replace("float scalar_opacity", "list uchar float scalar_opacity");
     let error = read(list.as_bytes()).unwrap_err().to_string();
     assert!(error.contains("expected a number"), "{error}");
+}
+
+/// As scripts read files of 3D Gaussian splatting that know of nothing but floats.
+#[test]
+fn a_program_that_takes_every_column_for_a_float_finds_the_rows() {
+    let sent: Vec<Gaussian> = (0..5)
+        .map(|id| gaussian(id, Vec3::new(id as f32, -2.0, 0.5)))
+        .collect();
+    let bytes = bytes_of(&map(sent.clone()));
+    let end = b"end_header\n";
+    let at = bytes.windows(end.len()).position(|w| w == end).unwrap();
+    let (header, body) = (&bytes[..at], &bytes[at + end.len()..]);
+    let columns = String::from_utf8_lossy(header).matches("property ").count();
+    assert_eq!(body.len(), sent.len() * columns * 4);
+    let float = |bytes: &[u8]| f32::from_le_bytes(bytes.try_into().unwrap());
+    for (row, sent) in body.chunks_exact(4 * columns).zip(&sent) {
+        let floats: Vec<f32> = row.chunks_exact(4).map(float).collect();
+        assert_eq!(floats[..3], sent.mean_m.to_array());
+        assert_eq!(floats[18].to_bits(), sent.sigma_m.to_bits());
+        assert_eq!(floats[25].to_bits(), sent.probability.to_bits());
+    }
 }
 
 /// Of every reason, also as an editor saves bytes: as floats with a name of its own, beyond a byte too.

@@ -1,10 +1,10 @@
-//! Gaussians to rows of floats and the bytes of their colour.
+//! Gaussians to rows of floats, the bytes of their colour, and the reason of their verdict.
 
 use std::io::{self, Write};
 
 use echosplat_model::Gaussian;
 use echosplat_model::glam::Vec3;
-use echosplat_ply::{Element, Format, Header, write_floats};
+use echosplat_ply::{Element, Format, Header, Scalar, write_floats};
 
 use super::{COLORS, MapFile, PROPERTIES, WHY, notes};
 use crate::ramp::{bytes_of_color, color_of_reflectivity};
@@ -14,6 +14,9 @@ pub(crate) const HARMONIC_0: f32 = 0.282_094_8;
 
 /// Opacities of exactly 0 and 1 have no finite logit; this one reads back as them to 10⁻¹³.
 const MAX_LOGIT: f64 = 30.0;
+
+/// How much of a point cloud tools show; what it stops of the sound is another matter.
+const OPAQUE: u8 = u8::MAX;
 
 /// Writes one map file; a standing is not kept. What is not sound is left out.
 ///
@@ -25,14 +28,17 @@ pub fn write(map: &MapFile, mut writer: impl Write) -> io::Result<()> {
     let header = Header {
         format: Format::LittleEndian,
         comments: notes::comments(map),
-        elements: vec![vertex.with_bytes(&COLORS).with_bytes(&WHY)],
+        elements: vec![vertex.with(Scalar::U8, &COLORS).with(Scalar::F64, &WHY)],
     };
     header.write(&mut writer)?;
     for gaussian in sound() {
         let color = color_of_reflectivity(gaussian.reflectivity);
         write_floats(&mut writer, &row(gaussian, color))?;
-        writer.write_all(&bytes_of_color(color))?;
-        writer.write_all(&gaussian.why.bytes())?;
+        let [red, green, blue] = bytes_of_color(color);
+        writer.write_all(&[red, green, blue, OPAQUE])?;
+        for number in gaussian.why.bytes() {
+            writer.write_all(&f64::from(number).to_le_bytes())?;
+        }
     }
     writer.flush()
 }
