@@ -84,6 +84,11 @@ fn what_cannot_be_is_refused_in_one_line() {
     let taken = TcpListener::bind("127.0.0.1:0").unwrap();
     let address = format!("tcp://{}", taken.local_addr().unwrap());
     refused(&["emulate", "--listen", &address], &[&address, "in use"]);
+    let page = address.trim_start_matches("tcp://");
+    refused(
+        &["run", "--sonar", "sim://fence", "--web", page],
+        &[page, "in use", "free port"],
+    );
     refused(
         &["emulate", "--listen", "http://x"],
         &["http://x", "tcp://"],

@@ -219,7 +219,7 @@ pub(crate) fn empty() -> Snapshot {
 }
 
 /// Reads a map and its ambiguous part; a missing or foreign file is the user's mistake. What is left
-/// out of it is told here, and [`finish_of`] what that means.
+/// out of it is told here; what that means is told when the command ends.
 ///
 /// # Errors
 /// Names the file and what is wrong with it.

@@ -121,8 +121,8 @@ impl Replayed {
         if dive.scan.settings.is_none() {
             let file = self.paths[0].display();
             losses.push(format!(
-                "{file} lacks its beginning, and with it the settings of the dive: those of --config or \
-                 the defaults are used"
+                "{file} holds no settings of the dive, as what lacks its beginning or was written for ROS: those \
+                 of --config or the defaults are used"
             ));
         }
         losses

@@ -45,7 +45,9 @@ const LOOPBACK_BANDWIDTH_BPS: u64 = 100_000_000;
 #[derive(Debug, thiserror::Error)]
 pub enum WebError {
     /// The address is taken, or none of this machine's.
-    #[error("the page cannot be served at {address}: {error}")]
+    #[error(
+        "the page cannot be served at {address}: {error}; web.address, or --web, takes a free port of this machine"
+    )]
     Listen {
         /// As asked for.
         address: WebAddress,

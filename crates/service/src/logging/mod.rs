@@ -123,7 +123,7 @@ pub(crate) fn figures_line() -> ProgressBar {
 }
 
 /// Prints to standard output, below what was logged before and above any bar. Does not wait for whoever
-/// reads slowly; [`finish`] does.
+/// reads slowly; the end of the program does.
 pub fn print(text: &str) {
     LINES.hide_frame(true);
     LINES.flush(LOG_LIMIT);
