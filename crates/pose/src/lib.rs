@@ -7,8 +7,8 @@
 //! of this program and, where it stamps with a clock of its own, puts the stamps on the pings'
 //! clock. [`GnssSource`] takes fixes of a satellite receiver, which are no poses.
 //!
-//! Deliberately absent: any guess at a pose (a position is moved by its own velocity for half a
-//! second at most), and any judgement of whether poses make sense: `echosplat_join` does that, and
+//! Deliberately absent: any guess at a pose (a position is moved by its own velocity for half a second at most, and where
+//! positions are reckoned the last velocity is carried on for some, with a sigma that grows), and any judgement of whether poses make sense: `echosplat_join` does that, and
 //! says which goes with which ping.
 
 mod advance;
@@ -23,6 +23,7 @@ mod mavlink;
 mod now;
 mod only;
 mod outlet;
+mod reckon;
 mod senders;
 mod source;
 mod source_task;

@@ -179,16 +179,23 @@ impl PoseSource {
         stamps: StampClock,
     ) -> Result<Self, PoseSourceError> {
         let need_bus = || bus.ok_or(PoseSourceError::NoBus);
+        let (of_poses, dvl) = match url {
+            PoseUrl::MavlinkWithDvl { mavlink, dvl } => {
+                (&**mavlink, Some(Address::Tcp(dvl.clone())))
+            }
+            url => (url, None),
+        };
         let over_link = |address, only: Only| {
             let vehicle = OverLink {
                 address,
                 stamps,
                 only,
+                dvl: dvl.clone(),
             };
             Ok(task(runtime, url, Work::Mavlink(vehicle)))
         };
-        match url {
-            PoseUrl::None => Ok(Self::None),
+        match of_poses {
+            PoseUrl::None | PoseUrl::MavlinkWithDvl { .. } => Ok(Self::None),
             PoseUrl::Tum(path) => FilePoses::open(path).map(Self::File),
             PoseUrl::Log(_) => Err(PoseSourceError::NoLog),
             PoseUrl::Zenoh => Ok(live(url, Feed::of_bus(need_bus()?.subscribe_poses()?))),
@@ -206,6 +213,7 @@ impl PoseSource {
                     messages: Arc::new(messages),
                     stamps,
                     only: *only,
+                    dvl: dvl.clone(),
                 };
                 Ok(task(runtime, url, Work::MavlinkOnBus(server)))
             }

@@ -67,6 +67,14 @@ pub enum PoseUrl {
         /// Whose messages.
         only: Only,
     },
+    /// Any of the four with `?velocity=dvl://HOST[:PORT]`: positions are reckoned of the autopilot's attitude and height and a
+    /// Water Linked DVL's velocities, while the autopilot sends none.
+    MavlinkWithDvl {
+        /// One of the four.
+        mavlink: Box<PoseUrl>,
+        /// `host:port`.
+        dvl: String,
+    },
     /// `dvl://HOST[:PORT]`: a Water Linked DVL's dead reckoning.
     Dvl(String),
     /// `log://`: in the log that is replayed; `log://TOPIC` of an MCAP file with several.
@@ -78,7 +86,7 @@ pub enum PoseUrl {
 /// Every form, for messages and help.
 pub const POSE_URL_FORMS: &str = "zenoh://[KEY], ros2:///TOPIC, mavlink+udp://HOST:PORT[?out], \
      mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
-     each of these four with [?system=N&component=M], dvl://HOST, log://, tum://POSES.tum or none";
+     each of these four with [?system=N&component=M] and [?velocity=dvl://HOST], dvl://HOST, log://, tum://POSES.tum or none";
 
 /// A text that names no pose source.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -107,7 +115,11 @@ impl FromStr for PoseUrl {
                 _ => Err(PoseUrlError::Unknown(text.to_owned())),
             };
         };
-        let parsed = of_scheme(&scheme.to_ascii_lowercase(), rest);
+        let scheme = scheme.to_ascii_lowercase();
+        let parsed = match scheme.starts_with("mavlink+") {
+            true => mavlink_with_dvl(&scheme, rest),
+            false => of_scheme(&scheme, rest),
+        };
         let wrong = |reason| PoseUrlError::Wrong {
             text: text.to_owned(),
             reason,
@@ -143,6 +155,32 @@ fn of_scheme(scheme: &str, rest: &str) -> Option<Result<PoseUrl, String>> {
     })
 }
 
+/// What begins a part of a query that names a DVL.
+const VELOCITY: &str = "velocity=";
+
+/// With `velocity=` taken out of the query first, since it is all schemes'. `None` for an unknown scheme.
+fn mavlink_with_dvl(scheme: &str, rest: &str) -> Option<Result<PoseUrl, String>> {
+    let (before, query) = rest.split_once('?').unwrap_or((rest, ""));
+    let (dvls, others): (Vec<&str>, Vec<&str>) =
+        query.split('&').partition(|part| part.starts_with(VELOCITY));
+    let rest = match others.join("&") {
+        others if others.is_empty() => before.to_owned(),
+        others => format!("{before}?{others}"),
+    };
+    let parsed = of_scheme(scheme, &rest)?;
+    Some(match dvls[..] {
+        [] => parsed,
+        [dvl] => parsed.and_then(|mavlink| {
+            let address = dvl[VELOCITY.len()..].strip_prefix("dvl://").unwrap_or("");
+            let dvl = host_and_port(address, DEFAULT_DVL_PORT);
+            let dvl = dvl.map_err(|why| format!("`velocity=`: {why}, as in velocity=dvl://192.168.2.95"))?;
+            let mavlink = Box::new(mavlink);
+            Ok(PoseUrl::MavlinkWithDvl { mavlink, dvl })
+        }),
+        _ => Err("`velocity` stands there twice".to_owned()),
+    })
+}
+
 fn is_trajectory(path: &str) -> bool {
     let extension = Path::new(path).extension();
     extension.is_some_and(|ext| ext.eq_ignore_ascii_case("tum") || ext.eq_ignore_ascii_case("txt"))
@@ -175,7 +213,8 @@ fn with_query<'a>(
     for part in query.split('&').filter(|part| !part.is_empty()) {
         if !own(part)? && !only.take(part)? {
             return Err(format!(
-                "`?{part}` is unknown; {known}`?system=1&component=1` names the sender"
+                "`?{part}` is unknown; {known}`?system=1&component=1` names the sender, `?velocity=dvl://HOST` a DVL whose \
+                 velocities are used"
             ));
         }
     }
@@ -297,6 +336,11 @@ impl fmt::Display for PoseUrl {
             Self::MavlinkZenoh { prefix, only } => {
                 write!(f, "mavlink+zenoh://{prefix}{}", query(None, *only))
             }
+            Self::MavlinkWithDvl { mavlink, dvl } => {
+                let mavlink = mavlink.to_string();
+                let and = if mavlink.contains('?') { '&' } else { '?' };
+                write!(f, "{mavlink}{and}{VELOCITY}dvl://{dvl}")
+            }
             Self::Dvl(address) => write!(f, "dvl://{address}"),
             Self::Log(topic) => write!(f, "log://{}", topic.as_deref().unwrap_or("")),
             Self::Tum(path) => write!(f, "tum://{}", path.display()),
@@ -391,6 +435,20 @@ mod tests {
             ("mavlink+zenoh://", zenoh("mavlink", only(0, 0))),
             ("mavlink+zenoh://sea/m", zenoh("sea/m", only(0, 0))),
             (
+                "mavlink+tcp://rov?velocity=dvl://192.168.2.95&system=2",
+                PoseUrl::MavlinkWithDvl {
+                    mavlink: Box::new(tcp("rov:5760", only(2, 0))),
+                    dvl: "192.168.2.95:16171".into(),
+                },
+            ),
+            (
+                "mavlink+zenoh://?velocity=dvl://[::1]:9",
+                PoseUrl::MavlinkWithDvl {
+                    mavlink: Box::new(zenoh("mavlink", only(0, 0))),
+                    dvl: "[::1]:9".into(),
+                },
+            ),
+            (
                 "dvl://192.168.2.95",
                 PoseUrl::Dvl("192.168.2.95:16171".into()),
             ),
@@ -427,6 +485,13 @@ mod tests {
             ("mavlink+tcp://a?component=256", "1 to 255"),
             ("mavlink+zenoh://?system=1&system=2", "twice"),
             ("mavlink+zenoh://m?sysid=1", "?system=1&component=1"),
+            ("mavlink+udp://a?velocity=192.168.2.95", "velocity=dvl://"),
+            ("mavlink+udp://a?velocity=dvl://", "velocity=dvl://"),
+            (
+                "mavlink+udp://a?velocity=dvl://b&velocity=dvl://c",
+                "twice",
+            ),
+            ("mavlink+usb://a?velocity=dvl://b", "none of"),
             ("dvl://", "HOST:16171"),
             ("dvl://::1", "[::1]"),
             ("http://rov", "dvl://HOST"),

@@ -6,6 +6,8 @@
 //! is given for each of both. Those at velocities wait for the position behind them, since only
 //! positions come with an attitude; between positions more than half a second apart there are none.
 //! The world is the frame of that reset turned to z up: x as it was, y left.
+//!
+//! Beside an autopilot, whose attitude is better than the DVL's, [`velocities`] gives velocities alone.
 
 mod devices;
 mod report;
@@ -14,14 +16,18 @@ mod track;
 use std::convert::Infallible;
 use std::io;
 
-use echosplat_model::Timestamp;
+use crossbeam_channel::Sender;
+use echosplat_model::{Timestamp, flu_from_frd};
 use tokio::task::block_in_place;
 
 use self::report::Report;
 use self::track::Track;
-use crate::link::{Address, BackOff};
+use crate::link::{Address, BackOff, Link};
+use crate::mavlink::beside::News;
+use crate::mavlink::reckoning::{Stamp, Teller, Told};
 use crate::now::now;
 use crate::outlet::Outlet;
+use crate::reckon::Axes;
 use crate::status::PoseSourceStatus;
 use echosplat_join::StampClock;
 
@@ -67,7 +73,79 @@ async fn read(
     outlet: &mut Outlet,
 ) -> io::Result<Infallible> {
     let opening = outlet.meanwhile(|| status(track, outlet, now()), address.open());
-    let mut link = opening.await?;
+    let link = opening.await?;
+    let take = |read: Read| match read {
+        Read::Report(report, arrived) => {
+            if let Ok(Some(_)) = report {
+                outlet.link("up");
+            }
+            let poses = track.take(report, arrived);
+            poses.into_iter().for_each(|pose| outlet.hand_on(pose));
+        }
+        Read::All(arrived) => outlet.tell(status(track, outlet, arrived)),
+    };
+    reports(link, back_off, take).await
+}
+
+/// Connects, reads velocities, connects again; positions are left alone.
+pub(crate) async fn velocities(address: &Address, news: &Sender<News>) -> Infallible {
+    let mut back_off = BackOff::default();
+    let name = address.name();
+    // With the queue full nobody takes anything: the newest is of no use later.
+    let tell = |what: News| drop(news.try_send(what));
+    tell(News::Link(format!("waiting for it on {name}")));
+    loop {
+        let taken = |read: Read| {
+            if let Read::Report(Ok(Some(report)), arrived) = read {
+                tell(News::Link("up".to_owned()));
+                told_of(&report).into_iter().for_each(|told| tell(News::Velocity(told, arrived)));
+            }
+        };
+        let lost = match address.open().await {
+            Ok(link) => reports(link, &mut back_off, taken).await,
+            Err(error) => Err(error),
+        };
+        let Err(error) = lost;
+        tell(News::Link(format!("lost: {name}: {error}; trying again")));
+        back_off.wait().await;
+    }
+}
+
+/// A velocity that can be one; none without the bottom.
+fn told_of(report: &Report) -> Option<Told> {
+    let Report::Velocity {
+        valid_us,
+        sent_us,
+        velocity_mps,
+        is_valid: true,
+    } = *report
+    else {
+        return None;
+    };
+    Some(Told {
+        teller: Teller::Dvl,
+        sender: crate::mavlink::message::Sender::default(),
+        stamp: Stamp::Own(sent_us.saturating_mul(1_000)),
+        before_s: sent_us.saturating_sub(valid_us) as f64 * 1e-6,
+        axes: Axes::Vehicle,
+        mps: flu_from_frd(velocity_mps),
+    })
+}
+
+/// What one read gives.
+enum Read {
+    /// A line, and when it came.
+    Report(Result<Option<Report>, String>, Timestamp),
+    /// There is no more by now.
+    All(Timestamp),
+}
+
+/// Reads reports until the connection is lost.
+async fn reports(
+    mut link: Link,
+    back_off: &mut BackOff,
+    mut take: impl FnMut(Read),
+) -> io::Result<Infallible> {
     let mut lines = Lines::default();
     let mut buffer = [0; 4096];
     let mut heard_at = now();
@@ -80,12 +158,10 @@ async fn read(
                 if let Ok(Some(_)) = report {
                     heard_at = arrived;
                     back_off.reset();
-                    outlet.link("up");
                 }
-                let poses = track.take(report, arrived);
-                poses.into_iter().for_each(|pose| outlet.hand_on(pose));
+                take(Read::Report(report, arrived));
             });
-            outlet.tell(status(track, outlet, arrived));
+            take(Read::All(arrived));
         });
         if arrived.seconds_since(heard_at).abs() > SILENT_AFTER_S {
             let what = "it sends no reports";

@@ -18,7 +18,7 @@ use crate::mavlink::message::{Message, Sender, Station};
 use crate::mavlink::origin::OriginEpochs;
 use crate::mavlink::vehicle::Vehicle;
 use echosplat_georeference::Georeference;
-use echosplat_join::{ArrivedPose, StampClock};
+use echosplat_join::ArrivedPose;
 
 const NANOS_PER_MILLI: i64 = 1_000_000;
 /// Stamps beyond 2001 are Unix time already, not time since boot.
@@ -94,12 +94,29 @@ impl Voice {
         Self {
             sender,
             is_autopilot: false,
-            vehicle: Vehicle::new(StampClock::Data),
+            vehicle: Vehicle::of_log(),
             session: Session::default(),
             poses: Vec::new(),
             epoch: None,
             epochs: OriginEpochs::default(),
             origins: Vec::new(),
+        }
+    }
+
+    /// When what has no stamp of its own counts as arrived.
+    fn newest_boot(&self) -> Timestamp {
+        Timestamp::from_nanos(self.vehicle.newest_boot().unwrap_or(0))
+    }
+
+    fn keep(&mut self, poses: Vec<ArrivedPose>) {
+        for pose in poses {
+            // One that is reckoned waits for what completes it, and is older than that.
+            let heard = pose.pose.time.max(pose.arrived);
+            self.session.unmatched_boot = Some(heard.nanos());
+            self.session.poses.push(pose);
+            if self.epoch.replace(pose.pose.epoch) != Some(pose.pose.epoch) {
+                self.note_origin();
+            }
         }
     }
 
@@ -164,14 +181,30 @@ impl Log {
                 return;
             }
         };
+        if message.is_aiding() {
+            // From whomever, it may tell any of the vehicles how it moves.
+            for voice in &mut self.voices {
+                let poses = voice.vehicle.aided(sender, &message, voice.newest_boot());
+                voice.keep(poses);
+            }
+            return;
+        }
         let Some(voice) = voice_of(&mut self.voices, sender) else {
             return;
         };
         if let Message::Heartbeat(station) = message {
             voice.is_autopilot = station == Station::Autopilot;
         }
-        if let Message::GlobalOrigin(_) | Message::GlobalPosition { .. } = message {
-            voice.vehicle.take(message, Timestamp::ZERO);
+        let is_beside = matches!(
+            message,
+            Message::GlobalOrigin(_)
+                | Message::GlobalPosition { .. }
+                | Message::Height(_)
+                | Message::EstimateStatus { .. }
+        );
+        if is_beside {
+            let poses = voice.vehicle.take(message, voice.newest_boot());
+            voice.keep(poses);
             return voice.note_origin();
         }
         let Some(boot) = boot_nanos(&message) else {
@@ -180,13 +213,8 @@ impl Log {
         self.position_count += u64::from(matches!(message, Message::Position { .. }));
         // When it arrived is not written down; of a log only the order matters.
         let arrived = Timestamp::from_nanos(boot);
-        if let Some(pose) = voice.vehicle.take(message, arrived) {
-            voice.session.unmatched_boot = Some(pose.pose.time.nanos());
-            voice.session.poses.push(pose);
-            if voice.epoch.replace(pose.pose.epoch) != Some(pose.pose.epoch) {
-                voice.note_origin();
-            }
-        }
+        let poses = voice.vehicle.take(message, arrived);
+        voice.keep(poses);
     }
 
     fn take_profile(&mut self, frame: &Frame<'_>) {
@@ -244,8 +272,8 @@ impl Log {
             None if self.packet_count == 0 => "there are no MAVLink packets (id 150) in it".into(),
             None if made_count > 0 => "there are no profiles to tell the sonar's clock by".into(),
             None if received && self.position_count == 0 => {
-                "its MAVLink packets have attitudes but no LOCAL_POSITION_NED and no ODOMETRY: \
-                 the vehicle knew no position"
+                "its MAVLink packets have attitudes but no LOCAL_POSITION_NED, no ODOMETRY and no velocity over ground for 5 s \
+                 (VISION_POSITION_DELTA): the vehicle knew no position"
                     .into()
             }
             None => format!(

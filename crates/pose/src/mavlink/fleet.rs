@@ -7,6 +7,7 @@ use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_model::Timestamp;
 
 use super::message::{Message, Sender, Station};
+use super::reckoning::Told;
 use super::vehicle::Vehicle;
 use crate::only::Only;
 use crate::senders::{Heard, Rank, Rules, Senders};
@@ -31,6 +32,8 @@ struct Member {
 pub(crate) struct Fleet {
     stamps: StampClock,
     only: Only,
+    /// Whether velocities are those of a DVL beside the link, and nobody else's.
+    has_dvl: bool,
     senders: Senders<Sender>,
     /// In the order of the senders' table.
     members: Vec<Member>,
@@ -43,7 +46,7 @@ pub(crate) struct Fleet {
 }
 
 impl Fleet {
-    pub(crate) fn new(stamps: StampClock, only: Only) -> Self {
+    pub(crate) fn new(stamps: StampClock, only: Only, has_dvl: bool) -> Self {
         let rules = Rules {
             silent_s: SILENT_S,
             settled_s: SETTLED_S,
@@ -52,6 +55,7 @@ impl Fleet {
         Self {
             stamps,
             only,
+            has_dvl,
             senders: Senders::new(rules),
             members: Vec::new(),
             of_others: 0,
@@ -69,6 +73,10 @@ impl Fleet {
         arrived: Timestamp,
         mut take: impl FnMut(ArrivedPose),
     ) {
+        if message.is_aiding() {
+            self.aid(sender, &message, arrived);
+            return self.hand_on(&mut take);
+        }
         let is_of_pose = message.is_of_pose();
         let rank = self.rank_of(sender, None);
         let Some((index, is_new)) = self.senders.hear(sender, rank, arrived) else {
@@ -89,10 +97,50 @@ impl Fleet {
         }
         let is_others = self.senders.used().is_some_and(|used| used != index);
         self.of_others += u64::from(is_of_pose && is_others);
-        if let Some(pose) = self.members[index].vehicle.take(message, arrived) {
+        for pose in self.members[index].vehicle.take(message, arrived) {
             self.senders.pose(index, pose, &mut self.out);
         }
         self.hand_on(&mut take);
+    }
+
+    /// What somebody tells autopilots of their velocity: whose system is another vehicle's does not tell this one.
+    fn aid(&mut self, sender: Sender, message: &Message, arrived: Timestamp) {
+        let systems: Vec<u32> = self.autopilots().map(|id| id.system).collect();
+        let ids: Vec<(usize, Sender)> = self.senders.ids().map(|(index, id, _)| (index, id)).collect();
+        for (index, id) in ids {
+            let is_anothers = id.system != sender.system && systems.contains(&sender.system);
+            if self.only.allows(id) && !is_anothers {
+                let poses = self.members[index].vehicle.aided(sender, message, arrived);
+                let all = poses.into_iter();
+                all.for_each(|pose| self.senders.pose(index, pose, &mut self.out));
+            }
+        }
+    }
+
+    fn autopilots(&self) -> impl Iterator<Item = Sender> {
+        let all = self.senders.ids();
+        all.filter(|(_, _, rank)| *rank == Rank::Vehicle).map(|(_, id, _)| id)
+    }
+
+    /// A velocity over ground of the vehicle by a source beside the link; `take` gets the poses that it completes.
+    pub(crate) fn moves(
+        &mut self,
+        told: &Told,
+        arrived: Timestamp,
+        mut take: impl FnMut(ArrivedPose),
+    ) {
+        let ids: Vec<(usize, Sender)> = self.senders.ids().map(|(index, id, _)| (index, id)).collect();
+        for (index, _) in ids.into_iter().filter(|(_, id)| self.only.allows(*id)) {
+            let poses = self.members[index].vehicle.moves(told, arrived);
+            let all = poses.into_iter();
+            all.for_each(|pose| self.senders.pose(index, pose, &mut self.out));
+        }
+        self.hand_on(&mut take);
+    }
+
+    /// What positions of the sender used are reckoned of, in words; `None` where they are not.
+    pub(crate) fn reckons(&self) -> Option<String> {
+        self.members[self.senders.used()?].vehicle.reckons()
     }
 
     /// To be called now and then: what waited to be decided may be.
@@ -112,8 +160,12 @@ impl Fleet {
     }
 
     fn begin(&mut self, index: usize) {
+        let mut vehicle = Vehicle::new(self.stamps);
+        if self.has_dvl {
+            vehicle.keep_to_dvl();
+        }
         let member = Member {
-            vehicle: Vehicle::new(self.stamps),
+            vehicle,
             station: None,
             was_used: false,
         };

@@ -76,7 +76,7 @@ fn heard(speakers: &[Speaker], only: &str, until_ms: i64) -> (Runs, PoseSourceSt
     for part in only.split('&').filter(|part| !part.is_empty()) {
         assert_eq!(query.take(part), Ok(true), "{part}");
     }
-    let mut fleet = Fleet::new(StampClock::Host, query);
+    let mut fleet = Fleet::new(StampClock::Host, query, false);
     let mut poses: Vec<ArrivedPose> = Vec::new();
     let at = |now_ms| Timestamp::from_millis(UNIX_MS + now_ms);
     for now_ms in (0..until_ms).step_by(20) {

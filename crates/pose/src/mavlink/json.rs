@@ -6,9 +6,12 @@
 //! are not finite stand as `NaN` and `Infinity`.
 
 use echosplat_model::glam::DVec3;
+use mavlink::dialects::ardupilotmega::EkfStatusFlags;
 use serde_json::{Map, Value};
 
-use super::message::{Message, Odometry, Sender, Station, ned_from_frd, of_wxyz};
+use super::message::{
+    Message, Odometry, Sender, Station, has_velocity, ned_from_frd, of_cmps, of_wxyz,
+};
 use super::origin::Fix;
 use crate::fault::quoted;
 
@@ -93,6 +96,24 @@ fn message(fields: &Fields<'_>) -> Result<Option<Message>, String> {
         "GLOBAL_POSITION_INT" => Message::GlobalPosition {
             boot_ms: fields.integer("time_boot_ms")?,
             fix: fields.fix(["lat", "lon", "alt"])?,
+            height_m: fields.number("relative_alt").unwrap_or(0.0) * 1e-3,
+            velocity_ned_mps: fields
+                .vector(["vx", "vy", "vz"])
+                .map_or(DVec3::NAN, |cmps| of_cmps(cmps.to_array())),
+        },
+        "VFR_HUD" => return Ok(fields.number("alt").ok().map(Message::Height)),
+        "EKF_STATUS_REPORT" => Message::EstimateStatus {
+            has_velocity: fields.flags("flags").is_some_and(has_velocity),
+        },
+        "VISION_POSITION_DELTA" => Message::PositionDelta {
+            time_us: fields.integer("time_usec")?,
+            delta_us: fields.integer("time_delta_usec")?,
+            moved_frd_m: DVec3::from_array(fields.numbers("position_delta")?),
+            confidence: fields.number("confidence")?,
+        },
+        "VISION_SPEED_ESTIMATE" => Message::Speed {
+            time_us: fields.integer("usec")?,
+            velocity_mps: fields.vector(["x", "y", "z"])?,
         },
         _ => return Ok(None),
     }))
@@ -105,6 +126,7 @@ fn odometry(fields: &Fields<'_>) -> Result<Odometry, String> {
         child_frame: fields.frame("child_frame_id")?,
         position_m: fields.vector(["x", "y", "z"])?,
         frame_from_body: of_wxyz(fields.numbers("q")?),
+        velocity_mps: fields.vector(["vx", "vy", "vz"]).unwrap_or(DVec3::NAN),
         covariance: fields.numbers("pose_covariance").unwrap_or([f64::NAN; 21]),
         reset_counter: fields.integer("reset_counter").unwrap_or(0),
         quality: fields.number("quality").map_or(0, |quality| quality as i64),
@@ -163,6 +185,16 @@ impl Fields<'_> {
         let value = self.value(key)?;
         let name = value.get("type").unwrap_or(value).as_str();
         name.ok_or_else(|| format!("`{key}` of {} is no name", quoted(self.name)))
+    }
+
+    /// Of `EKF_STATUS_REPORT`: a number, an object with one as `bits`, or names between bars.
+    fn flags(&self, key: &str) -> Option<EkfStatusFlags> {
+        let value = self.value(key).ok()?;
+        if let Some(bits) = value.get("bits").unwrap_or(value).as_u64() {
+            return Some(EkfStatusFlags::from_bits_truncate(bits as u16));
+        }
+        let names = value.as_str()?.split('|').map(str::trim);
+        Some(names.filter_map(EkfStatusFlags::from_name).collect())
     }
 
     /// A `MAV_FRAME`: its number, its name, or an object with its name.

@@ -3,7 +3,7 @@
 use std::fmt;
 
 use echosplat_model::glam::{DQuat, DVec3, EulerRot};
-use mavlink::dialects::ardupilotmega::MavMessage;
+use mavlink::dialects::ardupilotmega::{EkfStatusFlags, MavMessage};
 
 use super::origin::Fix;
 
@@ -106,7 +106,28 @@ pub(crate) enum Message {
     /// `GPS_GLOBAL_ORIGIN` (49).
     GlobalOrigin(Fix),
     /// `GLOBAL_POSITION_INT` (33).
-    GlobalPosition { boot_ms: u32, fix: Fix },
+    GlobalPosition {
+        boot_ms: u32,
+        fix: Fix,
+        /// Above home, metres.
+        height_m: f64,
+        velocity_ned_mps: DVec3,
+    },
+    /// `VFR_HUD` (74): `alt`, of an ArduSub above the surface, metres.
+    Height(f64),
+    /// `EKF_STATUS_REPORT` (193): whether its level velocity is an estimate, and not held at zero.
+    EstimateStatus { has_velocity: bool },
+    /// `VISION_POSITION_DELTA` (11011).
+    PositionDelta {
+        /// Since boot of whoever counts; 0 from the Water Linked extension of BlueOS.
+        time_us: u64,
+        delta_us: u64,
+        moved_frd_m: DVec3,
+        /// Per cent.
+        confidence: f64,
+    },
+    /// `VISION_SPEED_ESTIMATE` (103).
+    Speed { time_us: u64, velocity_mps: DVec3 },
 }
 
 /// `ODOMETRY` (331).
@@ -120,11 +141,20 @@ pub(crate) struct Odometry {
     pub(crate) child_frame: u32,
     pub(crate) position_m: DVec3,
     pub(crate) frame_from_body: DQuat,
+    /// Along the child frame's axes.
+    pub(crate) velocity_mps: DVec3,
     /// Upper triangle, row by row; NaN first if unknown.
     pub(crate) covariance: [f64; 21],
     pub(crate) reset_counter: u8,
     /// Per cent; −1 if it has failed, 0 if unknown.
     pub(crate) quality: i64,
+}
+
+impl Odometry {
+    /// Whether it knows how fast it is and not where, which `MAVLink` writes NaN.
+    pub(crate) fn lacks_position(&self) -> bool {
+        self.position_m.is_nan() && self.velocity_mps.is_finite()
+    }
 }
 
 /// Yaw about down, then pitch about right, then roll about forward.
@@ -139,6 +169,22 @@ pub(crate) fn of_wxyz(q: [f64; 4]) -> DQuat {
 
 fn vector(x: f32, y: f32, z: f32) -> DVec3 {
     DVec3::new(f64::from(x), f64::from(y), f64::from(z))
+}
+
+/// `relative_alt` of `GLOBAL_POSITION_INT`.
+pub(crate) fn millimetres(height_mm: i32) -> f64 {
+    f64::from(height_mm) * 1e-3
+}
+
+/// Velocities of `GLOBAL_POSITION_INT`, centimetres a second.
+pub(crate) fn of_cmps(cmps: [f64; 3]) -> DVec3 {
+    DVec3::from_array(cmps) * 1e-2
+}
+
+/// An estimate that nothing aids is held where it is, and its velocity at zero.
+pub(crate) fn has_velocity(flags: EkfStatusFlags) -> bool {
+    flags.contains(EkfStatusFlags::EKF_VELOCITY_HORIZ)
+        && !flags.contains(EkfStatusFlags::EKF_CONST_POS_MODE)
 }
 
 impl Message {
@@ -166,6 +212,7 @@ impl Message {
                 child_frame: m.child_frame_id as u32,
                 position_m: vector(m.x, m.y, m.z),
                 frame_from_body: of_wxyz(m.q.map(f64::from)),
+                velocity_mps: vector(m.vx, m.vy, m.vz),
                 covariance: m.pose_covariance.map(f64::from),
                 reset_counter: m.reset_counter,
                 quality: m.quality.into(),
@@ -194,9 +241,34 @@ impl Message {
                     longitude_e7: m.lon,
                     height_mm: m.alt,
                 },
+                height_m: millimetres(m.relative_alt),
+                velocity_ned_mps: of_cmps([m.vx, m.vy, m.vz].map(f64::from)),
+            },
+            MavMessage::VFR_HUD(m) => Self::Height(m.alt.into()),
+            MavMessage::EKF_STATUS_REPORT(m) => Self::EstimateStatus {
+                has_velocity: has_velocity(m.flags),
+            },
+            MavMessage::VISION_POSITION_DELTA(m) => Self::PositionDelta {
+                time_us: m.time_usec,
+                delta_us: m.time_delta_usec,
+                moved_frd_m: DVec3::from_array(m.position_delta.map(f64::from)),
+                confidence: m.confidence.into(),
+            },
+            MavMessage::VISION_SPEED_ESTIMATE(m) => Self::Speed {
+                time_us: m.usec,
+                velocity_mps: vector(m.x, m.y, m.z),
             },
             _ => return None,
         })
+    }
+
+    /// Whether it tells a velocity of the vehicle to its autopilot, and so may come from somebody else: a companion computer.
+    pub(crate) fn is_aiding(&self) -> bool {
+        match self {
+            Self::PositionDelta { .. } | Self::Speed { .. } => true,
+            Self::Odometry(odometry) => odometry.lacks_position(),
+            _ => false,
+        }
     }
 
     /// Whether it says where or how the vehicle is.

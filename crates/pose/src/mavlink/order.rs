@@ -181,6 +181,12 @@ impl Order {
         content: u64,
         arrived: Timestamp,
     ) -> Step {
+        let stamp = self.unwrapped(boot_ms);
+        self.step(kind, stamp, content, arrived)
+    }
+
+    /// A `time_boot_ms` in nanoseconds, on the turn that is nearest to the newest.
+    pub(crate) fn unwrapped(&self, boot_ms: u32) -> i64 {
         let newest = self.newest.unwrap_or(0).div_euclid(NANOS_PER_MILLI);
         let mut unwrapped = newest.div_euclid(WRAP_MS) * WRAP_MS + i64::from(boot_ms);
         // A whole turn less by more than half is the next turn.
@@ -189,12 +195,12 @@ impl Order {
         } else if unwrapped - newest > WRAP_MS / 2 && unwrapped >= WRAP_MS {
             unwrapped -= WRAP_MS;
         }
-        self.step(
-            kind,
-            unwrapped.saturating_mul(NANOS_PER_MILLI),
-            content,
-            arrived,
-        )
+        unwrapped.saturating_mul(NANOS_PER_MILLI)
+    }
+
+    /// The newest heard, nanoseconds.
+    pub(crate) fn newest(&self) -> Option<i64> {
+        self.newest
     }
 
     /// Of a stamp that does not wrap, nanoseconds. `content` stands for what the message says.
@@ -377,7 +383,11 @@ pub(crate) fn content_of(message: &Message) -> u64 {
         Message::TimeSync { .. }
         | Message::Heartbeat { .. }
         | Message::GlobalOrigin(_)
-        | Message::GlobalPosition { .. } => {}
+        | Message::GlobalPosition { .. }
+        | Message::Height(_)
+        | Message::EstimateStatus { .. }
+        | Message::PositionDelta { .. }
+        | Message::Speed { .. } => {}
     }
     hasher.finish()
 }

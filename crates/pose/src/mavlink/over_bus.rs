@@ -12,11 +12,14 @@ use echosplat_join::StampClock;
 use echosplat_model::Timestamp;
 use tokio::task::{block_in_place, spawn_blocking};
 
+use super::beside::Beside;
 use super::fleet::Fleet;
 use super::frames::Frames;
 use super::json;
 use super::message::Sender;
-use super::run::SILENT_AFTER_S;
+use super::run::{SILENT_AFTER_S, up};
+use crate::dvl::velocities;
+use crate::link::Address;
 use crate::now::now;
 use crate::only::Only;
 use crate::outlet::Outlet;
@@ -28,7 +31,7 @@ const RAW_PREFERRED_FOR_S: f64 = 3.0;
 /// What the key of raw messages ends in.
 const RAW_END: &str = "_raw/out";
 /// Names of the messages that are taken as JSON.
-const JSON_MESSAGES: [&str; 8] = [
+const JSON_MESSAGES: [&str; 12] = [
     "ATTITUDE",
     "ATTITUDE_QUATERNION",
     "HEARTBEAT",
@@ -37,6 +40,10 @@ const JSON_MESSAGES: [&str; 8] = [
     "GLOBAL_POSITION_INT",
     "ODOMETRY",
     "SYSTEM_TIME",
+    "VFR_HUD",
+    "EKF_STATUS_REPORT",
+    "VISION_POSITION_DELTA",
+    "VISION_SPEED_ESTIMATE",
 ];
 
 /// All keys of a server.
@@ -53,22 +60,42 @@ pub(crate) struct OnBus {
     pub(crate) messages: Arc<MessageSubscription>,
     pub(crate) stamps: StampClock,
     pub(crate) only: Only,
+    /// Whose velocities are used, beside the vehicle's attitude and height.
+    pub(crate) dvl: Option<Address>,
 }
 
 impl OnBus {
     pub(crate) async fn run(&self, outlet: &mut Outlet) {
-        let mut server = Server::new(Fleet::new(self.stamps, self.only));
+        let Some(dvl) = &self.dvl else {
+            return self.listen(None, outlet).await;
+        };
+        let (news, beside) = Beside::new();
+        tokio::select! {
+            never = velocities(dvl, &news) => match never {},
+            () = self.listen(Some(beside), outlet) => {}
+        }
+    }
+
+    async fn listen(&self, mut beside: Option<Beside>, outlet: &mut Outlet) {
+        let mut server = Server::new(Fleet::new(self.stamps, self.only, beside.is_some()));
         loop {
             let source = Arc::clone(&self.messages);
             let received = spawn_blocking(move || source.next_within(BUS_WAIT)).await;
             // It does not panic.
             let received = received.ok().flatten();
             let at = now();
+            if let Some(beside) = &mut beside {
+                beside.feed(&mut server.fleet, outlet);
+            }
             if let Some(received) = received {
                 server.take(&received, at, outlet);
             }
             server.fleet.settle(at, |pose| outlet.hand_on(pose));
-            outlet.link(server.link(at));
+            let link = server.link(at);
+            outlet.link(match &beside {
+                Some(beside) => beside.beside(link),
+                None => link,
+            });
             let mut status = server.fleet.status(at);
             status.dropped_full += self.messages.dropped();
             block_in_place(|| outlet.tell(status));
@@ -153,14 +180,14 @@ impl Server {
         }
     }
 
-    fn link(&self, at: Timestamp) -> &'static str {
+    fn link(&self, at: Timestamp) -> String {
         match self.heard_at {
             Some(heard) if at.seconds_since(heard).abs() <= SILENT_AFTER_S => match self.is_raw {
-                true => "up, raw MAVLink",
-                false => "up",
+                true => up("up, raw MAVLink", &self.fleet),
+                false => up("up", &self.fleet),
             },
-            Some(_) => "waiting for the MAVLink server on zenoh: it fell silent",
-            None => "waiting for a MAVLink server on zenoh",
+            Some(_) => "waiting for the MAVLink server on zenoh: it fell silent".to_owned(),
+            None => "waiting for a MAVLink server on zenoh".to_owned(),
         }
     }
 }

@@ -7,10 +7,12 @@ use echosplat_model::Timestamp;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use tokio::task::block_in_place;
 
+use super::beside::Beside;
 use super::fleet::Fleet;
 use super::frames::{Frames, frame};
 use super::message::Message;
 use super::requests::{Requests, timesync_answer};
+use crate::dvl::velocities;
 use crate::link::{Address, BackOff};
 use crate::now::now;
 use crate::only::Only;
@@ -27,16 +29,30 @@ pub(crate) struct OverLink {
     pub(crate) address: Address,
     pub(crate) stamps: StampClock,
     pub(crate) only: Only,
+    /// Whose velocities are used, beside the vehicle's attitude and height.
+    pub(crate) dvl: Option<Address>,
 }
 
 impl OverLink {
     /// Opens the link, feeds the fleet, opens it again.
     pub(crate) async fn run(&self, outlet: &mut Outlet) {
-        let mut fleet = Fleet::new(self.stamps, self.only);
+        let Some(dvl) = &self.dvl else {
+            return self.listen(None, outlet).await;
+        };
+        let (news, beside) = Beside::new();
+        // One task: where either panics both begin anew.
+        tokio::select! {
+            never = velocities(dvl, &news) => match never {},
+            () = self.listen(Some(beside), outlet) => {}
+        }
+    }
+
+    async fn listen(&self, mut beside: Option<Beside>, outlet: &mut Outlet) {
+        let mut fleet = Fleet::new(self.stamps, self.only, beside.is_some());
         let mut back_off = BackOff::default();
         let name = self.address.name();
         loop {
-            let Err(error) = self.feed(&mut fleet, &mut back_off, outlet).await;
+            let Err(error) = self.feed(&mut fleet, &mut beside, &mut back_off, outlet).await;
             outlet.link(format!("lost: {name}: {error}; trying again"));
             let waiting = outlet.meanwhile(|| fleet.status(now()), back_off.wait());
             waiting.await;
@@ -47,6 +63,7 @@ impl OverLink {
     async fn feed(
         &self,
         fleet: &mut Fleet,
+        beside: &mut Option<Beside>,
         back_off: &mut BackOff,
         outlet: &mut Outlet,
     ) -> io::Result<Infallible> {
@@ -57,7 +74,12 @@ impl OverLink {
         loop {
             let count = link.read(&mut buffer).await?;
             let bytes = &buffer[..count];
-            let to_say = block_in_place(|| talk.take(bytes, fleet, back_off, outlet));
+            let to_say = block_in_place(|| {
+                if let Some(beside) = beside {
+                    beside.feed(fleet, outlet);
+                }
+                talk.take(bytes, fleet, beside.as_ref(), back_off, outlet)
+            });
             for message in to_say {
                 let header = talk.requests.header(fleet.to_ask());
                 link.write(&frame(header, &message)).await?;
@@ -90,6 +112,7 @@ impl Talk {
         &mut self,
         bytes: &[u8],
         fleet: &mut Fleet,
+        beside: Option<&Beside>,
         back_off: &mut BackOff,
         outlet: &mut Outlet,
     ) -> Vec<MavMessage> {
@@ -107,16 +130,28 @@ impl Talk {
         }
         let name = &self.name;
         let silent_s = self.heard_at.map(|at| arrived.seconds_since(at).abs());
-        match silent_s {
-            Some(silent_s) if silent_s <= SILENT_AFTER_S => outlet.link("up"),
-            Some(_) => outlet.link(format!("waiting for the vehicle on {name}: it fell silent")),
-            None => outlet.link(format!("waiting for a vehicle on {name}")),
-        }
+        let link = match silent_s {
+            Some(silent_s) if silent_s <= SILENT_AFTER_S => up("up", fleet),
+            Some(_) => format!("waiting for the vehicle on {name}: it fell silent"),
+            None => format!("waiting for a vehicle on {name}"),
+        };
+        outlet.link(match beside {
+            Some(beside) => beside.beside(link),
+            None => link,
+        });
         let answers = questions.into_iter().map(|ts1| timesync_answer(ts1, now()));
         let due = self.requests.due(fleet, arrived);
         let to_say = answers.chain(due).collect();
         outlet.tell(fleet.status(arrived));
         to_say
+    }
+}
+
+/// What a link that is up is told as: also that positions are reckoned.
+pub(super) fn up(up: &str, fleet: &Fleet) -> String {
+    match fleet.reckons() {
+        Some(how) => format!("{up}; {how}"),
+        None => up.to_owned(),
     }
 }
 

@@ -47,6 +47,7 @@ fn odometry(boot_ms: u32, frame: u32, child_frame: u32, reset_counter: u8) -> Me
         child_frame,
         position_m: DVec3::new(1.0, 2.0, 3.0),
         frame_from_body: DQuat::IDENTITY,
+        velocity_mps: DVec3::ZERO,
         covariance: [f64::NAN; 21],
         reset_counter,
         quality: 0,
@@ -278,7 +279,7 @@ fn a_vehicle_without_position_is_told_what_gives_one() {
 
 #[test]
 fn messages_are_asked_for_until_they_come_and_then_no_more() {
-    let mut fleet = Fleet::new(StampClock::Host, Only::default());
+    let mut fleet = Fleet::new(StampClock::Host, Only::default(), false);
     let mut requests = Requests::default();
     let names = |messages: &[MavMessage]| -> Vec<&'static str> {
         messages

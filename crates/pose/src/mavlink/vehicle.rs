@@ -2,7 +2,8 @@
 //!
 //! A pose is made of each attitude, at its time since boot, with the position moved there by its
 //! velocity (at most [`MAX_ADVANCE_S`](crate::advance::MAX_ADVANCE_S)); or of each `ODOMETRY`,
-//! which is preferred while it comes.
+//! which is preferred while it comes. Where no position comes and a velocity does, positions are reckoned; one that comes
+//! ends that.
 
 use echosplat_model::glam::{DQuat, DVec3};
 use echosplat_model::{
@@ -12,12 +13,14 @@ use echosplat_model::{
 use mavlink::dialects::ardupilotmega::MavFrame;
 
 use super::clock::{VehicleClock, is_unix_us};
-use super::message::{Message, Odometry};
+use super::message::{Message, Odometry, Sender};
 use super::order::{CountsFrom, MessageKind, Order, Step, content_of};
 use super::origin::{Origin, ToldOrigin};
+use super::reckoning::{POSITION_LOST_S, Reckoning, Stamp, Teller, Told};
 use crate::advance::Motion;
 use crate::clock::UnknownClock;
 use crate::fault::{self, Fault};
+use crate::reckon::{Axes, LIVE_PATIENCE_S, LOG_PATIENCE_S, Reckoned};
 use crate::status::PoseSourceStatus;
 use echosplat_join::{ArrivedPose, StampClock};
 
@@ -25,6 +28,12 @@ use echosplat_join::{ArrivedPose, StampClock};
 const PREFERRED_FOR_S: f64 = 1.0;
 /// An attitude without a position for so long is told.
 const MISSING_AFTER_S: f64 = 5.0;
+/// The Water Linked extension of BlueOS sends as this, and its `VISION_SPEED_ESTIMATE` along the vehicle's axes, where `MAVLink`
+/// means the world's.
+const DVL_EXTENSION: Sender = Sender {
+    system: 255,
+    component: 0,
+};
 
 /// Which messages the newest pose was made of; two kinds share no origin for certain.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -32,6 +41,8 @@ enum Kind {
     Attitude,
     /// With its `MAV_FRAME`.
     Odometry(u32),
+    /// Of attitude and velocity.
+    Reckoned,
 }
 
 /// When a kind of message came last, and since when.
@@ -85,10 +96,27 @@ pub(crate) struct Vehicle {
     origin: Origin,
     /// How far the newest position lay behind what else is known of the vehicle's clock.
     position_lag_s: f64,
+    reckoning: Reckoning,
+    /// Epoch of the reckoner of the newest pose that was reckoned.
+    reckoned_epoch: Option<u32>,
 }
 
 impl Vehicle {
     pub(crate) fn new(stamps: StampClock) -> Self {
+        Self::with(stamps, Reckoning::new(LIVE_PATIENCE_S))
+    }
+
+    /// Whose messages are all there already, so that poses can wait for the end of every gap.
+    pub(crate) fn of_log() -> Self {
+        Self::with(StampClock::Data, Reckoning::new(LOG_PATIENCE_S))
+    }
+
+    /// The URL names a DVL: nobody else's velocities are taken.
+    pub(crate) fn keep_to_dvl(&mut self) {
+        self.reckoning.keep_to_dvl();
+    }
+
+    fn with(stamps: StampClock, reckoning: Reckoning) -> Self {
         Self {
             clock: VehicleClock::new(stamps),
             status: PoseSourceStatus::default(),
@@ -107,22 +135,120 @@ impl Vehicle {
             newest_pose: None,
             origin: Origin::default(),
             position_lag_s: 0.0,
+            reckoning,
+            reckoned_epoch: None,
         }
     }
 
-    /// Takes one message; gives the pose that it completes.
-    pub(crate) fn take(&mut self, message: Message, arrived: Timestamp) -> Option<ArrivedPose> {
+    /// Takes one message of its own; gives the poses that it completes, in order of time.
+    pub(crate) fn take(&mut self, message: Message, arrived: Timestamp) -> Vec<ArrivedPose> {
         if message.is_of_pose() {
             self.status.received += 1;
         }
-        let pose = self.pose_of(message, arrived);
-        let pose = pose.unwrap_or_else(|fault| {
+        let pose = self.pose_of(message, arrived).unwrap_or_else(|fault| {
             self.status.refuse(&fault);
             None
-        })?;
-        self.status.accepted += 1;
-        self.newest_pose = Some(arrived);
-        Some(ArrivedPose { pose, arrived })
+        });
+        match pose {
+            Some(pose) => self.handed_on(vec![pose], arrived),
+            None => self.reckoned(arrived),
+        }
+    }
+
+    /// Takes a velocity that `sender` tells of this vehicle; gives the poses that it completes, in order of time.
+    pub(crate) fn aided(
+        &mut self,
+        sender: Sender,
+        message: &Message,
+        arrived: Timestamp,
+    ) -> Vec<ArrivedPose> {
+        match told_of(sender, message) {
+            Ok(Some(told)) => self.moves(&told, arrived),
+            Ok(None) => Vec::new(),
+            Err(fault) => {
+                self.refuse_aid(Err(fault));
+                Vec::new()
+            }
+        }
+    }
+
+    /// Takes a velocity; gives the poses that it completes, in order of time.
+    pub(crate) fn moves(&mut self, told: &Told, arrived: Timestamp) -> Vec<ArrivedPose> {
+        let taken = self.reckoning.velocity(told, arrived);
+        self.refuse_aid(taken);
+        self.reckoned(arrived)
+    }
+
+    /// What only reckoning needs is not told wrong while positions come.
+    fn refuse_aid(&mut self, taken: Result<(), Fault>) {
+        if let Err(fault) = taken
+            && matches!(self.kind, None | Some(Kind::Reckoned))
+        {
+            self.status.refuse(&fault);
+        }
+    }
+
+    fn handed_on(&mut self, poses: Vec<StampedPose>, arrived: Timestamp) -> Vec<ArrivedPose> {
+        if !poses.is_empty() {
+            self.status.accepted += poses.len() as u64;
+            self.newest_pose = Some(arrived);
+        }
+        let poses = poses.into_iter();
+        poses.map(|pose| ArrivedPose { pose, arrived }).collect()
+    }
+
+    /// Poses that were reckoned by now, if positions are.
+    fn reckoned(&mut self, arrived: Timestamp) -> Vec<ArrivedPose> {
+        if self.kind != Some(Kind::Reckoned) && self.has_to_reckon(arrived) {
+            if self.kind.is_some() {
+                self.reckoning.begin();
+            }
+            self.switch_to(Kind::Reckoned);
+            self.reckoned_epoch = None;
+            tracing::info!("poses: {}", self.reckoning.in_words());
+        }
+        let made: Vec<Reckoned> = match self.kind {
+            // Kept until it is clear whether positions come.
+            None => return Vec::new(),
+            Some(_) => self.reckoning.take().collect(),
+        };
+        if self.kind != Some(Kind::Reckoned) {
+            return Vec::new();
+        }
+        let poses = made.iter().map(|made| self.of_reckoned(made)).collect();
+        self.handed_on(poses, arrived)
+    }
+
+    fn of_reckoned(&mut self, made: &Reckoned) -> StampedPose {
+        let before = self.reckoned_epoch.replace(made.epoch);
+        if before.is_some_and(|before| before != made.epoch) {
+            self.begin_epoch();
+        }
+        StampedPose {
+            time: self.on_host(made.time.nanos()),
+            world_from_vehicle: made.world_from_vehicle,
+            uncertainty: Some(made.covariance),
+            epoch: self.status.epoch,
+        }
+    }
+
+    fn has_to_reckon(&self, now: Timestamp) -> bool {
+        let without_s = match self.kind {
+            None => MISSING_AFTER_S,
+            Some(_) => POSITION_LOST_S,
+        };
+        let lacks = |heard| !Heard::within(heard, without_s, now);
+        lacks(self.position) && lacks(self.odometry) && self.reckoning.is_ready(now)
+    }
+
+    /// What positions are reckoned of, in words; `None` where they are not.
+    pub(crate) fn reckons(&self) -> Option<String> {
+        (self.kind == Some(Kind::Reckoned)).then(|| self.reckoning.in_words())
+    }
+
+    /// The newest time since boot that was heard, nanoseconds.
+    pub(crate) fn newest_boot(&self) -> Option<i64> {
+        self.boot_order.newest()
     }
 
     /// Whether the messages of these ids come.
@@ -154,13 +280,15 @@ impl Vehicle {
 
     /// Where on Earth its poses count from, if their world has true north.
     pub(crate) fn origin(&self) -> Option<ToldOrigin> {
-        self.origin.told().filter(|_| self.is_enu())
+        // What is reckoned counts from wherever that began.
+        let is_placed = self.is_enu() && self.kind != Some(Kind::Reckoned);
+        self.origin.told().filter(|_| is_placed)
     }
 
     /// Whether x of its poses' world points east.
     fn is_enu(&self) -> bool {
         match self.kind {
-            Some(Kind::Attitude) => true,
+            Some(Kind::Attitude | Kind::Reckoned) => true,
             Some(Kind::Odometry(frame)) => {
                 frame == MavFrame::MAV_FRAME_LOCAL_NED as u32
                     || frame == MavFrame::MAV_FRAME_LOCAL_ENU as u32
@@ -176,13 +304,13 @@ impl Vehicle {
         let lasts = |heard| Heard::has_lasted(heard, MISSING_AFTER_S, now);
         let lacks = |heard| !Heard::within(heard, MISSING_AFTER_S, now);
         let has_attitude = lasts(self.attitude.or(self.quaternion));
+        if has_attitude && self.kind == Some(Kind::Reckoned) {
+            return self.reckoning.missing(now);
+        }
         if has_attitude && lacks(self.position) {
-            return Some(
-                "the vehicle sends attitude but no position; the map needs one: a DVL, visual \
-                 SLAM or underwater GPS fused by its EKF, and the EKF's origin set \
-                 (SET_GPS_GLOBAL_ORIGIN)"
-                    .to_owned(),
-            );
+            // One that only has to last is none that is missing.
+            let comes = self.reckoning.silent_s(now).is_some_and(|s| s <= MISSING_AFTER_S);
+            return (!comes).then(|| self.reckoning.lacks_all().to_owned());
         }
         let no_attitude = lacks(self.attitude) && lacks(self.quaternion);
         if lasts(self.position) && no_attitude {
@@ -227,7 +355,7 @@ impl Vehicle {
                 };
                 let boot = self.booted_at(kind, boot_ms, content, arrived);
                 match boot.filter(|_| !is_second) {
-                    Some(boot) => self.of_attitude(boot, ned_from_frd),
+                    Some(boot) => self.of_attitude(boot, ned_from_frd, arrived),
                     None => Ok(None),
                 }
             }
@@ -264,15 +392,50 @@ impl Vehicle {
                 self.origin.says(fix);
                 Ok(None)
             }
-            Message::GlobalPosition { boot_ms, fix } => {
+            Message::GlobalPosition {
+                boot_ms,
+                fix,
+                height_m,
+                velocity_ned_mps,
+            } => {
                 let time = Timestamp::from_millis(boot_ms.into());
                 let motion = self.motion.as_ref();
                 if let Some(local_m) = motion.and_then(|motion| motion.position_at(time)) {
                     self.origin.is_beside(fix, local_m);
                 }
+                self.of_estimate(boot_ms, height_m, velocity_ned_mps, arrived);
                 Ok(None)
             }
+            Message::Height(height_m) => {
+                let taken = self.reckoning.height("VFR_HUD", None, height_m, arrived);
+                self.refuse_aid(taken);
+                Ok(None)
+            }
+            Message::EstimateStatus { has_velocity } => {
+                self.reckoning.estimates(has_velocity);
+                Ok(None)
+            }
+            // Whoever sends them, they come by `aided`.
+            Message::PositionDelta { .. } | Message::Speed { .. } => Ok(None),
         }
+    }
+
+    /// What `GLOBAL_POSITION_INT` tells beside a place on Earth.
+    fn of_estimate(&mut self, boot_ms: u32, height_m: f64, ned_mps: DVec3, arrived: Timestamp) {
+        let boot = self.boot_order.unwrapped(boot_ms);
+        let name = "GLOBAL_POSITION_INT";
+        let taken = self.reckoning.height(name, Some(boot), height_m, arrived);
+        self.refuse_aid(taken);
+        let told = Told {
+            teller: Teller::Estimate,
+            sender: Sender::default(),
+            stamp: Stamp::Boot(boot),
+            before_s: 0.0,
+            axes: Axes::World,
+            mps: enu_from_ned(ned_mps),
+        };
+        let taken = self.reckoning.velocity(&told, arrived);
+        self.refuse_aid(taken);
     }
 
     /// Nanoseconds since boot; `None` for what comes late.
@@ -300,6 +463,7 @@ impl Vehicle {
                 self.clock.forget();
                 self.motion = None;
                 self.origin.forget();
+                self.reckoning.forget();
                 self.begin_epoch();
                 boot
             }
@@ -363,8 +527,10 @@ impl Vehicle {
         &mut self,
         boot: i64,
         ned_from_frd: DQuat,
+        arrived: Timestamp,
     ) -> Result<Option<StampedPose>, Fault> {
         let rotation = enu_from_flu(fault::rotation("the attitude", ned_from_frd)?);
+        self.reckoning.attitude(boot, rotation, arrived);
         let motion = self.motion;
         let time = Timestamp::from_nanos(boot);
         let there = motion.and_then(|motion| motion.position_at(time));
@@ -445,6 +611,75 @@ impl Vehicle {
             self.begin_epoch();
         }
     }
+}
+
+/// The velocity that a message for the autopilot tells, if it does.
+///
+/// # Errors
+/// If its frame is unknown.
+fn told_of(sender: Sender, message: &Message) -> Result<Option<Told>, Fault> {
+    let told = |teller, time_us, axes, mps| Told {
+        teller,
+        sender,
+        stamp: Stamp::of_us(time_us),
+        before_s: 0.0,
+        axes,
+        mps,
+    };
+    Ok(match message {
+        Message::PositionDelta {
+            time_us,
+            delta_us,
+            moved_frd_m,
+            confidence,
+        } => {
+            let moved_m = flu_from_frd(*moved_frd_m);
+            Told::of_delta(sender, (*time_us, *delta_us), moved_m, *confidence)
+        }
+        Message::Speed {
+            time_us,
+            velocity_mps,
+        } if sender == DVL_EXTENSION => {
+            let mps = flu_from_frd(*velocity_mps);
+            Some(told(Teller::Speed, *time_us, Axes::Vehicle, mps))
+        }
+        Message::Speed {
+            time_us,
+            velocity_mps,
+        } => {
+            let mps = enu_from_ned(*velocity_mps);
+            Some(told(Teller::Speed, *time_us, Axes::World, mps))
+        }
+        Message::Odometry(odometry) => {
+            let (axes, mps) = velocity_of_odometry(odometry)?;
+            Some(told(Teller::Odometry, odometry.time_us, axes, mps))
+        }
+        _ => None,
+    })
+}
+
+/// Along the axes of its child frame, with z up.
+#[expect(deprecated, reason = "older vehicles call the body's frame so")]
+fn velocity_of_odometry(odometry: &Odometry) -> Result<(Axes, DVec3), Fault> {
+    let is = |frame: MavFrame| odometry.child_frame == frame as u32;
+    let mps = odometry.velocity_mps;
+    if is(MavFrame::MAV_FRAME_BODY_FRD) || is(MavFrame::MAV_FRAME_BODY_NED) {
+        return Ok((Axes::Vehicle, flu_from_frd(mps)));
+    }
+    if is(MavFrame::MAV_FRAME_LOCAL_FLU) {
+        return Ok((Axes::Vehicle, mps));
+    }
+    if is(MavFrame::MAV_FRAME_LOCAL_NED) {
+        return Ok((Axes::World, enu_from_ned(mps)));
+    }
+    if is(MavFrame::MAV_FRAME_LOCAL_ENU) {
+        return Ok((Axes::World, mps));
+    }
+    Err(Fault::Malformed(format!(
+        "ODOMETRY without a position and with its velocity in MAV_FRAME {}; read are LOCAL_NED (1), LOCAL_ENU (4), BODY_NED \
+         (8), BODY_FRD (12) and LOCAL_FLU (21)",
+        odometry.child_frame
+    )))
 }
 
 /// In the world with z up that `frame` has, of a vehicle that is forward-left-up.
