@@ -15,6 +15,11 @@ const LONG: Duration = Duration::from_secs(60);
 /// A service with poses from `pose`, and a vehicle that sends them as `kind` to `to`, where `{bus}` is
 /// the bus's endpoint; pings are mapped.
 fn mapped(kind: &str, pose: &str, to: &str) {
+    mapped_of(&[&["--as", kind, "--to", to]], pose, &[]);
+}
+
+/// The same of several senders, each with its arguments; `words` are told.
+fn mapped_of(senders: &[&[&str]], pose: &str, words: &[&str]) {
     let sonar = FakeSonar::start(|i| profile(i, |_| {}));
     let port = free_port();
     let bus = bus_at(port);
@@ -23,12 +28,18 @@ fn mapped(kind: &str, pose: &str, to: &str) {
     let own = ["run", "--sonar", &url, "--pose", pose, "--verbose"];
     let mut service = Program::echosplat(&[&own[..], &bus].concat());
     wait_until_listening(&mut service, port);
-    let to = to.replace("{bus}", &format!("tcp/127.0.0.1:{port}"));
     let poses = file("dive.tum");
-    let _vehicle = tool(
-        "send_poses.py",
-        &["--as", kind, "--to", &to, "--now", &poses],
-    );
+    let endpoint = format!("tcp/127.0.0.1:{port}");
+    let start = |sender: &&[&str]| {
+        let own = sender.iter().map(|own| own.replace("{bus}", &endpoint));
+        let all: Vec<String> = own.chain(["--now".to_owned(), poses.clone()]).collect();
+        let all: Vec<&str> = all.iter().map(String::as_str).collect();
+        tool("send_poses.py", &all)
+    };
+    let _vehicles: Vec<_> = senders.iter().map(start).collect();
+    for word in words {
+        service.wait_for_text(word, LONG);
+    }
     service.wait_for("pings in the map", LONG, |service| {
         newest_count(&service.stderr(), "pings_mapped").filter(|&count| count > 40)
     });
@@ -64,6 +75,56 @@ fn a_dvl_with_dead_reckoning() {
     let port = free_port();
     let url = format!("dvl://127.0.0.1:{port}");
     mapped("dvl", &url, &format!("127.0.0.1:{port}"));
+}
+
+#[test]
+fn an_autopilot_that_knows_its_velocity_and_no_position() {
+    let port = free_port();
+    let (url, to) = (
+        format!("mavlink+udp://127.0.0.1:{port}"),
+        format!("127.0.0.1:{port}"),
+    );
+    mapped_of(
+        &[&["--as", "mavlink-velocity", "--to", &to]],
+        &url,
+        &[
+            "positions are reckoned from attitude and VISION_POSITION_DELTA, height by GLOBAL_POSITION_INT",
+        ],
+    );
+}
+
+#[test]
+fn an_autopilot_without_a_velocity_beside_a_dvl() {
+    let (port, dvl) = (free_port(), format!("127.0.0.1:{}", free_port()));
+    let url = format!("mavlink+udp://127.0.0.1:{port}?velocity=dvl://{dvl}");
+    let to = format!("127.0.0.1:{port}");
+    mapped_of(
+        &[
+            &["--as", "mavlink-velocity", "--attitude-only", "--to", &to],
+            &["--as", "dvl", "--to", &dvl],
+        ],
+        &url,
+        &["positions are reckoned from attitude and the velocity of the DVL"],
+    );
+}
+
+#[test]
+fn attitude_and_depth_alone_are_told() {
+    let sonar = FakeSonar::start(|i| profile(i, |_| {}));
+    let (port, bus) = (free_port(), bus_at(free_port()));
+    let bus: Vec<&str> = bus.iter().map(String::as_str).collect();
+    let (url, pose) = (sonar.url(), format!("mavlink+udp://127.0.0.1:{port}"));
+    let own = ["run", "--sonar", &url, "--pose", &pose, "--verbose"];
+    let mut service = Program::echosplat(&[&own[..], &bus].concat());
+    let (to, poses) = (format!("127.0.0.1:{port}"), file("dive.tum"));
+    let kind = ["--as", "mavlink-velocity", "--attitude-only"];
+    let _vehicle = tool(
+        "send_poses.py",
+        &[&kind[..], &["--to", &to, "--now", &poses]].concat(),
+    );
+    service.wait_for_text("no position and no velocity over ground", LONG);
+    service.terminate();
+    service.wait_exit_code(3, Duration::from_secs(20));
 }
 
 /// A relay that merges the reports of two DVLs, one 12 m beside the other and switched on 300 s before it.

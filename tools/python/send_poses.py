@@ -6,6 +6,7 @@
 |---|---|---|
 | mavlink-udp | ATTITUDE_QUATERNION and LOCAL_POSITION_NED, or ODOMETRY with --odometry | host:port sent to |
 | mavlink-tcp | the same, to the first that connects | host:port listened on |
+| mavlink-velocity | no position: ATTITUDE_QUATERNION, depth in GLOBAL_POSITION_INT, and VISION_POSITION_DELTA from the Water Linked extension of BlueOS; without that with --attitude-only | host:port sent to |
 | mavlink-json | the same as mavlink-server puts it on zenoh | zenoh endpoint |
 | mavlink-raw | the same as mavlink-server puts raw messages on zenoh, since 0.9 | zenoh endpoint |
 | dvl | a Water Linked DVL: position_local at 5 Hz, velocity between | host:port listened on |
@@ -30,6 +31,7 @@ import time
 from sonar_clock import SonarClock
 
 HALF = math.sqrt(0.5)
+UDP = ("mavlink-udp", "mavlink-velocity")
 
 
 def read_tum(path):
@@ -143,6 +145,7 @@ class Mavlink:
         self.mav = ardupilotmega.MAVLink(self, srcSystem=1, srcComponent=1)
         self.asked = set()
         self.outgoing = b""
+        self.moved_nanos = -10**18
 
     def write(self, data):
         self.outgoing += data
@@ -162,10 +165,35 @@ class Mavlink:
                 boot // 1000, 1, 12, *ned(position), q, *ned(velocity), 0, 0, 0, unknown, unknown,
                 len(resets), 0, 0)]
         boot_ms = boot // 10**6
+        if self.options.kind == "mavlink-velocity":
+            return self.moving(nanos, boot_ms, position, rotation, velocity)
         return [
             dialect.MAVLink_local_position_ned_message(boot_ms, *ned(position), *ned(velocity)),
             dialect.MAVLink_attitude_quaternion_message(boot_ms, *q, 0, 0, 0),
         ]
+
+    def moving(self, nanos, boot_ms, position, rotation, velocity):
+        """Attitude; eight times a second depth, and what the vehicle moved by in its own axes."""
+        dialect = self.dialect
+        messages = [dialect.MAVLink_attitude_quaternion_message(
+            boot_ms, *wxyz(ned_from_frd(rotation)), 0, 0, 0)]
+        if nanos - self.moved_nanos < 125_000_000:
+            return messages
+        self.moved_nanos = nanos
+        messages.append(dialect.MAVLink_global_position_int_message(
+            boot_ms, 0, 0, 0, round(position[2] * 1000), 0, 0, 0, 0))
+        if not self.options.attitude_only:
+            delta_us = 125_000
+            forward, left, up = (v * delta_us * 1e-6 for v in turned(conjugate(rotation), velocity))
+            messages.append(dialect.MAVLink_vision_position_delta_message(
+                0, delta_us, [0, 0, 0], [forward, -left, -up], 90))
+        return messages
+
+    def send(self, message):
+        """As who sends such: velocities come from the extension."""
+        is_delta = message.get_type() == "VISION_POSITION_DELTA"
+        self.mav.srcSystem, self.mav.srcComponent = (255, 0) if is_delta else (1, 1)
+        self.mav.send(message)
 
     def extras(self, nanos):
         """What comes once a second."""
@@ -207,7 +235,7 @@ def over_link(options, poses, clock):
     """MAVLink over UDP or TCP, with answers to TIMESYNC from a thread of its own."""
     vehicle = Mavlink(options, clock)
     lock = threading.Lock()
-    if options.kind == "mavlink-udp":
+    if options.kind in UDP:
         link = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         link.connect(endpoint(options.to))
     else:
@@ -216,9 +244,9 @@ def over_link(options, poses, clock):
     def put(messages):
         with lock:
             for message in messages:
-                vehicle.mav.send(message)
+                vehicle.send(message)
                 try:
-                    link.send(vehicle.taken()) if options.kind == "mavlink-udp" else link.sendall(
+                    link.send(vehicle.taken()) if options.kind in UDP else link.sendall(
                         vehicle.taken())
                 except ConnectionRefusedError:
                     pass
@@ -231,7 +259,7 @@ def over_link(options, poses, clock):
                 continue
             except OSError:
                 return
-            if not data and options.kind != "mavlink-udp":
+            if not data and options.kind not in UDP:
                 return
             with lock:
                 vehicle.answer(data)
@@ -408,7 +436,8 @@ def as_json(options, poses, clock):
         in_step(options, poses, clock, send)
 
 
-KINDS = {"mavlink-udp": over_link, "mavlink-tcp": over_link, "mavlink-json": over_json,
+KINDS = {"mavlink-udp": over_link, "mavlink-velocity": over_link, "mavlink-tcp": over_link,
+         "mavlink-json": over_json,
          "mavlink-raw": over_raw,
          "dvl": as_dvl, "odometry": as_odometry, "odometry-mcap": as_odometry, "tf-mcap": as_odometry,
          "json": as_json}
@@ -425,6 +454,7 @@ def main():
     parser.add_argument("--drift-ppm", type=float, default=0.0)
     parser.add_argument("--reset-at-s", type=float, action="append", default=[])
     parser.add_argument("--odometry", action="store_true")
+    parser.add_argument("--attitude-only", action="store_true")
     parser.add_argument("--system-time", action="store_true")
     parser.add_argument("--dvl-unix", action="store_true")
     parser.add_argument("--now", action="store_true")

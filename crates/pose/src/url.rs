@@ -161,8 +161,9 @@ const VELOCITY: &str = "velocity=";
 /// With `velocity=` taken out of the query first, since it is all schemes'. `None` for an unknown scheme.
 fn mavlink_with_dvl(scheme: &str, rest: &str) -> Option<Result<PoseUrl, String>> {
     let (before, query) = rest.split_once('?').unwrap_or((rest, ""));
-    let (dvls, others): (Vec<&str>, Vec<&str>) =
-        query.split('&').partition(|part| part.starts_with(VELOCITY));
+    let (dvls, others): (Vec<&str>, Vec<&str>) = query
+        .split('&')
+        .partition(|part| part.starts_with(VELOCITY));
     let rest = match others.join("&") {
         others if others.is_empty() => before.to_owned(),
         others => format!("{before}?{others}"),
@@ -173,7 +174,8 @@ fn mavlink_with_dvl(scheme: &str, rest: &str) -> Option<Result<PoseUrl, String>>
         [dvl] => parsed.and_then(|mavlink| {
             let address = dvl[VELOCITY.len()..].strip_prefix("dvl://").unwrap_or("");
             let dvl = host_and_port(address, DEFAULT_DVL_PORT);
-            let dvl = dvl.map_err(|why| format!("`velocity=`: {why}, as in velocity=dvl://192.168.2.95"))?;
+            let dvl = dvl
+                .map_err(|why| format!("`velocity=`: {why}, as in velocity=dvl://192.168.2.95"))?;
             let mavlink = Box::new(mavlink);
             Ok(PoseUrl::MavlinkWithDvl { mavlink, dvl })
         }),
@@ -487,10 +489,7 @@ mod tests {
             ("mavlink+zenoh://m?sysid=1", "?system=1&component=1"),
             ("mavlink+udp://a?velocity=192.168.2.95", "velocity=dvl://"),
             ("mavlink+udp://a?velocity=dvl://", "velocity=dvl://"),
-            (
-                "mavlink+udp://a?velocity=dvl://b&velocity=dvl://c",
-                "twice",
-            ),
+            ("mavlink+udp://a?velocity=dvl://b&velocity=dvl://c", "twice"),
             ("mavlink+usb://a?velocity=dvl://b", "none of"),
             ("dvl://", "HOST:16171"),
             ("dvl://::1", "[::1]"),

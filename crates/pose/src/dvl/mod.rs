@@ -24,7 +24,7 @@ use self::report::Report;
 use self::track::Track;
 use crate::link::{Address, BackOff, Link};
 use crate::mavlink::beside::News;
-use crate::mavlink::reckoning::{Stamp, Teller, Told};
+use crate::mavlink::told::{Stamp, Teller, Told};
 use crate::now::now;
 use crate::outlet::Outlet;
 use crate::reckon::Axes;
@@ -98,7 +98,9 @@ pub(crate) async fn velocities(address: &Address, news: &Sender<News>) -> Infall
         let taken = |read: Read| {
             if let Read::Report(Ok(Some(report)), arrived) = read {
                 tell(News::Link("up".to_owned()));
-                told_of(&report).into_iter().for_each(|told| tell(News::Velocity(told, arrived)));
+                told_of(&report)
+                    .into_iter()
+                    .for_each(|told| tell(News::Velocity(told, arrived)));
             }
         };
         let lost = match address.open().await {

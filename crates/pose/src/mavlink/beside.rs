@@ -4,7 +4,7 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use echosplat_model::Timestamp;
 
 use super::fleet::Fleet;
-use super::reckoning::Told;
+use super::told::Told;
 use crate::outlet::Outlet;
 
 /// News that wait while the link to the autopilot is being opened: some 20 s of velocities.

@@ -7,7 +7,7 @@ use echosplat_join::{ArrivedPose, StampClock};
 use echosplat_model::Timestamp;
 
 use super::message::{Message, Sender, Station};
-use super::reckoning::Told;
+use super::told::Told;
 use super::vehicle::Vehicle;
 use crate::only::Only;
 use crate::senders::{Heard, Rank, Rules, Senders};
@@ -106,7 +106,11 @@ impl Fleet {
     /// What somebody tells autopilots of their velocity: whose system is another vehicle's does not tell this one.
     fn aid(&mut self, sender: Sender, message: &Message, arrived: Timestamp) {
         let systems: Vec<u32> = self.autopilots().map(|id| id.system).collect();
-        let ids: Vec<(usize, Sender)> = self.senders.ids().map(|(index, id, _)| (index, id)).collect();
+        let ids: Vec<(usize, Sender)> = self
+            .senders
+            .ids()
+            .map(|(index, id, _)| (index, id))
+            .collect();
         for (index, id) in ids {
             let is_anothers = id.system != sender.system && systems.contains(&sender.system);
             if self.only.allows(id) && !is_anothers {
@@ -119,7 +123,8 @@ impl Fleet {
 
     fn autopilots(&self) -> impl Iterator<Item = Sender> {
         let all = self.senders.ids();
-        all.filter(|(_, _, rank)| *rank == Rank::Vehicle).map(|(_, id, _)| id)
+        all.filter(|(_, _, rank)| *rank == Rank::Vehicle)
+            .map(|(_, id, _)| id)
     }
 
     /// A velocity over ground of the vehicle by a source beside the link; `take` gets the poses that it completes.
@@ -129,7 +134,11 @@ impl Fleet {
         arrived: Timestamp,
         mut take: impl FnMut(ArrivedPose),
     ) {
-        let ids: Vec<(usize, Sender)> = self.senders.ids().map(|(index, id, _)| (index, id)).collect();
+        let ids: Vec<(usize, Sender)> = self
+            .senders
+            .ids()
+            .map(|(index, id, _)| (index, id))
+            .collect();
         for (index, _) in ids.into_iter().filter(|(_, id)| self.only.allows(*id)) {
             let poses = self.members[index].vehicle.moves(told, arrived);
             let all = poses.into_iter();

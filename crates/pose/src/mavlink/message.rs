@@ -113,13 +113,13 @@ pub(crate) enum Message {
         height_m: f64,
         velocity_ned_mps: DVec3,
     },
-    /// `VFR_HUD` (74): `alt`, of an ArduSub above the surface, metres.
+    /// `VFR_HUD` (74): `alt`, of an `ArduSub` above the surface, metres.
     Height(f64),
     /// `EKF_STATUS_REPORT` (193): whether its level velocity is an estimate, and not held at zero.
     EstimateStatus { has_velocity: bool },
     /// `VISION_POSITION_DELTA` (11011).
     PositionDelta {
-        /// Since boot of whoever counts; 0 from the Water Linked extension of BlueOS.
+        /// Since boot of whoever counts; 0 from the Water Linked extension of `BlueOS`.
         time_us: u64,
         delta_us: u64,
         moved_frd_m: DVec3,

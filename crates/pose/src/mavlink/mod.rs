@@ -9,12 +9,14 @@ pub(crate) mod fleet;
 pub(crate) mod frames;
 pub(crate) mod json;
 pub(crate) mod message;
+pub(crate) mod odometry;
 pub(crate) mod order;
 pub(crate) mod origin;
 pub(crate) mod over_bus;
 pub(crate) mod reckoning;
 pub(crate) mod requests;
 pub(crate) mod run;
+pub(crate) mod told;
 pub(crate) mod vehicle;
 
 #[cfg(test)]

@@ -1,22 +1,23 @@
 //! What a vehicle without positions tells of its way: whose velocities and heights are taken, and when they were true.
 //!
 //! Read are, the best first: the `velocity` of a DVL that the URL names; `VISION_POSITION_DELTA`, which the Water Linked
-//! extension of BlueOS sends to the autopilot; `VISION_SPEED_ESTIMATE`; `ODOMETRY` without a position; and the velocity in
+//! extension of `BlueOS` sends to the autopilot; `VISION_SPEED_ESTIMATE`; `ODOMETRY` without a position; and the velocity in
 //! `GLOBAL_POSITION_INT` while `EKF_STATUS_REPORT` says that it is one. Height is `relative_alt` of `GLOBAL_POSITION_INT`, which
-//! ArduSub takes from its depth sensor, stamps and gives in millimetres, else `alt` of `VFR_HUD`, the same without a stamp.
+//! `ArduSub` takes from its depth sensor, stamps and gives in millimetres, else `alt` of `VFR_HUD`, the same without a stamp.
 //! `AHRS2` tells nothing more, and `SCALED_PRESSURE2` leaves out what the surface's pressure and the water's density are.
 
 use echosplat_model::Timestamp;
-use echosplat_model::glam::{DQuat, DVec3};
+use echosplat_model::glam::DQuat;
 
 use super::message::Sender;
+use super::told::{Stamp, Teller, Told};
 use crate::clock::LeastDelay;
 use crate::fault::Fault;
-use crate::reckon::{Axes, BRIDGED_S, Reckoned, Reckoner, Velocity};
+use crate::reckon::{BRIDGED_S, Reckoned, Reckoner, Velocity};
 
 /// Seconds; assumed.
 /// Attitude and velocity have to come for so long, and no position meanwhile, before positions are reckoned.
-const AWAITED_S: f64 = 3.0;
+const AWAITED_S: f64 = 5.0;
 /// Seconds; assumed.
 /// Where positions were used, none has to come for so long: each change begins a map of its own.
 pub(super) const POSITION_LOST_S: f64 = 30.0;
@@ -26,10 +27,6 @@ const SILENT_S: f64 = 10.0;
 /// Seconds; assumed.
 /// Heights of `VFR_HUD` are taken where no better ones have come for so long.
 const BETTER_HEIGHT_S: f64 = 3.0;
-/// Seconds; assumed.
-/// What moved over a longer time says little of the velocity in its middle.
-const LONGEST_DELTA_S: f64 = 1.0;
-
 /// With attitude alone nothing can be mapped.
 const NO_POSITION: &str = "the vehicle sends attitude but no position and no velocity over ground, and pings are recorded but \
                            not mapped; a DVL gives one: add ?velocity=dvl://ADDRESS to pose.url, or have the autopilot's EKF \
@@ -37,90 +34,6 @@ const NO_POSITION: &str = "the vehicle sends attitude but no position and no vel
 /// Nor with a DVL that tells nothing.
 const NO_DVL: &str = "the vehicle sends attitude but no position, and the DVL that pose.url names tells no velocity over ground; \
                       pings are recorded but not mapped; the DVL has to see the bottom (0.05 to 50 m away)";
-
-/// Who tells a velocity, the worst first.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub(crate) enum Teller {
-    /// `GLOBAL_POSITION_INT`, of the autopilot's estimate.
-    Estimate,
-    /// `ODOMETRY` without a position.
-    Odometry,
-    /// `VISION_SPEED_ESTIMATE`.
-    Speed,
-    /// `VISION_POSITION_DELTA`.
-    Delta,
-    /// A DVL on a connection of its own.
-    Dvl,
-}
-
-impl Teller {
-    pub(super) fn name(self) -> &'static str {
-        match self {
-            Self::Estimate => "the velocity of GLOBAL_POSITION_INT",
-            Self::Odometry => "the velocity of ODOMETRY",
-            Self::Speed => "VISION_SPEED_ESTIMATE",
-            Self::Delta => "VISION_POSITION_DELTA",
-            Self::Dvl => "the velocity of the DVL",
-        }
-    }
-}
-
-/// When something was true, as it came.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) enum Stamp {
-    /// Nanoseconds since the vehicle booted.
-    Boot(i64),
-    /// Nanoseconds on some other clock.
-    Own(i64),
-    /// None: when it arrived.
-    Arrival,
-}
-
-/// A velocity as a message tells it.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Told {
-    pub(crate) teller: Teller,
-    /// Who sent the message; of the DVL the default.
-    pub(crate) sender: Sender,
-    pub(crate) stamp: Stamp,
-    /// How long before its stamp it was true, seconds.
-    pub(crate) before_s: f64,
-    pub(crate) axes: Axes,
-    /// Metres a second, with z up.
-    pub(crate) mps: DVec3,
-}
-
-impl Told {
-    /// From what moved during so many microseconds until `time_us`, which is 0 where the sender keeps no clock; metres, forward,
-    /// left, up. `None` where nothing was seen, by its confidence in per cent, or over too long or no time.
-    pub(crate) fn of_delta(
-        sender: Sender,
-        (time_us, delta_us): (u64, u64),
-        moved_m: DVec3,
-        confidence: f64,
-    ) -> Option<Self> {
-        let delta_s = delta_us as f64 * 1e-6;
-        let is_seen = confidence > 0.0 && delta_us > 0 && delta_s <= LONGEST_DELTA_S;
-        is_seen.then(|| Self {
-            teller: Teller::Delta,
-            sender,
-            stamp: Stamp::of_us(time_us),
-            before_s: 0.5 * delta_s,
-            axes: Axes::Vehicle,
-            mps: moved_m / delta_s,
-        })
-    }
-}
-
-impl Stamp {
-    /// Of a clock of its own; 0 is none.
-    pub(crate) fn of_us(time_us: u64) -> Self {
-        match i64::try_from(time_us) {
-            Ok(0) | Err(_) => Self::Arrival,
-            Ok(us) => Self::Own(us.saturating_mul(1_000)),
-        }
-    }
-}
 
 /// Whose velocities are taken.
 #[derive(Debug)]
@@ -185,7 +98,8 @@ impl Reckoning {
     /// Takes an attitude: forward-left-up to east-north-up.
     pub(crate) fn attitude(&mut self, boot: i64, rotation: DQuat, arrived: Timestamp) {
         self.delay.observe(boot, arrived);
-        self.reckoner.attitude(Timestamp::from_nanos(boot), rotation);
+        self.reckoner
+            .attitude(Timestamp::from_nanos(boot), rotation);
     }
 
     /// What `EKF_STATUS_REPORT` says.
@@ -201,7 +115,9 @@ impl Reckoning {
         if told.teller == Teller::Estimate && !self.has_estimate || !self.is_best(told, arrived) {
             return Ok(());
         }
-        let Some(used) = &mut self.used else { return Ok(()) };
+        let Some(used) = &mut self.used else {
+            return Ok(());
+        };
         used.newest = arrived;
         let boot = match told.stamp {
             Stamp::Boot(boot) => Some(boot),
@@ -311,7 +227,9 @@ impl Reckoning {
     /// What lacks for poses once they were reckoned.
     pub(crate) fn missing(&self, now: Timestamp) -> Option<String> {
         let used = self.used.as_ref()?;
-        let silent_s = self.silent_s(now).filter(|silent_s| *silent_s > BRIDGED_S)?;
+        let silent_s = self
+            .silent_s(now)
+            .filter(|silent_s| *silent_s > BRIDGED_S)?;
         Some(format!(
             "positions are reckoned, and no velocity over ground has come for {silent_s:.0} s (from {}): the DVL has to see \
              the bottom; a new map begins once it does",

@@ -6,7 +6,7 @@ use super::fleet::Fleet;
 use super::json;
 use super::message::{Message, Odometry, Sender, Station, ned_from_frd};
 use super::origin::Fix;
-use super::reckoning::{Stamp, Teller, Told};
+use super::told::{Stamp, Teller, Told};
 use crate::only::Only;
 use crate::reckon::Axes;
 
@@ -14,7 +14,7 @@ const ROV: Sender = Sender {
     system: 1,
     component: 1,
 };
-/// As the Water Linked extension of BlueOS sends.
+/// As the Water Linked extension of `BlueOS` sends.
 const EXTENSION: Sender = Sender {
     system: 255,
     component: 0,
@@ -80,7 +80,8 @@ impl Talk {
 
     fn say(&mut self, sender: Sender, message: Message, boot_ms: u32) {
         let poses = &mut self.poses;
-        self.fleet.take(sender, message, at(boot_ms), |pose| poses.push(pose));
+        self.fleet
+            .take(sender, message, at(boot_ms), |pose| poses.push(pose));
     }
 
     /// Attitude and height from and to so many milliseconds, and what `others` say every 120.
@@ -120,14 +121,23 @@ fn attitude_what_the_dvl_extension_sends_and_depth_make_poses() {
     assert!(first.time.seconds_since(at(0)) < 0.3);
     let passed_s = last.time.seconds_since(first.time);
     let moved_m = talk.last_m() - first.world_from_vehicle.translation_m;
-    assert!((moved_m - DVec3::X * 0.5 * passed_s).length() < 0.01, "{moved_m}");
+    assert!(
+        (moved_m - DVec3::X * 0.5 * passed_s).length() < 0.01,
+        "{moved_m}"
+    );
     assert!((talk.last_m().z + 5.0).abs() < 1e-9);
     assert!((last.world_from_vehicle.rotation * DVec3::X - DVec3::X).length() < 1e-9);
     assert!(last.uncertainty.is_some());
     let how = talk.fleet.reckons().unwrap();
-    assert!(how.contains("VISION_POSITION_DELTA") && how.contains("GLOBAL_POSITION_INT"), "{how}");
+    assert!(
+        how.contains("VISION_POSITION_DELTA") && how.contains("GLOBAL_POSITION_INT"),
+        "{how}"
+    );
     let status = talk.fleet.status(at(20_000));
-    assert_eq!((status.missing, status.lacks_north, status.origin), (None, false, None));
+    assert_eq!(
+        (status.missing, status.lacks_north, status.origin),
+        (None, false, None)
+    );
     assert_eq!(status.accepted, talk.poses.len() as u64);
 }
 
@@ -166,12 +176,17 @@ fn each_message_that_tells_a_velocity_is_read_along_its_axes() {
         (ROV, odometry(local_ned, ned)),
     ] {
         let mut talk = Talk::new(false);
-        talk.go_on(0, 10_000, |talk, boot_ms| talk.say(sender, message.clone(), boot_ms));
+        talk.go_on(0, 10_000, |talk, boot_ms| {
+            talk.say(sender, message.clone(), boot_ms);
+        });
         let first_m = talk.poses[0].pose.world_from_vehicle.translation_m;
         let moved_m = talk.last_m() - first_m;
         let slope = moved_m / moved_m.x;
         let expected = DVec3::new(1.0, 0.0, -1.0 / 3.0);
-        assert!((slope - expected).length() < 1e-6, "{sender} {message:?}: {moved_m}");
+        assert!(
+            (slope - expected).length() < 1e-6,
+            "{sender} {message:?}: {moved_m}"
+        );
         assert!((2.8..3.0).contains(&moved_m.x), "{moved_m}");
     }
 }
@@ -182,7 +197,11 @@ fn the_autopilots_own_velocity_is_taken_while_its_estimate_has_one() {
         let mut talk = Talk::new(false);
         talk.say(ROV, Message::EstimateStatus { has_velocity }, 0);
         talk.go_on(0, 10_000, |talk, boot_ms| {
-            talk.say(ROV, global(boot_ms, -2.0, DVec3::new(0.0, 0.2, 0.0)), boot_ms);
+            talk.say(
+                ROV,
+                global(boot_ms, -2.0, DVec3::new(0.0, 0.2, 0.0)),
+                boot_ms,
+            );
         });
         talk
     };
@@ -202,7 +221,11 @@ fn positions_win_and_going_from_one_to_the_other_is_an_epoch() {
         by_extension(talk, boot_ms);
     };
     talk.go_on(2_000, 10_000, both);
-    assert!(talk.poses.iter().all(|pose| pose.pose.uncertainty.is_none()));
+    assert!(
+        talk.poses
+            .iter()
+            .all(|pose| pose.pose.uncertainty.is_none())
+    );
     assert_eq!(talk.last_m(), DVec3::new(8.0, 7.0, -9.0));
     assert_eq!((talk.epochs(), talk.fleet.reckons()), (vec![0], None));
     // They stop, and come again before it is clear that they are gone.
@@ -215,7 +238,10 @@ fn positions_win_and_going_from_one_to_the_other_is_an_epoch() {
     // The first that comes ends it.
     talk.go_on(80_000, 90_000, both);
     assert_eq!(talk.epochs(), [0, 1, 2]);
-    assert_eq!((talk.last_m(), talk.fleet.reckons()), (DVec3::new(8.0, 7.0, -9.0), None));
+    assert_eq!(
+        (talk.last_m(), talk.fleet.reckons()),
+        (DVec3::new(8.0, 7.0, -9.0), None)
+    );
 }
 
 #[test]
@@ -245,7 +271,10 @@ fn after_a_gap_that_is_too_long_a_new_epoch_begins_and_the_gap_is_told() {
     assert_eq!(talk.epochs(), [0], "five seconds are bridged");
     talk.go_on(25_000, 40_000, blind);
     let missing = talk.fleet.status(at(40_000)).missing.unwrap();
-    assert!(missing.contains("15 s") && missing.contains("bottom"), "{missing}");
+    assert!(
+        missing.contains("15 s") && missing.contains("bottom"),
+        "{missing}"
+    );
     talk.go_on(40_000, 50_000, by_extension);
     assert_eq!(talk.epochs(), [0, 1]);
     assert_eq!(talk.fleet.status(at(50_000)).missing, None);
@@ -256,7 +285,11 @@ fn of_two_who_tell_a_velocity_the_better_is_used_until_it_is_silent() {
     let mut talk = Talk::new(false);
     let estimate = |talk: &mut Talk, boot_ms: u32| {
         talk.say(ROV, Message::EstimateStatus { has_velocity: true }, boot_ms);
-        talk.say(ROV, global(boot_ms, -5.0, DVec3::new(0.0, -0.5, 0.0)), boot_ms);
+        talk.say(
+            ROV,
+            global(boot_ms, -5.0, DVec3::new(0.0, -0.5, 0.0)),
+            boot_ms,
+        );
     };
     talk.go_on(0, 20_000, |talk, boot_ms| {
         estimate(talk, boot_ms);
@@ -288,9 +321,16 @@ fn a_dvl_that_the_url_names_is_used_and_nobody_else() {
             mps: DVec3::X * 0.25,
         };
         let poses = &mut talk.poses;
-        talk.fleet.moves(&told, at(boot_ms), |pose| poses.push(pose));
+        talk.fleet
+            .moves(&told, at(boot_ms), |pose| poses.push(pose));
     });
-    let passed_s = talk.poses.last().unwrap().pose.time.seconds_since(talk.poses[0].pose.time);
+    let passed_s = talk
+        .poses
+        .last()
+        .unwrap()
+        .pose
+        .time
+        .seconds_since(talk.poses[0].pose.time);
     let moved_m = talk.last_m() - talk.poses[0].pose.world_from_vehicle.translation_m;
     assert!((moved_m.x - 0.25 * passed_s).abs() < 0.01, "{moved_m}");
 }
@@ -331,13 +371,24 @@ fn what_is_no_velocity_is_counted_and_changes_nothing() {
     let mut talk = Talk::new(false);
     talk.go_on(0, 10_000, |talk, boot_ms| {
         by_extension(talk, boot_ms);
-        talk.say(EXTENSION, delta(DVec3::new(f64::NAN, 0.0, 0.0), 80.0), boot_ms);
+        talk.say(
+            EXTENSION,
+            delta(DVec3::new(f64::NAN, 0.0, 0.0), 80.0),
+            boot_ms,
+        );
         talk.say(EXTENSION, delta(DVec3::new(9.0, 0.0, 0.0), 80.0), boot_ms);
         talk.say(ROV, Message::Height(f64::INFINITY), boot_ms);
     });
     let status = talk.fleet.status(at(10_000));
-    assert!(status.not_finite > 50 && status.malformed > 50, "{status:?}");
-    assert!(talk.poses.iter().all(|pose| pose.pose.world_from_vehicle.translation_m.is_finite()));
+    assert!(
+        status.not_finite > 50 && status.malformed > 50,
+        "{status:?}"
+    );
+    assert!(
+        talk.poses
+            .iter()
+            .all(|pose| pose.pose.world_from_vehicle.translation_m.is_finite())
+    );
     assert!((talk.last_m().x - 4.8).abs() < 0.2, "{}", talk.last_m());
 }
 
@@ -345,7 +396,11 @@ fn what_is_no_velocity_is_counted_and_changes_nothing() {
 fn a_depth_that_is_always_nought_is_no_sensor() {
     let mut talk = Talk::new(false);
     talk.go_on(0, 10_000, |talk, boot_ms| {
-        talk.say(EXTENSION, delta(DVec3::new(0.06, 0.0, 0.012), 80.0), boot_ms);
+        talk.say(
+            EXTENSION,
+            delta(DVec3::new(0.06, 0.0, 0.012), 80.0),
+            boot_ms,
+        );
         talk.say(ROV, global(boot_ms, 0.0, DVec3::ZERO), boot_ms);
     });
     assert!((talk.last_m().z + 0.98).abs() < 0.05, "{}", talk.last_m());
@@ -365,7 +420,10 @@ fn a_servers_json_tells_the_same() {
         "vx":20,"vy":-10,"vz":0,"hdg":0}}"#,
     );
     assert_eq!(told, global(7, -2.5, DVec3::new(0.2, -0.1, 0.0)));
-    assert_eq!(read(r#"{"message":{"type":"VFR_HUD","alt":-3.5}}"#), Message::Height(-3.5));
+    assert_eq!(
+        read(r#"{"message":{"type":"VFR_HUD","alt":-3.5}}"#),
+        Message::Height(-3.5)
+    );
     for (flags, has_velocity) in [
         ("831", true),
         (r#"{"bits":831}"#, true),
@@ -374,6 +432,10 @@ fn a_servers_json_tells_the_same() {
         (r#""EKF_VELOCITY_HORIZ | EKF_CONST_POS_MODE""#, false),
     ] {
         let text = format!(r#"{{"message":{{"type":"EKF_STATUS_REPORT","flags":{flags}}}}}"#);
-        assert_eq!(read(&text), Message::EstimateStatus { has_velocity }, "{flags}");
+        assert_eq!(
+            read(&text),
+            Message::EstimateStatus { has_velocity },
+            "{flags}"
+        );
     }
 }

@@ -17,12 +17,16 @@ const SYSTEM_TIME: u32 = 2;
 const ATTITUDE: u32 = 30;
 const ATTITUDE_QUATERNION: u32 = 31;
 const LOCAL_POSITION_NED: u32 = 32;
+const GLOBAL_POSITION_INT: u32 = 33;
 const GPS_GLOBAL_ORIGIN: u32 = 49;
+const EKF_STATUS_REPORT: u32 = 193;
 const ODOMETRY: u32 = 331;
 
 /// Microseconds between attitudes, positions and odometry: 50 Hz.
 const POSE_INTERVAL_US: f32 = 20_000.0;
-/// Microseconds between `SYSTEM_TIME`s.
+/// Microseconds between heights, and velocities of a vehicle that sends no position: 10 Hz.
+const HEIGHT_INTERVAL_US: f32 = 100_000.0;
+/// Microseconds between `SYSTEM_TIME`s, and between what an estimate says of itself.
 const TIME_INTERVAL_US: f32 = 1_000_000.0;
 /// Microseconds between origins on Earth, which an autopilot may learn in mid-dive.
 const ORIGIN_INTERVAL_US: f32 = 5_000_000.0;
@@ -109,6 +113,11 @@ impl Requests {
         }
         if self.round >= 2 && missing.contains(&ATTITUDE_QUATERNION) && !has_poses {
             messages.push(interval(to, ATTITUDE, POSE_INTERVAL_US));
+        }
+        if self.round >= 3 && !has_poses {
+            // What positions are reckoned from, beside what others tell the vehicle.
+            messages.push(interval(to, GLOBAL_POSITION_INT, HEIGHT_INTERVAL_US));
+            messages.push(interval(to, EKF_STATUS_REPORT, TIME_INTERVAL_US));
         }
         if self.round == 5 && !has_poses {
             messages.extend(streams(to));

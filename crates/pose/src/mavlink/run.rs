@@ -52,7 +52,9 @@ impl OverLink {
         let mut back_off = BackOff::default();
         let name = self.address.name();
         loop {
-            let Err(error) = self.feed(&mut fleet, &mut beside, &mut back_off, outlet).await;
+            let Err(error) = self
+                .feed(&mut fleet, &mut beside, &mut back_off, outlet)
+                .await;
             outlet.link(format!("lost: {name}: {error}; trying again"));
             let waiting = outlet.meanwhile(|| fleet.status(now()), back_off.wait());
             waiting.await;

@@ -47,7 +47,9 @@ impl Depths {
             (elapsed_s.abs() <= LOST_S).then_some(z_m + up_mps * elapsed_s)
         };
         let z_m = match (before.copied(), self.kept.get(behind).copied()) {
-            (Some((from, from_m)), Some((until, until_m))) if until.seconds_since(from) <= LOST_S => {
+            (Some((from, from_m)), Some((until, until_m)))
+                if until.seconds_since(from) <= LOST_S =>
+            {
                 let fraction = time.seconds_since(from) / until.seconds_since(from);
                 from_m + fraction * (until_m - from_m)
             }

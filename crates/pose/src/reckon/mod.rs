@@ -155,7 +155,10 @@ impl Reckoner {
         let newest = newest.or(self.turned.back().map(|before| before.time));
         let newest = newest.or(self.node.map(|node| node.time));
         let is_new = newest.is_none_or(|newest| velocity.time > newest);
-        let ahead_s = self.turns.newest().map(|at| velocity.time.seconds_since(at));
+        let ahead_s = self
+            .turns
+            .newest()
+            .map(|at| velocity.time.seconds_since(at));
         if is_new && ahead_s.is_some_and(|ahead_s| ahead_s <= AHEAD_S) {
             if self.velocities.len() == VELOCITY_COUNT {
                 self.velocities.pop_front();
@@ -220,7 +223,8 @@ impl Reckoner {
         };
         let gap_s = next.time.seconds_since(node.time);
         let last = self.turned.back().map_or(next.time, |last| last.time);
-        let is_known = last.seconds_since(next.time) >= SLOPE_S || self.turned.len() >= VELOCITY_COUNT;
+        let is_known =
+            last.seconds_since(next.time) >= SLOPE_S || self.turned.len() >= VELOCITY_COUNT;
         let has_patience = newest.seconds_since(node.time) <= self.patience_s;
         (GAP_S..=BRIDGED_S).contains(&gap_s) && has_patience && !is_known
     }
@@ -267,7 +271,9 @@ impl Reckoner {
 
     /// Makes poses with the last velocity where the next has been waited for long enough.
     fn carry_on(&mut self) {
-        let Some(newest) = self.turns.newest() else { return };
+        let Some(newest) = self.turns.newest() else {
+            return;
+        };
         let Some(node) = self.node else {
             // Until the first velocity: those before it go with none.
             let is_old = |at: Timestamp| newest.seconds_since(at) > self.patience_s;

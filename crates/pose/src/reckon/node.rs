@@ -104,7 +104,11 @@ impl Stretch {
         Self {
             mps,
             changes_mps: [bent(before), bent(behind)],
-            left: if before.is_some() && behind.is_some() { LEFT_BY_SLOPES } else { 1.0 },
+            left: if before.is_some() && behind.is_some() {
+                LEFT_BY_SLOPES
+            } else {
+                1.0
+            },
             ..even
         }
     }
@@ -123,13 +127,13 @@ impl Stretch {
         let elapsed_s = time.seconds_since(self.from.time).clamp(0.0, self.span_s);
         let (mps, moved_m) = self.moved(elapsed_s);
         let of_noise_m2 = (VELOCITY_SIGMA_MPS * elapsed_s).powi(2);
+        let of_velocity_m2 = self.left.powi(2) * (of_noise_m2 + self.of_change_m2(elapsed_s));
         let of_way_m2 = BY_WAY_M2_PER_M * moved_m.length();
-        let grown_m2 = of_noise_m2 + of_way_m2 + self.of_change_m2(elapsed_s);
         Node {
             time,
             place_m: self.from.place_m + moved_m,
             mps,
-            variance_m2: self.from.variance_m2 + grown_m2,
+            variance_m2: self.from.variance_m2 + of_velocity_m2 + of_way_m2,
             has_depth: false,
         }
     }
@@ -154,6 +158,6 @@ impl Stretch {
     /// The integral of a velocity that wanders: free, or held at both ends.
     fn of_change_m2(&self, elapsed_s: f64) -> f64 {
         let free_s3 = elapsed_s.powi(3) * (1.0 / 3.0 - 0.25 * elapsed_s / self.span_s);
-        (self.left * CHANGE_MPS_PER_ROOT_S).powi(2) * free_s3
+        CHANGE_MPS_PER_ROOT_S.powi(2) * free_s3
     }
 }

@@ -85,7 +85,9 @@ fn a_velocity_is_turned_by_the_attitude_at_its_time() {
     for step in 0..2_000 {
         let now_s = f64::from(step) * 0.06;
         reckoner.attitude(at(now_s), level(now_s));
-        reckoner.velocity("v", told(now_s - 0.037, DVec3::X)).unwrap();
+        reckoner
+            .velocity("v", told(now_s - 0.037, DVec3::X))
+            .unwrap();
         poses.extend(reckoner.take());
     }
     let circle_m = |pose: &Reckoned| DVec3::new(since_s(pose).sin(), -since_s(pose).cos(), 0.0);
@@ -116,7 +118,10 @@ fn forward_left_up_are_turned_into_east_north_up() {
         (PI, DVec3::new(1.0, 0.0, 0.5), DVec3::new(-1.0, 0.0, 0.5)),
     ] {
         let moved_m = moved_m(heading_rad, mps);
-        assert!((moved_m - expected_m).length() < 1e-9, "{heading_rad}: {moved_m}");
+        assert!(
+            (moved_m - expected_m).length() < 1e-9,
+            "{heading_rad}: {moved_m}"
+        );
     }
     // Pitched down by 30 degrees, forward is downwards too.
     let mut reckoner = Reckoner::new(LIVE_PATIENCE_S);
@@ -157,7 +162,9 @@ fn a_gap_of_five_seconds_is_bridged_live_with_a_sigma_that_grows() {
     let true_m = |s: f64| s - 0.01 * s * s;
     let begin_m = true_m(since_s(&poses[0]));
     let error_m = |pose: &Reckoned| place_m(pose).x - (true_m(since_s(pose)) - begin_m);
-    let gaps = poses.windows(2).map(|two| since_s(&two[1]) - since_s(&two[0]));
+    let gaps = poses
+        .windows(2)
+        .map(|two| since_s(&two[1]) - since_s(&two[0]));
     assert!(gaps.fold(0.0, f64::max) < 0.021, "no pose lacks");
     assert!(poses.iter().all(|pose| pose.epoch == 0));
     let near = |s: f64| poses.iter().find(|pose| since_s(pose) >= s).unwrap();
@@ -182,14 +189,25 @@ fn in_a_log_a_gap_is_bridged_from_both_ends() {
     let true_m = |s: f64| 5.0 * DVec3::new((0.2 * s).sin(), -(0.2 * s).cos(), 0.0);
     let worst_m = |poses: &[Reckoned]| {
         let begin_m = true_m(since_s(&poses[0]));
-        let errors = poses.iter().map(|pose| (place_m(pose) - true_m(since_s(pose)) + begin_m).length());
+        let errors = poses
+            .iter()
+            .map(|pose| (place_m(pose) - true_m(since_s(pose)) + begin_m).length());
         errors.fold(0.0, f64::max)
     };
     let (live, logged) = (dive.live(40.0), dive.logged(40.0));
     assert!(worst_m(&logged) < 0.35, "{}", worst_m(&logged));
-    assert!(worst_m(&live) > 2.0 * worst_m(&logged), "{}", worst_m(&live));
-    let steps = logged.windows(2).map(|two| (place_m(&two[1]) - place_m(&two[0])).length());
-    assert!(steps.fold(0.0, f64::max) < 0.04, "it goes on without a jump");
+    assert!(
+        worst_m(&live) > 2.0 * worst_m(&logged),
+        "{}",
+        worst_m(&live)
+    );
+    let steps = logged
+        .windows(2)
+        .map(|two| (place_m(&two[1]) - place_m(&two[0])).length());
+    assert!(
+        steps.fold(0.0, f64::max) < 0.04,
+        "it goes on without a jump"
+    );
 }
 
 #[test]
@@ -238,10 +256,14 @@ fn a_depth_sensor_that_is_heard_late_goes_on_from_there() {
         let now_s = f64::from(step) * 0.02;
         reckoner.attitude(at(now_s), level(0.0));
         reckoner.velocity("v", told(now_s, DVec3::X)).unwrap();
-        reckoner.height("z", at(now_s), -8.0 - 0.1 * (now_s - 5.0)).unwrap();
+        reckoner
+            .height("z", at(now_s), -8.0 - 0.1 * (now_s - 5.0))
+            .unwrap();
         poses.extend(reckoner.take());
     }
-    let steps = poses.windows(2).map(|two| (place_m(&two[1]).z - place_m(&two[0]).z).abs());
+    let steps = poses
+        .windows(2)
+        .map(|two| (place_m(&two[1]).z - place_m(&two[0]).z).abs());
     assert!(steps.fold(0.0, f64::max) < 0.01);
     let last_m = place_m(poses.last().unwrap());
     assert!((last_m.z + 0.5).abs() < 0.02, "{last_m}");
@@ -275,13 +297,20 @@ fn what_no_vehicle_does_is_refused_in_words() {
     let mut reckoner = Reckoner::new(LIVE_PATIENCE_S);
     reckoner.attitude(at(0.0), level(0.0));
     let mut refused = |x: f64| {
-        let fault = reckoner.velocity("the DVL", told(0.0, DVec3::X * x)).unwrap_err();
+        let fault = reckoner
+            .velocity("the DVL", told(0.0, DVec3::X * x))
+            .unwrap_err();
         fault.to_string()
     };
     assert_eq!(refused(f64::NAN), "the DVL is not finite");
     assert_eq!(refused(f64::INFINITY), "the DVL is not finite");
     assert!(refused(-32.768).contains("32.8 m/s"));
-    let mut refused = |z_m| reckoner.height("alt", at(0.0), z_m).unwrap_err().to_string();
+    let mut refused = |z_m| {
+        reckoner
+            .height("alt", at(0.0), z_m)
+            .unwrap_err()
+            .to_string()
+    };
     assert_eq!(refused(f64::NAN), "alt is not finite");
     assert!(refused(-1e6).contains("no sea"));
 }

@@ -38,7 +38,8 @@ impl Turns {
             return false;
         }
         let is_old = |at: Timestamp| time.seconds_since(at) > KEPT_S;
-        while self.kept.len() >= KEPT_COUNT || self.kept.front().is_some_and(|(at, _)| is_old(*at)) {
+        while self.kept.len() >= KEPT_COUNT || self.kept.front().is_some_and(|(at, _)| is_old(*at))
+        {
             self.kept.pop_front();
         }
         self.kept.push_back((time, rotation));
@@ -57,7 +58,8 @@ impl Turns {
         if after_at == time {
             return Turn::Is(after);
         }
-        let Some(&(before_at, before)) = behind.checked_sub(1).and_then(|i| self.kept.get(i)) else {
+        let Some(&(before_at, before)) = behind.checked_sub(1).and_then(|i| self.kept.get(i))
+        else {
             return Turn::Never;
         };
         let span_s = after_at.seconds_since(before_at);

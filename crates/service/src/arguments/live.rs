@@ -15,6 +15,7 @@ const SONAR_HELP: &str = "The sonar: tcp://HOST:PORT, udp://HOST:PORT, \
      serial:///DEVICE?baudrate=N, sim://SCENE or file://LOG.svlog";
 const POSE_HELP: &str = "The poses: zenoh://[KEY], mavlink+udp://HOST:PORT[?out], \
      mavlink+tcp://HOST:PORT, mavlink+serial:///DEVICE?baudrate=N, mavlink+zenoh://[PREFIX], \
+     each of these four with ?velocity=dvl://HOST for velocities of a DVL beside an autopilot without positions, \
      dvl://HOST, ros2:///TOPIC, log://, tum://POSES.tum or none";
 const PLACE_HELP: &str = "Try only there: tcp://HOST:PORT, udp://HOST:PORT or \
      serial:///DEVICE?baudrate=N; repeatable";
