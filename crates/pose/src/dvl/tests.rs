@@ -269,3 +269,20 @@ fn lines_come_whole_from_any_pieces_and_long_ones_are_bounded() {
         assert_eq!(lengths, [MAX_LINE_BYTES, 1]);
     }
 }
+
+#[test]
+fn beside_an_autopilot_valid_velocities_alone_are_told() {
+    let told = |line: &str| told_of(&Report::parse(line.as_bytes()).unwrap().unwrap());
+    let found = told(&velocity(10.0, [1.0, 2.0, 3.0])).unwrap();
+    assert_eq!(found.mps, DVec3::new(1.0, -2.0, -3.0));
+    assert_eq!(
+        (found.axes, found.stamp),
+        (Axes::Vehicle, Stamp::Own(10_000_000_000))
+    );
+    // As the vendor's documentation shows it: sent 189 ms after it was true.
+    let documented = told(VELOCITY).unwrap();
+    assert!((documented.before_s - 0.189_319).abs() < 1e-9);
+    let blind = velocity(10.0, [0.0; 3]).replace("true", "false");
+    assert_eq!(told(&blind), None);
+    assert_eq!(told(&position(10.0, [0.0; 3], 0.0, 0)), None);
+}

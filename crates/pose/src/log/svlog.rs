@@ -478,6 +478,50 @@ mod tests {
         assert!((latitude_deg - 60.18).abs() < 1e-9);
     }
 
+    /// A log of attitude and of what the DVL extension tells the autopilot, blind from and to so many milliseconds.
+    fn log_of_velocities(blind_ms: std::ops::Range<u32>) -> Vec<Vec<u8>> {
+        let delta = r#"{"header":{"system_id":255,"component_id":0},"message":{"type":"VISION_POSITION_DELTA",
+            "time_usec":0,"time_delta_usec":100000,"position_delta":[0.05,0,0],"confidence":90}}"#;
+        let mut frames = Vec::new();
+        for i in 0..800_u32 {
+            // The sonar was switched on 70 s before the autopilot.
+            let now_ms = 1_000 + i * 50;
+            frames.push(profile(70_000 + now_ms));
+            frames.push(attitude(now_ms));
+            if i % 2 == 0 && !blind_ms.contains(&now_ms) {
+                frames.push(frame(&Packet::Mavlink(delta.into())));
+            }
+        }
+        frames
+    }
+
+    #[test]
+    fn a_log_of_velocities_alone_gives_poses_on_the_time_of_the_profiles() {
+        let poses = poses_of(&log_of_velocities(20_000..25_000)).unwrap().poses;
+        // All but the last, which wait for a velocity behind them.
+        assert!((790..800).contains(&poses.len()), "{}", poses.len());
+        assert!(poses.iter().all(|pose| pose.pose.epoch == 0));
+        let (first, last) = (&poses[0].pose, &poses[poses.len() - 1].pose);
+        let since_start_ms = first.time.nanos() / 1_000_000 - 1_714_564_800_000;
+        assert!((0..=100).contains(&since_start_ms), "{since_start_ms}");
+        let moved_m = last.world_from_vehicle.translation_m - first.world_from_vehicle.translation_m;
+        let passed_s = last.time.seconds_since(first.time);
+        // Yaw 0 is north.
+        assert!((moved_m.y - 0.5 * passed_s).abs() < 0.01, "{moved_m}");
+    }
+
+    #[test]
+    fn a_log_whose_gap_is_too_long_goes_on_in_another_epoch() {
+        let poses = poses_of(&log_of_velocities(20_000..30_000)).unwrap().poses;
+        let mut epochs: Vec<u32> = poses.iter().map(|pose| pose.pose.epoch).collect();
+        epochs.dedup();
+        assert_eq!(epochs, [0, 1]);
+        let gaps = poses.windows(2);
+        let gaps = gaps.map(|two| two[1].pose.time.seconds_since(two[0].pose.time));
+        let longest_s = gaps.fold(0.0, f64::max);
+        assert!((3.5..4.5).contains(&longest_s), "{longest_s}");
+    }
+
     #[test]
     fn a_log_without_poses_says_what_it_has_instead() {
         let said = |frames: &[Vec<u8>]| poses_of(frames).unwrap_err().to_string();

@@ -33,7 +33,8 @@ const NO_POSITION: &str = "the vehicle sends attitude but no position and no vel
                            fuse it, visual SLAM or underwater GPS, with the EKF's origin set (SET_GPS_GLOBAL_ORIGIN)";
 /// Nor with a DVL that tells nothing.
 const NO_DVL: &str = "the vehicle sends attitude but no position, and the DVL that pose.url names tells no velocity over ground; \
-                      pings are recorded but not mapped; the DVL has to see the bottom (0.05 to 50 m away)";
+                      pings are recorded but not mapped; the DVL has to see the bottom (0.05 to 50 m away), and to report \
+                      time_of_validity (json_v3)";
 
 /// Whose velocities are taken.
 #[derive(Debug)]

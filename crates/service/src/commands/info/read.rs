@@ -214,7 +214,9 @@ pub(super) fn log(file: &Path) -> anyhow::Result<Facts> {
     facts.insert("sessions".to_owned(), wrapped.sessions.into());
     facts.insert("attitudes".to_owned(), wrapped.attitudes.into());
     facts.insert("positions".to_owned(), wrapped.positions.into());
-    let replays = wrapped.attitudes > 0 && wrapped.positions > 0;
+    facts.insert("velocities".to_owned(), wrapped.velocities.into());
+    let moves = wrapped.positions > 0 || wrapped.velocities > 0;
+    let replays = wrapped.attitudes > 0 && moves;
     facts.insert("replays_without_poses".to_owned(), replays.into());
     facts.insert(
         "damage".to_owned(),
@@ -234,6 +236,8 @@ struct Wrapped {
     sessions: u64,
     attitudes: u64,
     positions: u64,
+    /// Of vehicles without positions.
+    velocities: u64,
 }
 
 impl Wrapped {
@@ -246,6 +250,7 @@ impl Wrapped {
                 match message["message"]["type"].as_str() {
                     Some("ATTITUDE" | "ATTITUDE_QUATERNION") => self.attitudes += 1,
                     Some("LOCAL_POSITION_NED") => self.positions += 1,
+                    Some("VISION_POSITION_DELTA" | "VISION_SPEED_ESTIMATE") => self.velocities += 1,
                     Some("ODOMETRY") => {
                         self.attitudes += 1;
                         self.positions += 1;
