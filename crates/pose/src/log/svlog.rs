@@ -504,7 +504,8 @@ mod tests {
         let (first, last) = (&poses[0].pose, &poses[poses.len() - 1].pose);
         let since_start_ms = first.time.nanos() / 1_000_000 - 1_714_564_800_000;
         assert!((0..=100).contains(&since_start_ms), "{since_start_ms}");
-        let moved_m = last.world_from_vehicle.translation_m - first.world_from_vehicle.translation_m;
+        let moved_m =
+            last.world_from_vehicle.translation_m - first.world_from_vehicle.translation_m;
         let passed_s = last.time.seconds_since(first.time);
         // Yaw 0 is north.
         assert!((moved_m.y - 0.5 * passed_s).abs() < 0.01, "{moved_m}");
