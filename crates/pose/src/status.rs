@@ -46,7 +46,8 @@ pub struct PoseSourceStatus {
     /// How that is known: `timesync`, `system_time`, `arrival`, `unix` (the source keeps Unix
     /// time), `data` (stamps as they are).
     pub clock_method: Option<String>,
-    /// Of a source with a link: `up`, `waiting for …`, `lost: …`.
+    /// Of a source with a link: `up`, `waiting for …`, `lost: …`; behind `up` also how positions are reckoned, and what became
+    /// of a DVL beside it.
     pub link: Option<String>,
     /// Where on Earth its poses count from, if it says so.
     #[serde(skip_serializing_if = "Option::is_none")]
