@@ -521,7 +521,36 @@ fn in_order(runs: &[&[(u32, u32)]]) -> Box<[(u32, u32)]> {
     all.into()
 }
 
-/// Quarter of the horizon that a direction is in.
+/// Quarter of the horizon that a direction is in: ahead, behind, left or right of the first ping's heading, which is in the
+/// middle of the first so that no rounding decides where it is.
 fn sector_of(direction: Vec3) -> usize {
-    usize::from(direction.x < 0.0) + 2 * usize::from(direction.y < 0.0)
+    let is_sideways = direction.y.abs() > direction.x.abs();
+    let along = if is_sideways {
+        direction.y
+    } else {
+        direction.x
+    };
+    usize::from(along < 0.0) + 2 * usize::from(is_sideways)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looking_ahead_with_a_swing_is_one_side_and_no_rounding_makes_it_two() {
+        let towards = |degrees: f32| {
+            let (sine, cosine) = degrees.to_radians().sin_cos();
+            sector_of(Vec3::new(cosine, sine, 0.1))
+        };
+        let ahead = towards(0.0);
+        assert!([-40.0, -1e-15, 1e-15, 40.0].map(towards) == [ahead; 4]);
+        let others = [90.0, 180.0, -90.0].map(towards);
+        assert!(others.iter().all(|&other| other != ahead && other < 4));
+        assert!(others[0] != others[1] && others[1] != others[2] && others[0] != others[2]);
+        assert_eq!(
+            sector_of(Vec3::new(-1.0, -0.0, 0.0)),
+            sector_of(Vec3::new(-1.0, 0.0, 0.0))
+        );
+    }
 }
