@@ -2,8 +2,8 @@
 //!
 //! With P′ the image of a place P in the surface and S the sensor, P is heard at |SP|, once more at (|SP| + |SP′|)/2 (out
 //! one way, back the other) and at |SP′|. The height of the surface is learnt from the dive: of all heights that are tried,
-//! it is the one at which most strong echoes of confident Gaussians are heard again by way of it once. Echoes where a
-//! confident Gaussian's image would be heard, weaker than its own, then say nothing.
+//! it is the one at which the images that strong echoes of confident Gaussians have are least likely to be chance. Echoes
+//! where a confident Gaussian's image would be heard, weaker than its own, then say nothing.
 //!
 //! Deliberately absent: waves, tide, bent sound; heights more than 18 m above the first ping; surfaces whose images are
 //! never heard by echoes strong enough to ask.
@@ -24,16 +24,22 @@ const STEP_M: f32 = 0.04;
 /// Heights tried; grid.
 const HEIGHTS: usize = 500;
 /// Steps either side; found.
-/// The surface stands out from what is so many steps above and below it.
-const BESIDE: usize = 10;
+/// The surface stands out from what is so many steps above and below it: 0.8 m, since near a surface its images hardly move
+/// with it.
+const BESIDE: usize = 20;
 /// Fraction of strong echoes; found.
-/// Share of strong echoes with an image, and how many times that of heights beside.
-const LEAST_SHARE: f64 = 0.5;
-/// Ratio of shares; found.
-const LEAST_CONTRAST: f64 = 2.0;
-/// Strong echoes; found.
-/// Independent strong echoes before anything is told.
-const LEAST_ASKED: f64 = 300.0;
+/// Beyond the share that is heard at heights beside, structures at a like distance send back at most this share of the rest.
+const CHANCE_SHARE: f64 = 0.25;
+/// Fraction of strong echoes; assumed.
+/// A surface sends back at least this share of the rest: images of strong echoes are 16 dB over the threshold.
+const SURFACE_SHARE: f64 = 0.5;
+/// Fraction of questions; assumed.
+/// The vehicle is below the surface but for so many: poses wander, and there are waves.
+const MOST_ABOVE: f64 = 0.25;
+/// Nats, derived: 500 heights, a millionth.
+/// One dive in a million without a surface is told of one.
+/// Log ratio of the likelihoods of a surface and of chance, from which on a height is the surface's.
+const LEAST_NATS: f64 = 20.0;
 /// Ratio of power, physics: 3 dB surface, 13 dB beam.
 /// What an image may lose against its source and be heard still: 3 dB at the surface and 13 dB of the beam.
 const LOSS: f32 = 40.0;
@@ -43,10 +49,14 @@ const STRONG_FRACTION: f32 = 0.03;
 /// Strong echoes of a ping asked; bounds work.
 const MOST_ASKED: usize = 8;
 /// Metres below the surface; found.
-/// Sensor and structure are below the surface by this at least, and an image this much behind its source, metres.
+/// Sensor and structure are below the surface by this at least.
 const LEAST_DEPTH_M: f32 = 0.1;
-/// Metres behind its source; found.
-const LEAST_BEHIND_M: f32 = 0.3;
+/// Metres; found.
+/// An image is asked for so far behind its source at least, where the structure itself hardly sends echoes.
+const ASKED_BEHIND_M: f32 = 0.3;
+/// Metres, derived: beyond its pulse.
+/// An image is told from its source so far behind it.
+const TOLD_BEHIND_M: f32 = 0.15;
 /// Metres, derived: errors of surface and source.
 /// By how much an image may be off, metres: height of the surface and place of the source.
 const TOLERANCE_M: f32 = 0.06;
@@ -69,11 +79,35 @@ pub(crate) struct Source {
 struct Tried {
     asked: f64,
     found: f64,
+    /// Not asked, since the vehicle was above it.
+    above: f64,
 }
 
 impl Tried {
+    /// How likely an echo is heard again, by what was found and, before anything was, by evens.
     fn share(&self) -> f64 {
-        self.found / self.asked.max(1.0)
+        (self.found + 1.0) / (self.asked + 2.0)
+    }
+
+    /// Log likelihood of what was found, over that of an echo being heard again with a chance of `chance` or less, less that
+    /// over a chance of `surface` or more, nats.
+    fn nats(&self, chance: f64, surface: f64) -> f64 {
+        let share = self.found / self.asked;
+        let unlikely = |by: f64| {
+            let part = |of: f64, by: f64| if of > 0.0 { of * (of / by).ln() } else { 0.0 };
+            part(share, by) + part(1.0 - share, 1.0 - by)
+        };
+        let by_chance = if share > chance {
+            unlikely(chance)
+        } else {
+            0.0
+        };
+        let by_surface = if share < surface {
+            unlikely(surface)
+        } else {
+            0.0
+        };
+        self.asked * (by_chance - by_surface)
     }
 }
 
@@ -101,6 +135,11 @@ impl Mirror {
     /// Height of the surface above the first ping, metres; `None` as long as none stands out.
     pub(crate) fn height_m(&self) -> Option<f32> {
         self.height_m
+    }
+
+    /// Forgets what was asked.
+    pub(crate) fn begin_anew(&mut self) {
+        self.tried.fill(Tried::default());
     }
 
     /// Whether it is time for [`Mirror::set_sources`].
@@ -179,7 +218,11 @@ impl Mirror {
         is_image: impl Fn(f32) -> bool,
     ) {
         for (step, tried) in self.tried.iter_mut().enumerate() {
-            let images_m = images_m(geometry, place_m, height_m(step));
+            if !is_below(geometry.pose.position_m, height_m(step)) {
+                tried.above += weight;
+                continue;
+            }
+            let images_m = images_m(geometry, place_m, height_m(step), ASKED_BEHIND_M);
             let Some(bin) = images_m.and_then(|[once_m, _]| bin_at(geometry, once_m)) else {
                 continue;
             };
@@ -195,15 +238,22 @@ impl Mirror {
     }
 
     fn decide(&mut self) {
-        let share = |step: usize| self.tried[step].share();
-        let is_told = |&step: &usize| {
-            self.tried[step].asked >= LEAST_ASKED
-                && share(step) >= LEAST_SHARE
-                && share(step) >= LEAST_CONTRAST * share(step - BESIDE).max(share(step + BESIDE))
+        let nats = |step: usize| {
+            let tried = &self.tried[step];
+            if tried.above > MOST_ABOVE * (tried.above + tried.asked) {
+                return 0.0;
+            }
+            let beside = [step - BESIDE, step + BESIDE].map(|beside| self.tried[beside].share());
+            let share = beside[0].max(beside[1]);
+            let and = |of_rest: f64| share + of_rest * (1.0 - share);
+            tried.nats(and(CHANCE_SHARE), and(SURFACE_SHARE))
         };
-        let told = (BESIDE..HEIGHTS - BESIDE).filter(is_told);
-        let best = told.max_by(|&a, &b| share(a).total_cmp(&share(b)));
-        self.height_m = best.map(height_m);
+        let all = (BESIDE..HEIGHTS - BESIDE).map(|step| (step, nats(step)));
+        let told = all
+            .filter(|&(_, nats)| nats >= LEAST_NATS)
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .map(|(step, _)| step);
+        self.height_m = told.map(height_m);
     }
 
     /// Bins of a ping in which images of confident Gaussians would be heard, louder than what is there.
@@ -214,7 +264,7 @@ impl Mirror {
         };
         let tolerance = (TOLERANCE_M / geometry.bin_length_m).ceil() as usize;
         for source in &self.sources {
-            let Some(images_m) = images_m(geometry, source.mean_m, height_m) else {
+            let Some(images_m) = images_m(geometry, source.mean_m, height_m, TOLD_BEHIND_M) else {
                 continue;
             };
             if geometry
@@ -250,14 +300,23 @@ fn bin_at(geometry: &PingGeometry, range_m: f32) -> Option<usize> {
 }
 
 /// Ranges at which a place is heard by way of a surface at this height, once and there and back, metres.
-/// `None` where sensor or place is not below it, or its image not behind it.
-fn images_m(geometry: &PingGeometry, place_m: Vec3, height_m: f32) -> Option<[f32; 2]> {
+/// `None` where sensor or place is not below it, or its image less than `behind_m` behind it.
+fn images_m(
+    geometry: &PingGeometry,
+    place_m: Vec3,
+    height_m: f32,
+    behind_m: f32,
+) -> Option<[f32; 2]> {
     let sensor_m = geometry.pose.position_m;
     let image_m = Vec3::new(place_m.x, place_m.y, 2.0 * height_m - place_m.z);
     let (direct, twice) = (place_m.distance(sensor_m), image_m.distance(sensor_m));
     let once = 0.5 * (direct + twice);
-    let is_below = height_m - LEAST_DEPTH_M > sensor_m.z.max(place_m.z);
-    (is_below && once > direct + LEAST_BEHIND_M).then_some([once, twice])
+    let are_below = is_below(sensor_m, height_m) && is_below(place_m, height_m);
+    (are_below && once > direct + behind_m).then_some([once, twice])
+}
+
+fn is_below(place_m: Vec3, height_m: f32) -> bool {
+    place_m.z < height_m - LEAST_DEPTH_M
 }
 
 #[cfg(test)]
@@ -282,9 +341,9 @@ mod tests {
     }
 
     /// Learnt from pings of one place each, and of another echo as `other` says for the place.
-    fn learnt(other: impl Fn(Vec3) -> f64) -> Mirror {
+    fn learnt(pings: u32, other: impl Fn(Vec3) -> f64) -> Mirror {
         let mut mirror = Mirror::default();
-        for ping in 0..2048 {
+        for ping in 0..pings {
             let place = place(ping);
             mirror.set_sources(vec![place]);
             let range_m = f64::from(place.mean_m.length());
@@ -302,23 +361,46 @@ mod tests {
 
     #[test]
     fn a_surface_is_told_by_its_images_to_a_step() {
-        let height_m = learnt(image_m).height_m();
+        let height_m = learnt(2048, image_m).height_m();
         let error_m = height_m.map(|height_m| (height_m - SURFACE_M).abs());
         assert!(error_m.is_some_and(|m| m <= 0.08), "{height_m:?}");
     }
 
     #[test]
+    fn few_echoes_tell_a_surface_and_very_few_do_not() {
+        // Every fourth ping is asked.
+        assert!(learnt(256, image_m).height_m().is_some());
+        assert!(learnt(32, image_m).height_m().is_none());
+    }
+
+    #[test]
+    fn a_height_is_spoken_for_by_more_than_chance_and_against_by_less_than_a_surface() {
+        let tried = |asked: f64, share: f64| Tried {
+            asked,
+            found: share * asked,
+            above: 0.0,
+        };
+        // All of a hundred where half were expected: a hundred coins that fall alike.
+        let coins = tried(100.0, 1.0).nats(0.5, 0.7);
+        assert!((coins - 100.0 * std::f64::consts::LN_2).abs() < 1e-9);
+        assert!(tried(1e4, 0.5).nats(0.5, 0.7) < -LEAST_NATS);
+        // As far from either.
+        assert!(tried(1e6, 0.4).nats(0.3, 0.5).abs() < 0.1 * tried(1e6, 0.5).nats(0.3, 0.5));
+        assert!(!(Tried::default().nats(0.5, 0.7) >= LEAST_NATS));
+    }
+
+    #[test]
     fn a_structure_behind_is_no_surface() {
         assert_eq!(
-            learnt(|place_m| f64::from(place_m.length()) + 1.0).height_m(),
+            learnt(2048, |place_m| f64::from(place_m.length()) + 1.0).height_m(),
             None
         );
-        assert_eq!(learnt(|_| 6.0).height_m(), None);
+        assert_eq!(learnt(2048, |_| 6.0).height_m(), None);
     }
 
     #[test]
     fn what_is_louder_than_the_source_or_elsewhere_is_no_image() {
-        let mut mirror = learnt(image_m);
+        let mut mirror = learnt(2048, image_m);
         let place = source(4.0, 0.1);
         mirror.set_sources(vec![place]);
         let (direct_m, image_m) = (f64::from(place.mean_m.length()), image_m(place.mean_m));

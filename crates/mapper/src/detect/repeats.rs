@@ -55,6 +55,11 @@ impl Repeats {
             .listen(geometry, intensity, profile, strongest, weight);
     }
 
+    /// Forgets what pings said of a surface, before all are asked anew.
+    pub(crate) fn ask_for_surface_anew(&mut self) {
+        self.mirror.begin_anew();
+    }
+
     /// Asks a ping of before, which counts `weight`, for images of the sources of now.
     pub(crate) fn ask_for_surface(
         &mut self,

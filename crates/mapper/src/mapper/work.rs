@@ -95,6 +95,7 @@ impl Mapper {
             return false;
         }
         self.repeats.set_sources(sources(&self.gaussians, |_| true));
+        self.repeats.ask_for_surface_anew();
         let begun = self.tasks.begin(Task::Anew);
         for keyframe in self.history.pings() {
             self.progress.tell();
