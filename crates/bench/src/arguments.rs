@@ -85,8 +85,8 @@ pub(crate) struct TargetsBenchArguments {
     pub(crate) options: BenchOptions,
     #[command(flatten)]
     pub(crate) queue: QueueOptions,
-    /// Only this section (accuracy, field, shift, more, live, work, length, threads, frames, own,
-    /// paper) or this scene; repeatable, and SECTION/SCENE takes what is both
+    /// Only this section (accuracy, field, certainty, shift, more, live, work, length, threads, frames,
+    /// again, own, paper) or this scene; repeatable, and SECTION/SCENE takes what is both
     #[arg(long, value_name = "NAME")]
     pub(crate) only: Vec<String>,
 }

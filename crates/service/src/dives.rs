@@ -45,26 +45,26 @@ pub(crate) fn scene_with_text(name_or_path: &str) -> anyhow::Result<(Scene, Stri
 /// # Errors
 /// If there is no such scene, or the dive cannot be made in it.
 pub fn sonar(arguments: &DiveArguments, duration_s: Option<f64>) -> anyhow::Result<SimulatedSonar> {
-    sonar_with_poses(arguments, duration_s, arguments.noise)
+    sonar_with(
+        arguments,
+        duration_s,
+        arguments.noise,
+        Disturbances::default(),
+    )
 }
 
-/// As [`sonar`], with poses of another noise than that of the pings.
+/// As [`sonar`], with poses of another noise than that of the pings, and what the water adds.
 ///
 /// # Errors
 /// As [`sonar`].
-pub fn sonar_with_poses(
+pub fn sonar_with(
     arguments: &DiveArguments,
     duration_s: Option<f64>,
     pose_noise: NoiseLevel,
+    disturbances: Disturbances,
 ) -> anyhow::Result<SimulatedSonar> {
     let scene = scene(&arguments.scene)?;
-    made(
-        scene,
-        arguments,
-        duration_s,
-        pose_noise,
-        Disturbances::default(),
-    )
+    made(scene, arguments, duration_s, pose_noise, disturbances)
 }
 
 /// As [`sonar`], in a scene that was read already, on a dive with disturbances.

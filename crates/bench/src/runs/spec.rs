@@ -64,6 +64,9 @@ pub(crate) struct Spec {
     /// without.
     #[serde(default)]
     pub(crate) echoes_over_noise_db: Option<f64>,
+    /// What the water adds, each as `KEY=VALUE` of `simulate --disturb`.
+    #[serde(default)]
+    pub(crate) disturbances: Vec<String>,
     /// Of everything random.
     pub(crate) seed: u64,
     /// Length of the dive; the default's without.
@@ -135,6 +138,7 @@ impl Spec {
             noise,
             pose_noise: None,
             echoes_over_noise_db: None,
+            disturbances: Vec::new(),
             seed,
             duration_s: None,
             share: 1.0,
@@ -179,6 +183,9 @@ impl Spec {
         }
         if let Some(over_noise_db) = self.echoes_over_noise_db {
             add(format!("echoes {over_noise_db} dB over the noise"));
+        }
+        if !self.disturbances.is_empty() {
+            add(self.disturbances.join(", "));
         }
         if let Some(duration_s) = self.duration_s {
             add(format!("{duration_s} s"));
@@ -350,6 +357,10 @@ mod tests {
                 echoes_over_noise_db: Some(14.0),
                 ..plain.clone()
             },
+            Spec {
+                disturbances: vec!["surface_m=2".to_owned()],
+                ..plain.clone()
+            },
             plain.clone().with("mapper.workout_passes", "48"),
             plain.clone().with("mapper.workout_passes", "8"),
         ];
@@ -372,6 +383,7 @@ mod tests {
             },
             pose_noise: Some(NoiseLevel::Field),
             echoes_over_noise_db: Some(17.0),
+            disturbances: vec!["copy_offset_m=1".to_owned()],
             ..Spec::new("pier", DiveKind::Viewpoints, NoiseLevel::Harsh, 3)
         };
         let json = serde_json::to_string(&spec).unwrap();

@@ -74,6 +74,7 @@ pub(crate) fn cases() -> Vec<Case> {
     cases.push(memory());
     cases.push(threads());
     cases.extend(frames());
+    cases.extend(heard_again());
     cases.extend(of_maps(Section::Own, accuracy::own()));
     cases.extend(papers());
     cases.extend(work());
@@ -402,6 +403,40 @@ fn finish(outcome: &Outcome) -> f64 {
     let (all, before) = (outcome.total, outcome.streamed);
     let work = all.voxel_observations + all.pairs - before.voxel_observations - before.pairs;
     work as f64 / outcome.pings as f64
+}
+
+/// Surfaces from half a metre above the dive to where their images are out of range, and copies.
+fn heard_again() -> [Case; 2] {
+    let disturbed = |pairs: Vec<String>| Spec {
+        disturbances: pairs,
+        ..survey("fence")
+    };
+    let surfaces = (3..19).map(|halves| vec![format!("surface_m={}", 0.5 * f64::from(halves))]);
+    let copies = [0.3, 0.5, 0.8, 1.3, 2.0, 3.0].into_iter().flat_map(|m| {
+        [6, 13, 20].map(|db| vec![format!("copy_offset_m={m}"), format!("copy_db={db}")])
+    });
+    let targets = || {
+        vec![
+            Target {
+                must: Some(Limit::AtMost(0.01)),
+                aim: Some(0.0),
+                ..target("confident-false, worst", Unit::Share, |o| {
+                    worst(o.iter().map(|o| o.metrics.confident_false_share))
+                })
+            },
+            target("CD, worst", Unit::Metres, |o| {
+                worst(o.iter().map(|o| o.metrics.cd_m))
+            }),
+        ]
+    };
+    let sweep = |name: &str, runs: Vec<Spec>| Case {
+        name: format!("fence, survey, nominal, {name}"),
+        ..case(Section::Again, "fence", runs, targets())
+    };
+    [
+        sweep("16 surfaces", surfaces.map(disturbed).collect()),
+        sweep("18 copies", copies.map(disturbed).collect()),
+    ]
 }
 
 /// Not a number without values, or if one is not above 0.

@@ -23,6 +23,8 @@ pub(crate) enum Section {
     Threads,
     /// The same map wherever the dive takes place.
     Frames,
+    /// Echoes heard a second time must leave nothing in the map.
+    Again,
     /// Scenes that no setting was chosen on.
     Own,
     /// The paper's method on the same dive.
@@ -31,7 +33,7 @@ pub(crate) enum Section {
 
 impl Section {
     /// In the order of the report.
-    pub(crate) const ALL: [Self; 12] = [
+    pub(crate) const ALL: [Self; 13] = [
         Self::Accuracy,
         Self::Field,
         Self::Certainty,
@@ -42,6 +44,7 @@ impl Section {
         Self::Length,
         Self::Threads,
         Self::Frames,
+        Self::Again,
         Self::Own,
         Self::Paper,
     ];
@@ -60,6 +63,7 @@ impl Section {
             Self::Length => "length",
             Self::Threads => "threads",
             Self::Frames => "frames",
+            Self::Again => "again",
             Self::Own => "own",
             Self::Paper => "paper",
         }
@@ -77,6 +81,7 @@ impl Section {
             Self::Length => "Length of the dive",
             Self::Threads => "Number of threads",
             Self::Frames => "Where it takes place",
+            Self::Again => "Echoes heard again",
             Self::Own => "Other scenes",
             Self::Paper => "Against the paper's method",
         }
@@ -132,6 +137,11 @@ impl Section {
                 "The same pings with poses moved or turned in the world; the map is moved and \
                  turned back. Mean of the two directed mean distances between the confident points \
                  of both maps."
+            }
+            Self::Again => {
+                "One dive under surfaces of the water at 16 heights, and one with copies of every echo \
+                 at distances and levels over the range that the program looks for: the largest \
+                 share of confident Gaussians that are false, and the CD there."
             }
             Self::Own => {
                 "Scenes of other sizes, distances and kinds, on which no setting was chosen, \

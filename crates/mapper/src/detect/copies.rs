@@ -53,7 +53,7 @@ const AUDIBLE: f32 = 3.0;
 /// One echo may be this fraction of the strength expected: 6 dB less.
 const SPECKLE_FRACTION: f32 = 0.25;
 /// Fraction, physics: reflection loses 6 dB.
-/// A copy has at most this fraction of its source's power.
+/// A weak copy has at most this fraction of its source's power; a strong one, speckle above its level, may have all of it.
 const MOST_FRACTION: f32 = 0.25;
 /// Pings between decisions; bounds work.
 const DECISION_STRIDE: u32 = 64;
@@ -66,6 +66,8 @@ static FRACTION_OF_LEVEL: LazyLock<[f32; LEVELS]> =
 struct Tried {
     asked: f64,
     found: f64,
+    /// Of their sources' powers that those found had, added up.
+    fractions: f64,
     directions: DVec3,
 }
 
@@ -85,7 +87,15 @@ impl Tried {
 pub(crate) struct Copies {
     tried: Vec<[Tried; LEVELS]>,
     heard: u32,
-    offsets_m: Vec<f32>,
+    told: Vec<Told>,
+}
+
+/// A distance at which echoes come back.
+#[derive(Debug, Clone, Copy)]
+struct Told {
+    offset_m: f32,
+    /// The most of its source's power that a copy has there.
+    most: f32,
 }
 
 impl Default for Copies {
@@ -93,15 +103,15 @@ impl Default for Copies {
         Self {
             tried: vec![[Tried::default(); LEVELS]; OFFSETS],
             heard: 0,
-            offsets_m: Vec::new(),
+            told: Vec::new(),
         }
     }
 }
 
 impl Copies {
-    /// Distances at which echoes come back, metres, ascending; none as long as none stands out.
-    pub(crate) fn offsets_m(&self) -> &[f32] {
-        &self.offsets_m
+    /// Whether echoes come back at any distance.
+    pub(crate) fn are_told(&self) -> bool {
+        !self.told.is_empty()
     }
 
     /// Learns from a ping that counts `weight`; all its echoes have to be in the profile.
@@ -135,6 +145,7 @@ impl Copies {
                     tried.directions += direction;
                     if heard > SPECKLE_FRACTION * fraction * source && heard < source {
                         tried.found += weight;
+                        tried.fractions += weight * f64::from(heard / source);
                     }
                 }
             }
@@ -147,8 +158,16 @@ impl Copies {
 
     fn decide(&mut self) {
         let steps = BESIDE..OFFSETS - BESIDE;
-        let told = steps.filter(|&step| (0..LEVELS).any(|level| self.is_told(step, level)));
-        self.offsets_m = told.map(offset_m).collect();
+        let told = steps.filter_map(|step| {
+            let level = (0..LEVELS).find(|&level| self.is_told(step, level))?;
+            let tried = &self.tried[step][level];
+            let most = (tried.fractions / tried.found) as f32 / SPECKLE_FRACTION;
+            Some(Told {
+                offset_m: offset_m(step),
+                most: most.clamp(MOST_FRACTION, 1.0),
+            })
+        });
+        self.told = told.collect();
     }
 
     fn is_told(&self, step: usize, level: usize) -> bool {
@@ -171,14 +190,14 @@ impl Copies {
     ) -> bool {
         let tolerance = (STEP_M / geometry.bin_length_m).ceil() as usize + 1;
         let power = intensity[bin as usize];
-        self.offsets_m.iter().any(|offset_m| {
-            let behind = (offset_m / geometry.bin_length_m).round() as usize;
+        self.told.iter().any(|told| {
+            let behind = (told.offset_m / geometry.bin_length_m).round() as usize;
             let Some(source) = (bin as usize).checked_sub(behind) else {
                 return false;
             };
             let first = source.saturating_sub(tolerance).max(blank);
             let sources = intensity.get(first..=source + tolerance);
-            power < MOST_FRACTION * greatest(sources.unwrap_or_default())
+            power < told.most * greatest(sources.unwrap_or_default())
         })
     }
 }
@@ -210,9 +229,10 @@ mod tests {
     #[test]
     fn what_keeps_its_distance_behind_all_echoes_is_a_copy() {
         let copies = learnt(40.0, |_, range_m, _| Some((range_m + 1.3, 1e3)));
-        assert!(!copies.offsets_m().is_empty());
-        for offset_m in copies.offsets_m() {
+        assert!(copies.are_told());
+        for Told { offset_m, most } in copies.told {
             assert!((offset_m - 1.3).abs() < 0.05, "{offset_m}");
+            assert!((0.3..0.5).contains(&most), "{most}");
         }
     }
 
@@ -221,7 +241,7 @@ mod tests {
         let copies = learnt(40.0, |ping, range_m, _| {
             ping.is_multiple_of(2).then_some((range_m + 1.3, 1e3))
         });
-        assert_eq!(copies.offsets_m(), [0.0; 0]);
+        assert!(!copies.are_told());
     }
 
     #[test]
@@ -230,8 +250,17 @@ mod tests {
             Some((range_m + 1.3 / heading_deg.to_radians().cos(), 1e3))
         };
         for spread_deg in [40.0, 2.0] {
-            assert_eq!(learnt(spread_deg, parallel).offsets_m(), [0.0; 0]);
+            assert!(!learnt(spread_deg, parallel).are_told());
         }
+    }
+
+    #[test]
+    fn a_strong_copy_may_be_as_loud_as_its_source() {
+        let copies = learnt(40.0, |_, range_m, _| Some((range_m + 1.3, 2.5e3)));
+        assert!(copies.told.iter().any(|told| told.most >= 0.99));
+        let copies = learnt(40.0, |_, range_m, _| Some((range_m + 1.3, 1e2)));
+        assert!(copies.told.iter().all(|told| told.most == MOST_FRACTION));
+        assert!(copies.are_told());
     }
 
     #[test]

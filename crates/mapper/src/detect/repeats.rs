@@ -19,7 +19,7 @@ impl Repeats {
     /// Whether echoes are known to come back.
     pub(crate) fn are_known(&self) -> bool {
         !self.multiples.ratios().is_empty()
-            || !self.copies.offsets_m().is_empty()
+            || self.copies.are_told()
             || self.mirror.height_m().is_some()
     }
 

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use crate::runs::{Method, Outcome, Spec};
-use echosplat_simulator::SimulatedSonar;
+use echosplat_simulator::{Disturbances, SimulatedSonar};
 
 use super::{batch, online};
 use crate::arguments::RunBenchArguments;
@@ -50,7 +50,11 @@ pub(in crate::commands) fn sonar(spec: &Spec) -> anyhow::Result<SimulatedSonar> 
         pings_per_s: None,
     };
     let poses = spec.pose_noise.unwrap_or(spec.noise);
-    let sonar = dives::sonar_with_poses(&dive, spec.duration_s, poses)?;
+    let mut disturbances = Disturbances::default();
+    for pair in &spec.disturbances {
+        disturbances.set(pair)?;
+    }
+    let sonar = dives::sonar_with(&dive, spec.duration_s, poses, disturbances)?;
     match spec.echoes_over_noise_db {
         None => Ok(sonar),
         Some(over_noise_db) => sonar.with_echoes_over_noise(over_noise_db).ok_or_else(|| {
