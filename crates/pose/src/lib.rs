@@ -8,8 +8,8 @@
 //! clock. [`GnssSource`] takes fixes of a satellite receiver, which are no poses.
 //!
 //! Deliberately absent: any guess at a pose (a position is moved by its own velocity for half a second at most, and where
-//! positions are reckoned the last velocity is carried on for some, with a sigma that grows), and any judgement of whether poses make sense: `echosplat_join` does that, and
-//! says which goes with which ping.
+//! positions are reckoned the last velocity is carried on for six, with a sigma that grows), and any judgement of whether
+//! poses make sense: `echosplat_join` does that, and says which goes with which ping.
 
 mod advance;
 mod bus_feed;

@@ -5,7 +5,7 @@
 //! it is the one at which the images that strong echoes of confident Gaussians have are least likely to be chance. Echoes
 //! where a confident Gaussian's image would be heard, weaker than its own, then say nothing.
 //!
-//! Deliberately absent: waves, tide, bent sound; heights more than 18 m above the first ping; surfaces whose images are
+//! Deliberately absent: waves, tide, bent sound; heights more than 17 m above the first ping; surfaces whose images are
 //! never heard by echoes strong enough to ask.
 //!
 //! Cost: every fourth ping, or every one once a height is told, a distance for each confident Gaussian in reach, a projection for those
@@ -37,8 +37,8 @@ const SURFACE_SHARE: f64 = 0.5;
 /// The vehicle is below the surface but for so many: poses wander, and there are waves.
 const MOST_ABOVE: f64 = 0.25;
 /// Nats, derived: 500 heights, a millionth.
-/// One dive in a million without a surface is told of one.
-/// Log ratio of the likelihoods of a surface and of chance, from which on a height is the surface's.
+/// Log ratio of the likelihoods of a surface and of chance, from which on a height is the surface's: by chance it is in one
+/// dive of a million.
 const LEAST_NATS: f64 = 20.0;
 /// Ratio of power, physics: 3 dB surface, 13 dB beam.
 /// What an image may lose against its source and be heard still: 3 dB at the surface and 13 dB of the beam.

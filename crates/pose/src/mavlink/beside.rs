@@ -1,10 +1,12 @@
 //! A DVL beside an autopilot: its velocities go to the vehicles of the link.
 
-use crossbeam_channel::{Receiver, Sender, bounded};
+use crossbeam_channel::{Receiver, bounded};
 use echosplat_model::Timestamp;
 
 use super::fleet::Fleet;
 use super::told::Told;
+use crate::dvl::velocities;
+use crate::link::Address;
 use crate::outlet::Outlet;
 
 /// News that wait while the link to the autopilot is being opened: some 20 s of velocities.
@@ -19,6 +21,22 @@ pub(crate) enum News {
     Velocity(Told, Timestamp),
 }
 
+/// Listens to an autopilot, and to the DVL beside it if there is one. Both are one task: where either panics both begin anew.
+pub(super) async fn listen_beside<L: Future<Output = ()>>(
+    dvl: Option<&Address>,
+    listen: impl FnOnce(Option<Beside>) -> L,
+) {
+    let Some(dvl) = dvl else {
+        return listen(None).await;
+    };
+    let (sender, news) = bounded(QUEUE_LEN);
+    let link = "waiting for it".to_owned();
+    tokio::select! {
+        never = velocities(dvl, &sender) => match never {},
+        () = listen(Some(Beside { news, link })) => {}
+    }
+}
+
 /// The taker's end.
 #[derive(Debug)]
 pub(crate) struct Beside {
@@ -27,13 +45,6 @@ pub(crate) struct Beside {
 }
 
 impl Beside {
-    /// And the end for whoever reads the DVL.
-    pub(crate) fn new() -> (Sender<News>, Self) {
-        let (sender, news) = bounded(QUEUE_LEN);
-        let link = "waiting for it".to_owned();
-        (sender, Self { news, link })
-    }
-
     /// Hands what came to the vehicles.
     pub(crate) fn feed(&mut self, fleet: &mut Fleet, outlet: &mut Outlet) {
         for news in self.news.try_iter() {

@@ -12,13 +12,12 @@ use echosplat_join::StampClock;
 use echosplat_model::Timestamp;
 use tokio::task::{block_in_place, spawn_blocking};
 
-use super::beside::Beside;
+use super::beside::{Beside, listen_beside};
 use super::fleet::Fleet;
 use super::frames::Frames;
 use super::json;
 use super::message::Sender;
 use super::run::{SILENT_AFTER_S, up};
-use crate::dvl::velocities;
 use crate::link::Address;
 use crate::now::now;
 use crate::only::Only;
@@ -66,14 +65,7 @@ pub(crate) struct OnBus {
 
 impl OnBus {
     pub(crate) async fn run(&self, outlet: &mut Outlet) {
-        let Some(dvl) = &self.dvl else {
-            return self.listen(None, outlet).await;
-        };
-        let (news, beside) = Beside::new();
-        tokio::select! {
-            never = velocities(dvl, &news) => match never {},
-            () = self.listen(Some(beside), outlet) => {}
-        }
+        listen_beside(self.dvl.as_ref(), |beside| self.listen(beside, outlet)).await;
     }
 
     async fn listen(&self, mut beside: Option<Beside>, outlet: &mut Outlet) {

@@ -7,12 +7,11 @@ use echosplat_model::Timestamp;
 use mavlink::dialects::ardupilotmega::MavMessage;
 use tokio::task::block_in_place;
 
-use super::beside::Beside;
+use super::beside::{Beside, listen_beside};
 use super::fleet::Fleet;
 use super::frames::{Frames, frame};
 use super::message::Message;
 use super::requests::{Requests, timesync_answer};
-use crate::dvl::velocities;
 use crate::link::{Address, BackOff};
 use crate::now::now;
 use crate::only::Only;
@@ -36,15 +35,7 @@ pub(crate) struct OverLink {
 impl OverLink {
     /// Opens the link, feeds the fleet, opens it again.
     pub(crate) async fn run(&self, outlet: &mut Outlet) {
-        let Some(dvl) = &self.dvl else {
-            return self.listen(None, outlet).await;
-        };
-        let (news, beside) = Beside::new();
-        // One task: where either panics both begin anew.
-        tokio::select! {
-            never = velocities(dvl, &news) => match never {},
-            () = self.listen(Some(beside), outlet) => {}
-        }
+        listen_beside(self.dvl.as_ref(), |beside| self.listen(beside, outlet)).await;
     }
 
     async fn listen(&self, mut beside: Option<Beside>, outlet: &mut Outlet) {
