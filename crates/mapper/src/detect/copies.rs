@@ -4,43 +4,52 @@
 //! far one is missing behind many echoes of the near one, and their distance along the beam changes as it turns; a copy is
 //! behind all echoes that are strong enough for it to be heard, from wherever they come.
 //!
-//! Deliberately absent: copies stronger than a quarter of their source, and any nearer to it than 0.3 m.
+//! Whether they come back at a distance is weighed by likelihood, against the share of echoes that have another at distances
+//! beside.
 //!
-//! Cost: for each ping at most 24 strong bins × 300 offsets × 11 levels.
+//! Deliberately absent: copies stronger than their source, and any nearer to it than 0.25 m.
+//!
+//! Cost: for each ping at most 24 strong bins × 305 distances × 10 levels.
 
 use std::sync::LazyLock;
 
 use echosplat_measurement::PingGeometry;
 use echosplat_model::glam::DVec3;
 
+use crate::detect::odds::{self, nats_over_chance};
 use crate::detect::profile::{Profile, greatest};
 
 /// Metres behind the source, grid.
 /// Distances behind the source, metres, from the first in steps.
-const FIRST_M: f32 = 0.3;
+const FIRST_M: f32 = 0.2;
 /// Metres, grid: a bin.
 const STEP_M: f32 = 0.02;
 /// Distances tried; grid.
-const OFFSETS: usize = 300;
+const OFFSETS: usize = 305;
 /// Steps, derived: longer than an echo.
-/// A copy stands out from what is so many steps beside it, further than an echo is long.
-const BESIDE: usize = 7;
+/// A copy stands out from what is so many steps, 0.24 m, beside it, further than an echo is long, or from the nearest
+/// distance that is tried.
+const BESIDE: usize = 12;
 /// Strengths tried; grid.
 /// How much weaker a copy may be: 6 dB and more, in steps of 2 dB.
 const LEVELS: usize = 10;
+/// Fraction of strong echoes; assumed.
+/// Beyond the share that has another at distances beside, structures at a like distance behind are heard of at most this
+/// share of the rest.
+const CHANCE_SHARE: f64 = 0.5;
 /// Fraction, derived from two single looks.
-/// Share of strong echoes with another at the distance, and how many times that of distances beside. Two echoes of one
-/// strength, each with the speckle of a single look, differ by 6 dB or less in this share of cases.
-const LEAST_SHARE: f64 = 0.7;
-/// Ratio of shares; found.
-const LEAST_CONTRAST: f64 = 2.0;
-/// Strong bins; found.
-/// Independent strong bins before anything is told.
-const LEAST_ASKED: f64 = 300.0;
-/// Length of a mean direction, derived: cos 15°.
-/// The mean of the beams' directions is at most so long: they are spread by 15°, over which the distance along the beam
-/// between two parallel surfaces changes by more than an offset's step.
-const MOST_ALIGNED: f64 = 0.966;
+/// Copies 6 dB weaker and more are heard of at least this share of the rest. Each has the speckle of a single look: so many
+/// are weaker than their source by less than 12 dB.
+const COPY_SHARE: f64 = 0.6;
+/// Nats, assumed: echoes are half independent.
+/// Log ratio of the likelihoods of a copy and of chance, from which on it is told: twice what independent echoes would need,
+/// since beams in succession see the same structures.
+const LEAST_NATS: f64 = 2.0 * odds::LEAST_NATS;
+/// Metres, derived: three bins, twice.
+/// The beams' directions are spread, so that structures would be heard at a distance for half of the time at most: behind a
+/// surface by a distance d, a parallel one is heard at d/cos θ, and so within three bins, w = 0.06 m, of one distance over
+/// θ = √(2 w/d). Of directions spread evenly over twice that the mean has the length 1 − 4 w/(3 d).
+const SPREAD_M: f64 = 0.08;
 /// Fraction, found: 15 dB.
 /// A strong bin is within 15 dB of the strongest of late.
 const STRONG_FRACTION: f32 = 0.03;
@@ -157,7 +166,7 @@ impl Copies {
     }
 
     fn decide(&mut self) {
-        let steps = BESIDE..OFFSETS - BESIDE;
+        let steps = 1..OFFSETS - BESIDE;
         let told = steps.filter_map(|step| {
             let level = (0..LEVELS).find(|&level| self.is_told(step, level))?;
             let tried = &self.tried[step][level];
@@ -171,13 +180,15 @@ impl Copies {
     }
 
     fn is_told(&self, step: usize, level: usize) -> bool {
-        let (here, share) = (self.tried[step][level], self.tried[step][level].share());
-        let at = |step: usize| self.tried[step][level].share();
-        here.asked >= LEAST_ASKED
-            && share >= LEAST_SHARE
-            && share >= LEAST_CONTRAST * at(step - BESIDE).max(at(step + BESIDE))
-            && (step - BESIDE..=step + BESIDE).all(|near| at(near) <= share)
-            && here.aligned() <= MOST_ALIGNED
+        let here = self.tried[step][level];
+        let share = |step: usize| self.tried[step][level].share();
+        let (nearer, farther) = (step.saturating_sub(BESIDE), step + BESIDE);
+        let beside = share(nearer).max(share(farther));
+        let and = |of_rest: f64| beside + of_rest * (1.0 - beside);
+        let nats = nats_over_chance(here.asked, here.found, and(CHANCE_SHARE), and(COPY_SHARE));
+        nats >= LEAST_NATS
+            && (nearer..=farther).all(|near| share(near) <= here.share())
+            && here.aligned() <= most_aligned(step)
     }
 
     /// Whether the echo in a bin may be a copy of one before it.
@@ -202,6 +213,11 @@ impl Copies {
     }
 }
 
+/// The most that the mean direction of beams may have for a length, where structures are told from copies at a distance.
+fn most_aligned(step: usize) -> f64 {
+    1.0 - SPREAD_M / f64::from(offset_m(step))
+}
+
 fn offset_m(step: usize) -> f32 {
     FIRST_M + STEP_M * step as f32
 }
@@ -214,14 +230,23 @@ mod tests {
     /// Learnt from pings at headings up to `spread_deg` with an echo at 3 to 5 m and another, if any, as `other` says
     /// for the ping's number, the echo's range and the heading.
     fn learnt(spread_deg: f64, other: impl Fn(u32, f64, f64) -> Option<(f64, f32)>) -> Copies {
+        learnt_from(640, 1.0, spread_deg, other)
+    }
+
+    fn learnt_from(
+        pings: u32,
+        weight: f32,
+        spread_deg: f64,
+        other: impl Fn(u32, f64, f64) -> Option<(f64, f32)>,
+    ) -> Copies {
         let mut copies = Copies::default();
-        for ping in 0..640 {
+        for ping in 0..pings {
             let range_m = 3.0 + 2.0 * f64::from(ping * 37 % 512) / 512.0;
             let heading_deg = spread_deg * (f64::from(ping % 7) / 3.0 - 1.0);
             let mut echoes = vec![(range_m, 1e4)];
             echoes.extend(other(ping, range_m, heading_deg));
             let (geometry, power, profile, strongest) = heard(heading_deg, &echoes);
-            copies.listen(&geometry, &power, &profile, strongest, 1.0);
+            copies.listen(&geometry, &power, &profile, strongest, weight);
         }
         copies
     }
@@ -241,6 +266,21 @@ mod tests {
         let copies = learnt(40.0, |ping, range_m, _| {
             ping.is_multiple_of(2).then_some((range_m + 1.3, 1e3))
         });
+        assert!(!copies.are_told());
+    }
+
+    #[test]
+    fn a_copy_is_told_after_tens_of_echoes_as_near_as_its_source_is_long() {
+        for behind_m in [0.3, 0.5, 5.0] {
+            let copy = |_, range_m, _| Some((range_m + behind_m, 1e3));
+            assert!(learnt_from(64, 1.0, 70.0, copy).are_told(), "{behind_m}");
+            assert!(!learnt_from(64, 0.1, 70.0, copy).are_told(), "{behind_m}");
+        }
+    }
+
+    #[test]
+    fn an_echo_as_long_as_the_distance_is_none() {
+        let copies = learnt(70.0, |_, range_m, _| Some((range_m + 0.06, 5e3)));
         assert!(!copies.are_told());
     }
 

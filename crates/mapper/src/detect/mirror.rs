@@ -14,6 +14,7 @@
 use echosplat_measurement::{PingGeometry, SymmetricMat3};
 use echosplat_model::glam::Vec3;
 
+use crate::detect::odds::{LEAST_NATS, nats_over_chance};
 use crate::detect::profile::{Profile, greatest};
 
 /// Metres over the first ping, grid.
@@ -36,10 +37,6 @@ const SURFACE_SHARE: f64 = 0.5;
 /// Fraction of questions; assumed.
 /// The vehicle is below the surface but for so many: poses wander, and there are waves.
 const MOST_ABOVE: f64 = 0.25;
-/// Nats, derived: 500 heights, a millionth.
-/// Log ratio of the likelihoods of a surface and of chance, from which on a height is the surface's: by chance it is in one
-/// dive of a million.
-const LEAST_NATS: f64 = 20.0;
 /// Ratio of power, physics: 3 dB surface, 13 dB beam.
 /// What an image may lose against its source and be heard still: 3 dB at the surface and 13 dB of the beam.
 const LOSS: f32 = 40.0;
@@ -87,27 +84,6 @@ impl Tried {
     /// How likely an echo is heard again, by what was found and, before anything was, by evens.
     fn share(&self) -> f64 {
         (self.found + 1.0) / (self.asked + 2.0)
-    }
-
-    /// Log likelihood of what was found, over that of an echo being heard again with a chance of `chance` or less, less that
-    /// over a chance of `surface` or more, nats.
-    fn nats(&self, chance: f64, surface: f64) -> f64 {
-        let share = self.found / self.asked;
-        let unlikely = |by: f64| {
-            let part = |of: f64, by: f64| if of > 0.0 { of * (of / by).ln() } else { 0.0 };
-            part(share, by) + part(1.0 - share, 1.0 - by)
-        };
-        let by_chance = if share > chance {
-            unlikely(chance)
-        } else {
-            0.0
-        };
-        let by_surface = if share < surface {
-            unlikely(surface)
-        } else {
-            0.0
-        };
-        self.asked * (by_chance - by_surface)
     }
 }
 
@@ -246,7 +222,12 @@ impl Mirror {
             let beside = [step - BESIDE, step + BESIDE].map(|beside| self.tried[beside].share());
             let share = beside[0].max(beside[1]);
             let and = |of_rest: f64| share + of_rest * (1.0 - share);
-            tried.nats(and(CHANCE_SHARE), and(SURFACE_SHARE))
+            nats_over_chance(
+                tried.asked,
+                tried.found,
+                and(CHANCE_SHARE),
+                and(SURFACE_SHARE),
+            )
         };
         let all = (BESIDE..HEIGHTS - BESIDE).map(|step| (step, nats(step)));
         let told = all
@@ -371,22 +352,6 @@ mod tests {
         // Every fourth ping is asked.
         assert!(learnt(256, image_m).height_m().is_some());
         assert!(learnt(32, image_m).height_m().is_none());
-    }
-
-    #[test]
-    fn a_height_is_spoken_for_by_more_than_chance_and_against_by_less_than_a_surface() {
-        let tried = |asked: f64, share: f64| Tried {
-            asked,
-            found: share * asked,
-            above: 0.0,
-        };
-        // All of a hundred where half were expected: a hundred coins that fall alike.
-        let coins = tried(100.0, 1.0).nats(0.5, 0.7);
-        assert!((coins - 100.0 * std::f64::consts::LN_2).abs() < 1e-9);
-        assert!(tried(1e4, 0.5).nats(0.5, 0.7) < -LEAST_NATS);
-        // As far from either.
-        assert!(tried(1e6, 0.4).nats(0.3, 0.5).abs() < 0.1 * tried(1e6, 0.5).nats(0.3, 0.5));
-        assert!(!(Tried::default().nats(0.5, 0.7) >= LEAST_NATS));
     }
 
     #[test]

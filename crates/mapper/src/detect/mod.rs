@@ -9,6 +9,7 @@ mod heard;
 pub(crate) mod mirror;
 pub(crate) mod multiples;
 pub(crate) mod noise_over_range;
+mod odds;
 pub(crate) mod own_vehicle;
 pub(crate) mod profile;
 pub(crate) mod receiver;

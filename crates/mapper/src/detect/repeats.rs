@@ -134,7 +134,7 @@ mod tests {
         let mut repeats = Repeats::default();
         for step in 0..640 {
             let range_m = 3.0 + 2.0 * f64::from(step * 37 % 512) / 512.0;
-            let heading_deg = 60.0 * f64::from(step % 7) / 6.0;
+            let heading_deg = 90.0 * f64::from(step % 7) / 6.0;
             let echoes = [(range_m, 1e4), (range_m + 1.3, 1e3)];
             let (geometry, power, profile, strongest) = heard(heading_deg, &echoes);
             repeats.listen(&geometry, &power, &profile, strongest, 1.0);
