@@ -22,8 +22,8 @@ pub use beam::{
 };
 pub use device::{DeviceCounters, SimulatedDevice};
 pub use disturbances::{
-    DISTURBANCE_KEYS, DisturbanceError, DisturbanceKey, Disturbances, EchoCopies, Fish,
-    NavigationError, Saturation, SoundSpeed, Spikes, Walker, WaterSurface,
+    DISTURBANCE_KEYS, DisturbanceError, DisturbanceKey, Disturbances, EchoCopies, EchoMultiples,
+    Fish, NavigationError, Saturation, SoundSpeed, Spikes, Walker, WaterSurface,
 };
 pub use dive::{BEAMS_PER_VIEW, Dive, DiveError, DiveKind, DiveOptions};
 pub use scene::{BUILT_IN_SCENES, Hit, Scene, SceneError, SurfacePoint, SurveyPath};

@@ -32,9 +32,11 @@ const fn key(
 
 /// All of them; the first of a kind switches it on.
 #[rustfmt::skip]
-pub const DISTURBANCE_KEYS: [DisturbanceKey; 23] = [
+pub const DISTURBANCE_KEYS: [DisturbanceKey; 25] = [
     key("copy_offset_m", "a copy of every echo this much further away, metres", (0.0, 100.0), |d| &mut d.copies.offset_m),
     key("copy_db", "how much weaker the copy is, decibels", (0.0, 60.0), |d| &mut d.copies.weaker_db),
+    key("multiple_ratio", "every echo once more at this multiple of its range", (1.0, 10.0), |d| &mut d.multiples.ratio),
+    key("multiple_db", "how much weaker that is, decibels", (0.0, 60.0), |d| &mut d.multiples.weaker_db),
     key("spikes", "another sonar's pulses a ping, at random ranges; 0.05 is one in 20 pings", (0.0, 64.0), |d| &mut d.spikes.per_ping),
     key("spike_db", "their power over the mean noise, decibels", (0.0, 90.0), |d| &mut d.spikes.over_noise_db),
     key("spike_bins", "their length, bins", (0.1, 100.0), |d| &mut d.spikes.length_bins),

@@ -8,6 +8,7 @@ mod copies;
 mod fish;
 mod interference;
 mod keys;
+mod multiples;
 mod navigation;
 mod saturation;
 mod sound;
@@ -18,6 +19,7 @@ pub use fish::Fish;
 pub(crate) use fish::Swimmer;
 pub use interference::{Spikes, Walker};
 pub use keys::{DISTURBANCE_KEYS, DisturbanceError, DisturbanceKey};
+pub use multiples::EchoMultiples;
 pub use navigation::NavigationError;
 pub use saturation::Saturation;
 pub use sound::SoundSpeed;
@@ -28,6 +30,8 @@ pub use surface::WaterSurface;
 pub struct Disturbances {
     /// Every echo heard once more, later.
     pub copies: EchoCopies,
+    /// Every echo heard once more, at a multiple of its range.
+    pub multiples: EchoMultiples,
     /// Another sonar's pulses at random ranges.
     pub spikes: Spikes,
     /// Another sonar's pulse that walks through the pings.

@@ -49,6 +49,7 @@ impl SimulatedSonar {
             sound,
             surface,
             copies,
+            multiples,
             ..
         } = *self.dive.disturbances();
         let elapsed = moment.time_s / self.dive.duration_s();
@@ -81,6 +82,7 @@ impl SimulatedSonar {
         for (echo, added) in echoes.iter_mut().zip(added.into_bins(&settings)) {
             *echo += added;
         }
+        multiples.add_to(&mut echoes, reported);
         copies.add_to(&mut echoes, reported.bin_length_m());
         echoes
     }

@@ -7,8 +7,9 @@ use super::*;
 use crate::{Dive, DiveKind, DiveOptions, NoiseLevel, Scene};
 
 /// One of each, as `KEY=VALUE`, and whether it changes poses in place of pings.
-const EACH: [(&[&str], bool); 9] = [
+const EACH: [(&[&str], bool); 10] = [
     (&["copy_offset_m=1.3"], false),
+    (&["multiple_ratio=1.7"], false),
     (&["spikes=3"], false),
     (&["walker_mps=0.5"], false),
     (&["fish=20"], false),
@@ -94,6 +95,7 @@ fn a_bin_that_a_disturbance_does_not_touch_keeps_its_bits() {
     assert!((595..600).contains(&unchanged(&["walker_mps=0.5"])));
     assert_eq!(unchanged(&["saturated_share=0.5"]), 600);
     assert!((1..600).contains(&unchanged(&["copy_offset_m=1.3"])));
+    assert!((1..600).contains(&unchanged(&["multiple_ratio=1.7"])));
 }
 
 #[test]
