@@ -405,8 +405,8 @@ fn finish(outcome: &Outcome) -> f64 {
     work as f64 / outcome.pings as f64
 }
 
-/// Surfaces from half a metre above the dive to where their images are out of range, and copies.
-fn heard_again() -> [Case; 2] {
+/// Surfaces from half a metre above the dive to where their images are out of range, copies and multiples.
+fn heard_again() -> [Case; 3] {
     let disturbed = |pairs: Vec<String>| Spec {
         disturbances: pairs,
         ..survey("fence")
@@ -415,6 +415,16 @@ fn heard_again() -> [Case; 2] {
     let copies = [0.3, 0.5, 0.8, 1.3, 2.0, 3.0].into_iter().flat_map(|m| {
         [6, 13, 20].map(|db| vec![format!("copy_offset_m={m}"), format!("copy_db={db}")])
     });
+    let multiples = [1.3, 1.6, 1.8, 2.0, 2.5, 3.0]
+        .into_iter()
+        .flat_map(|ratio| {
+            [6, 15].map(|db| {
+                vec![
+                    format!("multiple_ratio={ratio}"),
+                    format!("multiple_db={db}"),
+                ]
+            })
+        });
     let targets = || {
         vec![
             Target {
@@ -436,6 +446,7 @@ fn heard_again() -> [Case; 2] {
     [
         sweep("16 surfaces", surfaces.map(disturbed).collect()),
         sweep("18 copies", copies.map(disturbed).collect()),
+        sweep("12 multiples", multiples.map(disturbed).collect()),
     ]
 }
 

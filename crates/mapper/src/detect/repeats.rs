@@ -2,25 +2,21 @@
 
 use echosplat_measurement::PingGeometry;
 
-use crate::detect::copies::Copies;
 use crate::detect::mirror::{Mirror, Source};
-use crate::detect::multiples::Multiples;
 use crate::detect::profile::{Backdrop, Profile};
+use crate::detect::recurrences::Recurrences;
 
 /// At a ratio of their range, at a distance behind it, and by way of the water's surface.
 #[derive(Debug, Default)]
 pub(crate) struct Repeats {
-    multiples: Multiples,
-    copies: Copies,
+    recurrences: Recurrences,
     mirror: Mirror,
 }
 
 impl Repeats {
     /// Whether echoes are known to come back.
     pub(crate) fn are_known(&self) -> bool {
-        !self.multiples.ratios().is_empty()
-            || self.copies.are_told()
-            || self.mirror.height_m().is_some()
+        self.recurrences.are_told() || self.mirror.height_m().is_some()
     }
 
     /// Height of the water's surface above the first ping, metres, if images in it are heard.
@@ -47,9 +43,7 @@ impl Repeats {
         strongest: f32,
         weight: f32,
     ) {
-        self.multiples
-            .listen(geometry, intensity, profile, strongest, weight);
-        self.copies
+        self.recurrences
             .listen(geometry, intensity, profile, strongest, weight);
         self.mirror
             .listen(geometry, intensity, profile, strongest, weight);
@@ -108,10 +102,7 @@ impl Repeats {
         let blank = profile.first_bin();
         let images = self.mirror.explained(geometry, intensity);
         for bin in profile.echoes.iter().flat_map(|&(start, end)| start..end) {
-            if !images[bin as usize]
-                && !self.multiples.explain(geometry, intensity, blank, bin)
-                && !self.copies.explain(geometry, intensity, blank, bin)
-            {
+            if !images[bin as usize] && !self.recurrences.explain(geometry, intensity, blank, bin) {
                 continue;
             }
             match runs.last_mut() {
