@@ -9,8 +9,9 @@ use crate::harness::Program;
 
 const LONG: Duration = Duration::from_secs(120);
 
-const ALL: [&str; 12] = [
+const ALL: [&str; 13] = [
     "copy_offset_m=1.3",
+    "multiple_ratio=1.7",
     "spikes=3",
     "walker_mps=0.5",
     "fish=3",

@@ -93,7 +93,10 @@ impl Vehicle {
         if self.waits {
             self.waits = !self.hears_somebody() && self.began.elapsed() < HOLD;
         }
-        self.publish(dive_time);
+        // What goes out before somebody takes it is lost to the pings that wait for it.
+        if !self.waits {
+            self.publish(dive_time);
+        }
     }
 
     /// Right before the ping at `dive_time` goes out.
