@@ -28,21 +28,27 @@ impl Default for EchoMultiples {
 impl EchoMultiples {
     /// Adds the multiples to power per bin; what lies beyond the last bin is lost.
     pub(crate) fn add_to(&self, echoes: &mut [f64], settings: &PingSettings) {
+        self.add_of_strong(echoes, settings, 0.0);
+    }
+
+    /// The same, of bins with more power than `strong`.
+    pub(crate) fn add_of_strong(&self, echoes: &mut [f64], settings: &PingSettings, strong: f64) {
         if !(self.ratio > 1.0) {
             return;
         }
-        let (start, length) = (settings.range_start_m, settings.bin_length_m());
-        let factor = power(-self.weaker_db) / self.ratio;
+        let factor = power(-self.weaker_db);
+        let position = |edge: usize| {
+            (self.ratio * settings.bin_edge_m(edge) - settings.range_start_m)
+                / settings.bin_length_m()
+        };
         let sources = echoes.to_vec();
-        let edge = |bin: usize| (self.ratio * (start + bin as f64 * length) - start) / length;
-        for (bin, source) in sources.into_iter().enumerate() {
-            let (from, to) = (edge(bin), edge(bin + 1));
-            for (at, power) in echoes.iter_mut().enumerate().skip(from as usize) {
-                let share = to.min(at as f64 + 1.0) - from.max(at as f64);
-                if share <= 0.0 {
-                    break;
-                }
-                *power += factor * share * source;
+        let sources = sources.into_iter().enumerate();
+        for (bin, source) in sources.filter(|&(_, source)| source > strong) {
+            let (from, to) = (position(bin), position(bin + 1));
+            let end = (to.ceil() as usize).min(echoes.len());
+            for (at, power) in echoes.iter_mut().enumerate().take(end).skip(from as usize) {
+                let overlap = to.min((at + 1) as f64) - from.max(at as f64);
+                *power += factor * source * overlap.max(0.0) / (to - from);
             }
         }
     }

@@ -5,6 +5,7 @@ use echosplat_model::PingSettings;
 
 use super::NoiseLevel;
 use super::gain::GAIN_START;
+use crate::disturbances::EchoMultiples;
 use crate::random::{Purpose, Random};
 
 /// Noise floor of a real unit at gain step 0, dB.
@@ -16,9 +17,11 @@ const RING_DOWN_OVER_FLOOR_DB: f64 = 61.0;
 const RING_DOWN_E_FOLD_M: f64 = 0.03;
 /// Gain per step of the gain index, of echoes and floor alike.
 const GAIN_STEP_DB: f64 = 3.0;
-/// A ghost lies at this many times the range of a strong echo, this much weaker.
-const GHOST_RANGE_RATIO: f64 = 1.5;
-const GHOST_POWER: f64 = 0.1;
+/// Where a ghost of a strong echo lies, and how much weaker.
+const GHOSTS: EchoMultiples = EchoMultiples {
+    ratio: 1.5,
+    weaker_db: 10.0,
+};
 /// An echo is strong if within 20 dB of the strongest.
 const STRONG_SHARE: f64 = 0.01;
 const DROPOUT_SHARE: f64 = 0.05;
@@ -43,7 +46,7 @@ impl DeviceSide {
     ) -> Vec<f64> {
         let mut random = Random::new(self.seed, Purpose::Noise, sequence);
         if self.level.is_harsh() {
-            add_ghosts(&mut echoes, settings, STRONG_SHARE * self.strongest);
+            GHOSTS.add_of_strong(&mut echoes, settings, STRONG_SHARE * self.strongest);
             // A dropout is a ping that came back without its echoes.
             if random.unit() < DROPOUT_SHARE {
                 echoes.fill(0.0);
@@ -91,27 +94,4 @@ impl DeviceSide {
 
 fn power(decibels: f64) -> f64 {
     10f64.powf(0.1 * decibels)
-}
-
-/// Adds each strong bin once more, weaker and at a longer range, spread over the bins its
-/// stretched interval covers.
-fn add_ghosts(echoes: &mut [f64], settings: &PingSettings, strong: f64) {
-    let bin_m = settings.bin_length_m();
-    let sources: Vec<(usize, f64)> = echoes
-        .iter()
-        .copied()
-        .enumerate()
-        .filter(|&(_, echo)| echo > strong)
-        .collect();
-    for (bin, echo) in sources {
-        let position = |edge: usize| {
-            (GHOST_RANGE_RATIO * settings.bin_edge_m(edge) - settings.range_start_m) / bin_m
-        };
-        let (from, to) = (position(bin), position(bin + 1));
-        let end = (to.ceil() as usize).min(echoes.len());
-        for (ghost, power) in echoes.iter_mut().enumerate().take(end).skip(from as usize) {
-            let overlap = to.min((ghost + 1) as f64) - from.max(ghost as f64);
-            *power += GHOST_POWER * echo * overlap.max(0.0) / (to - from);
-        }
-    }
 }
