@@ -96,9 +96,11 @@ pub(crate) struct Seabed {
     heard: u32,
     /// Pings asked since the last that showed ground.
     in_vain: u32,
+    /// Those since the last that showed what may be ground.
+    idle: u32,
     /// Onsets in a row that lie behind ground that is known.
     denied: u32,
-    /// Pings that could show ground, and those that did.
+    /// Pings that had to show the ground that others showed, and those that did.
     able: u32,
     shown: u32,
     /// By each power of range of [`FALLS`].
@@ -127,6 +129,7 @@ impl Seabed {
             runs: Runs::default(),
             heard: 0,
             in_vain: 0,
+            idle: 0,
             denied: 0,
             able: 0,
             shown: 0,
@@ -137,7 +140,17 @@ impl Seabed {
 
     /// Whether there is what looks like ground in view at all: it explains echoes.
     pub(crate) fn is_there(&self) -> bool {
-        self.shown >= LEAST_SHOWN && self.shown as f32 > LEAST_SHARE * self.able as f32
+        self.shown >= LEAST_SHOWN && self.is_shown_enough()
+    }
+
+    fn is_shown_enough(&self) -> bool {
+        self.shown as f32 > LEAST_SHARE * self.able as f32
+    }
+
+    /// A first guess that others do not show is none.
+    fn forget(&mut self) {
+        (self.field, self.proof, self.falls) = Default::default();
+        (self.able, self.shown, self.denied, self.log_range_sum) = Default::default();
     }
 
     /// Log likelihood ratio, nats, of ground against reverberation, if it is there.
@@ -171,7 +184,7 @@ impl Seabed {
             return;
         }
         self.heard = self.heard.wrapping_add(1);
-        let stride = match self.in_vain < IDLE_AFTER {
+        let stride = match self.idle < IDLE_AFTER {
             true => STRIDE,
             false => IDLE_STRIDE,
         };
@@ -186,9 +199,19 @@ impl Seabed {
         if !self.runs.can_tell(&plane, &self.fan) {
             return;
         }
-        self.able = self.able.saturating_add(1);
+        let descent = plane.descent(-self.fan.half_width_rad());
         self.in_vain = self.in_vain.saturating_add(1);
-        let Some(onset) = self.onset(&plane) else {
+        self.idle = self.idle.saturating_add(1);
+        let may_be = self.onset(&plane);
+        self.idle = if may_be.is_some() { 0 } else { self.idle };
+        let onset = may_be.filter(|onset| self.is_told(onset));
+        if onset.is_some() || self.is_awaited(&plane) {
+            self.able = self.able.saturating_add(1);
+        }
+        if self.shown < LEAST_SHOWN && self.able > LEAST_SHOWN && !self.is_shown_enough() {
+            self.forget();
+        }
+        let Some(onset) = onset else {
             return;
         };
         self.in_vain = 0;
@@ -203,7 +226,6 @@ impl Seabed {
         self.shown = self.shown.saturating_add(1);
         let range_m = (onset.point_m - plane.position_m).length();
         self.log_range_sum += range_m.ln();
-        let descent = plane.descent(-self.fan.half_width_rad());
         self.proof.add(onset.point_m, plane.position_m, descent);
         self.field.add(onset.point_m);
         if self.shown.is_multiple_of(ONSETS_PER_SMOOTHING) {
@@ -211,14 +233,35 @@ impl Seabed {
         }
     }
 
+    /// Whether an onset is that of ground: a wall would have ended since, or it goes on from ground that is there.
+    fn is_told(&self, onset: &Onset) -> bool {
+        !onset.is_open || self.is_there() && self.off_m(onset).abs() < OUTLIER_M
+    }
+
+    /// Metres that an onset is above the ground as it is known.
+    fn off_m(&self, onset: &Onset) -> f32 {
+        onset.point_m.z - self.field.height_m(onset.point_m.truncate())
+    }
+
+    /// Whether the ping at hand has to show the ground, if it lies where it is thought to be.
+    fn is_awaited(&self, plane: &FanPlane) -> bool {
+        let edge_rad = -self.fan.half_width_rad();
+        let descent = plane.descent(edge_rad);
+        let depth_m = |place_m: Vec3| plane.position_m.z - self.field.height_m(place_m.truncate());
+        let range_m = (0..=STEPS).fold(0.0, |range_m, _| {
+            depth_m(plane.position_m + plane.direction(edge_rad) * range_m) / descent
+        });
+        self.shown > 0 && self.runs.reach_m().contains(&range_m)
+    }
+
     /// The ground in the ping at hand, by the most likely power of range; learns its brightness, and the power as long as it is
-    /// open.
+    /// not settled.
     fn onset(&mut self, plane: &FanPlane) -> Option<Onset> {
-        let is_open = self.shown < LEAST_SHOWN;
+        let is_unsettled = self.shown < LEAST_SHOWN;
         let settled = self.most_likely();
         let mut onsets = [None; FALLS.len()];
         for (index, &power) in FALLS.iter().enumerate() {
-            if !is_open && index != settled {
+            if !is_unsettled && index != settled {
                 continue;
             }
             // One wrong guess must not be held against everything that does not fit it.
@@ -227,7 +270,11 @@ impl Seabed {
             let Some(onset) = self.runs.onset(plane, &self.fan, power, known) else {
                 continue;
             };
-            let off_m = onset.point_m.z - self.field.height_m(onset.point_m.truncate());
+            onsets[index] = Some(onset);
+            if !self.is_told(&onset) {
+                continue;
+            }
+            let off_m = self.off_m(&onset);
             let is_there = self.is_there();
             let fall = &mut self.falls[index];
             if !is_there || off_m.abs() < OUTLIER_M {
@@ -236,10 +283,9 @@ impl Seabed {
                 let now = before * (onset.brightness / before).powf(BRIGHTNESS_RATE);
                 fall.brightness = Some(now);
             }
-            if is_open {
+            if is_unsettled {
                 fall.gain += onset.gain;
             }
-            onsets[index] = Some(onset);
         }
         onsets[self.most_likely()]
     }

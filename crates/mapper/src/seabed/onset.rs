@@ -9,6 +9,8 @@
 //! Cost: about 100 depths × 150 runs of bins × 5 brightnesses for every fourth ping, 0.5 ms; four times that for a
 //! dive's first onsets, which tell the power of range.
 
+use std::ops::Range;
+
 use echosplat_measurement::lanes::{self, LANES};
 use echosplat_measurement::simd_level;
 use echosplat_model::glam::Vec3;
@@ -79,6 +81,8 @@ pub(crate) struct Onset {
     pub(crate) brightness: f32,
     /// Gain in log likelihood over no ground.
     pub(crate) gain: f32,
+    /// Whether the ping ends before a wall's echo would.
+    pub(crate) is_open: bool,
 }
 
 /// Runs of bins of one ping. Reused from ping to ping.
@@ -156,6 +160,13 @@ impl Runs {
         descent > LEAST_DESCENT && self.log_power.len() >= LEAST_RUNS
     }
 
+    /// Ranges at which ground has to begin to be told from a wall.
+    pub(crate) fn reach_m(&self) -> Range<f32> {
+        let (near_m, far_m) = (self.edges_m.first(), self.edges_m.last());
+        let both = near_m.copied().zip(far_m.copied());
+        both.map_or(0.0..0.0, |(near_m, far_m)| near_m..far_m / LEAST_EXTENT)
+    }
+
     /// The ground in this ping, if it shows, its brightness falling by the power `fall` of range. `brightness` is what
     /// it was of late, if it is known.
     pub(crate) fn onset(
@@ -167,10 +178,6 @@ impl Runs {
     ) -> Option<Onset> {
         let edge_rad = -fan.half_width_rad();
         let descent = plane.descent(edge_rad);
-        let end_m = self.edges_m.last()?;
-        let onsets = self
-            .edges_m
-            .partition_point(|&edge_m| edge_m * LEAST_EXTENT < *end_m);
         let middles = self
             .edges_m
             .windows(2)
@@ -190,13 +197,12 @@ impl Runs {
             .collect();
         let best = tried.into_iter().reduce(Explanation::or);
         let best = best?;
-        // What begins so near the end cannot be told from a wall; with depths beyond it left out, shallower ones would
-        // take its place.
-        if !(best.gain > LEAST_GAIN) || best.onset + 1 >= onsets {
+        if !(best.gain > LEAST_GAIN) {
             return None;
         }
         let range_m = self.edges_m[best.onset];
         Some(Onset {
+            is_open: !self.reach_m().contains(&range_m),
             point_m: plane.position_m + plane.direction(edge_rad) * range_m,
             brightness: best.brightness,
             gain: best.gain,

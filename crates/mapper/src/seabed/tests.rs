@@ -198,6 +198,65 @@ fn a_structure_without_ground_is_no_ground() {
     assert!(seabed.published(1.0).is_empty());
 }
 
+/// Pings from a height over flat ground at z = 0, `index` counted on.
+fn listen_over(seabed: &mut Seabed, heights_m: impl Iterator<Item = f32>) {
+    let mut levels = Levels::default();
+    for (index, height_m) in heights_m.enumerate() {
+        let quiet = index < 40;
+        let power = |bin| if quiet { 0.0 } else { ground(height_m, bin) };
+        let (intensity, profile) = heard(&mut levels, index, power);
+        seabed.listen(
+            &geometry(height_m, 0.005 * index as f32),
+            &intensity,
+            &profile,
+        );
+    }
+}
+
+/// Far too high for the ground to be in reach, near enough a ninth of the time.
+fn mostly_high(index: usize) -> f32 {
+    match index % 2880 {
+        2560.. => 2.0 + 0.5 * (0.05 * index as f32).sin(),
+        _ => 6.0,
+    }
+}
+
+#[test]
+fn ground_that_is_mostly_out_of_reach_is_there() {
+    let mut seabed = Seabed::new(&Beam::default(), Switch::Auto);
+    listen_over(&mut seabed, (0..2880).map(mostly_high));
+    assert!(seabed.is_there(), "{} of {}", seabed.shown, seabed.able);
+}
+
+#[test]
+fn a_first_guess_that_others_do_not_show_is_forgotten() {
+    let mut guessed = Seabed::new(&Beam::default(), Switch::Auto);
+    // From 6 m up it would begin 7.1 m away.
+    guessed.field = measured(3.0);
+    (guessed.shown, guessed.able) = (1, 1);
+    listen_over(&mut guessed, (0..2880).map(mostly_high));
+    assert!(guessed.is_there(), "{} of {}", guessed.shown, guessed.able);
+    assert!(guessed.field.height_m(Vec2::new(6.0, 0.0)).abs() < 0.3);
+}
+
+#[test]
+fn ground_goes_on_to_where_a_single_ping_takes_it_for_a_wall() {
+    // From 3.6 m up it begins 8.5 m away, and pings end at 10 m.
+    let high = |from: usize| (from..from + 400).map(|_| 3.6);
+    let mut unknown = Seabed::new(&Beam::default(), Switch::Auto);
+    listen_over(&mut unknown, high(0));
+    assert!(!unknown.is_there() && unknown.shown == 0);
+    let mut known = dive(ground);
+    let shown = known.shown;
+    listen_over(&mut known, high(0));
+    assert!(
+        known.is_there() && known.shown > shown + 40,
+        "{}",
+        known.shown - shown
+    );
+    assert!(known.field.height_m(Vec2::new(8.5, 0.0)).abs() < 0.15);
+}
+
 #[test]
 fn a_sonar_mounted_upside_down_sees_the_same_ground() {
     let upright = geometry(2.0, 0.0);
