@@ -98,6 +98,8 @@ pub(crate) struct Seabed {
     in_vain: u32,
     /// Those since the last that showed what may be ground.
     idle: u32,
+    /// Whether what begins too near the end of pings to be told from a wall follows the vehicle as ground does.
+    open: Proof,
     /// Onsets in a row that lie behind ground that is known.
     denied: u32,
     /// Pings that had to show the ground that others showed, and those that did.
@@ -130,6 +132,7 @@ impl Seabed {
             heard: 0,
             in_vain: 0,
             idle: 0,
+            open: Proof::default(),
             denied: 0,
             able: 0,
             shown: 0,
@@ -204,6 +207,9 @@ impl Seabed {
         self.idle = self.idle.saturating_add(1);
         let may_be = self.onset(&plane);
         self.idle = if may_be.is_some() { 0 } else { self.idle };
+        if let Some(open) = may_be.filter(|onset| onset.is_open) {
+            self.open.add(open.point_m, plane.position_m, descent);
+        }
         let onset = may_be.filter(|onset| self.is_told(onset));
         if onset.is_some() || self.is_awaited(&plane) {
             self.able = self.able.saturating_add(1);
@@ -233,9 +239,11 @@ impl Seabed {
         }
     }
 
-    /// Whether an onset is that of ground: a wall would have ended since, or it goes on from ground that is there.
+    /// Whether an onset is that of ground: a wall would have ended since, or would not follow the vehicle, or it goes on from
+    /// ground that is there.
     fn is_told(&self, onset: &Onset) -> bool {
-        !onset.is_open || self.is_there() && self.off_m(onset).abs() < OUTLIER_M
+        let goes_on = || self.is_there() && self.off_m(onset).abs() < OUTLIER_M;
+        !onset.is_open || self.open.is_enough() || goes_on()
     }
 
     /// Metres that an onset is above the ground as it is known.

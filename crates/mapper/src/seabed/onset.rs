@@ -44,6 +44,8 @@ const FAR_ABOVE: f32 = 3.0;
 /// The ground has to be lit out to this many times the range of its onset: a wall's echo ends at
 /// 1.2, where the fan does.
 const LEAST_EXTENT: f32 = 1.35;
+/// Depths tried of ground that begins beyond a ping; grid.
+const BEYOND: usize = 16;
 /// Nats over no ground at all; found.
 /// Gain in log likelihood over no ground at all.
 const LEAST_GAIN: f32 = 40.0;
@@ -103,7 +105,8 @@ pub(crate) struct Runs {
 #[derive(Debug, Clone, Copy)]
 struct Explanation {
     gain: f32,
-    onset: usize,
+    /// Where the lower edge of the fan meets the ground.
+    range_m: f32,
     brightness: f32,
 }
 
@@ -183,27 +186,32 @@ impl Runs {
             .windows(2)
             .map(|edges| 0.5 * (edges[0] + edges[1]));
         let factors: Vec<f32> = middles.map(|range_m| falling(range_m, fall)).collect();
-        let at = |(energy, gains): &mut (Vec<f32>, Vec<f32>), onset: usize| {
-            self.spread_ground(plane, fan, self.edges_m[onset] * descent, energy);
+        let at = |(energy, gains): &mut (Vec<f32>, Vec<f32>), range_m: f32| {
+            self.spread_ground(plane, fan, range_m * descent, energy);
             for (energy, factor) in energy.iter_mut().zip(&factors) {
                 *energy *= factor;
             }
-            self.explain(onset, energy, brightness, gains)
+            self.explain(range_m, energy, brightness, gains)
         };
-        let tried: Vec<Explanation> = (1..self.log_power.len())
+        let end_m = *self.edges_m.last()?;
+        let within = &self.edges_m[1..self.log_power.len()];
+        // Depths of which a ping shows but the fan's faint edge are tried too: left out, shallower ones would take their
+        // place.
+        let beyond = (0..BEYOND)
+            .map(|step| end_m * (1.0 + (LEAST_EXTENT - 1.0) * step as f32 / BEYOND as f32));
+        let begins_m: Vec<f32> = within.iter().copied().chain(beyond).collect();
+        let tried: Vec<Explanation> = begins_m
             .into_par_iter()
             .with_min_len(LEAST_ONSETS)
             .map_init(Default::default, at)
             .collect();
-        let best = tried.into_iter().reduce(Explanation::or);
-        let best = best?;
-        if !(best.gain > LEAST_GAIN) {
+        let best = tried.into_iter().reduce(Explanation::or)?;
+        if !(best.gain > LEAST_GAIN && best.range_m < end_m) {
             return None;
         }
-        let range_m = self.edges_m[best.onset];
         Some(Onset {
-            is_open: !self.reach_m().contains(&range_m),
-            point_m: plane.position_m + plane.direction(edge_rad) * range_m,
+            is_open: best.range_m >= self.reach_m().end,
+            point_m: plane.position_m + plane.direction(edge_rad) * best.range_m,
             brightness: best.brightness,
             gain: best.gain,
         })
@@ -212,12 +220,12 @@ impl Runs {
     /// The best brightness of ground of some energy per run; `of_runs` is room for what each run gains.
     fn explain(
         &self,
-        onset: usize,
+        range_m: f32,
         energy: &[f32],
         brightness: Option<f32>,
         of_runs: &mut Vec<f32>,
     ) -> Explanation {
-        let enough_m = LEAST_EXTENT * self.edges_m[onset];
+        let enough_m = LEAST_EXTENT * range_m;
         let lit = self.edges_m.partition_point(|&edge_m| edge_m < enough_m);
         let enough = lit.min(self.log_power.len() - 1);
         let (first, step, count) = match brightness {
@@ -247,12 +255,12 @@ impl Runs {
         match best {
             Some(best) => Explanation {
                 gain: gains[best],
-                onset,
+                range_m,
                 brightness: brightness(best) * step.powf(vertex(&gains, best)),
             },
             None => Explanation {
                 gain: f32::MIN,
-                onset,
+                range_m,
                 brightness: 0.0,
             },
         }

@@ -257,6 +257,35 @@ fn ground_goes_on_to_where_a_single_ping_takes_it_for_a_wall() {
     assert!(known.field.height_m(Vec2::new(8.5, 0.0)).abs() < 0.15);
 }
 
+/// A vehicle that goes ahead 1.6 m higher than that of [`dive`].
+fn dive_high(power: impl Fn(f32, usize) -> f32) -> Seabed {
+    let mut seabed = Seabed::new(&Beam::default(), Switch::Auto);
+    let mut levels = Levels::default();
+    for index in 0..1600 {
+        let height_m = 3.6 + 0.3 * (0.05 * index as f32).sin();
+        let quiet = index < 40;
+        let power = |bin| if quiet { 0.0 } else { power(height_m, bin) };
+        let (intensity, profile) = heard(&mut levels, index, power);
+        seabed.listen(
+            &geometry(height_m, 0.005 * index as f32),
+            &intensity,
+            &profile,
+        );
+    }
+    seabed
+}
+
+#[test]
+fn ground_too_far_to_be_told_from_a_wall_is_told_by_following_the_vehicle() {
+    let seabed = dive_high(ground);
+    assert!(seabed.is_there(), "{} of {}", seabed.shown, seabed.able);
+    let height_m = seabed.field.height_m(Vec2::new(12.0, 0.0));
+    assert!(height_m.abs() < 0.15, "{height_m}");
+    // As far, as loud and as long, but always there.
+    let wall = dive_high(|_, bin| ground(3.6, bin));
+    assert!(!wall.is_there(), "{} of {}", wall.shown, wall.able);
+}
+
 #[test]
 fn a_sonar_mounted_upside_down_sees_the_same_ground() {
     let upright = geometry(2.0, 0.0);

@@ -173,14 +173,16 @@ fn check_all(pings: &Receiver<Arrived>, config: &MapperConfig, mount: &Pose, sha
         let stopwatch = &shared.stopwatch;
         let verdict = stopwatch.time(visits, || judge(window, mount, config));
         tracing::debug!(?verdict, "how poses are read");
-        watch.checked(verdict);
+        watch.checked();
+        watch.frames.take(verdict);
         let is_telling = verdict.is_some_and(|verdict| verdict.is_telling);
         // Poses that are read wrong look tilted, too.
         let dive = watch.dive();
         let tilt = stopwatch.time(dive.len() as u64, || judge_tilt(dive, mount, config));
         let tilt = tilt.filter(|_| !is_telling);
         tracing::debug!(?tilt, "how the sonar is mounted");
-        shared.show(watch.confirmed.or(tilt.filter(|tilt| tilt.is_telling)));
+        watch.tilt.take(tilt);
+        shared.show(watch.frames.confirmed.or(watch.tilt.confirmed));
         is_telling
     };
     for arrived in pings {

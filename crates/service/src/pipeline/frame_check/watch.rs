@@ -33,11 +33,43 @@ pub(super) struct Watch {
     /// On the pings' clock.
     last_check: Option<Timestamp>,
     turn: Turn,
+    /// How poses are read.
+    pub(super) frames: Belief,
+    /// How the sonar is tilted.
+    pub(super) tilt: Belief,
+}
+
+/// What checks running found.
+#[derive(Default)]
+pub(super) struct Belief {
     /// By the last check that said anything.
     last: Option<FrameVerdict>,
     pub(super) confirmed: Option<FrameVerdict>,
     /// The last two checks found nothing wrong.
     is_settled: bool,
+}
+
+impl Belief {
+    /// Two checks running that ask for the same are believed, and one beyond doubt; one that says
+    /// nothing changes nothing.
+    pub(super) fn take(&mut self, verdict: Option<FrameVerdict>) {
+        let Some(verdict) = verdict else {
+            return;
+        };
+        let last = self.last.replace(verdict);
+        let asks = |verdict: &FrameVerdict| verdict.is_telling.then(|| verdict.best.sentence());
+        let is_right = |verdict: &FrameVerdict| {
+            verdict.best == FrameReading::AsGiven && verdict.gain_nats_per_bin_as_given > 0.0
+        };
+        let both_right = is_right(&verdict) && last.as_ref().is_some_and(is_right);
+        self.is_settled = both_right;
+        let is_repeated = last.as_ref().and_then(asks) == asks(&verdict);
+        if both_right {
+            self.confirmed = None;
+        } else if verdict.is_telling && (is_repeated || is_certain(&verdict)) {
+            self.confirmed = Some(verdict);
+        }
+    }
 }
 
 impl Default for Watch {
@@ -48,9 +80,8 @@ impl Default for Watch {
             dive: Thinned::new(DIVE_PINGS),
             last_check: None,
             turn: Turn::default(),
-            last: None,
-            confirmed: None,
-            is_settled: false,
+            frames: Belief::default(),
+            tilt: Belief::default(),
         }
     }
 }
@@ -80,7 +111,7 @@ impl Watch {
     }
 
     pub(super) fn is_due(&self) -> bool {
-        let every_s = match self.is_settled {
+        let every_s = match self.frames.is_settled {
             true => SETTLED_EVERY_S,
             false => CHECK_EVERY_S,
         };
@@ -114,27 +145,10 @@ impl Watch {
         self.dive.kept()
     }
 
-    /// Two checks running that ask for the same are believed, and one beyond doubt; one that says
-    /// nothing changes nothing.
-    pub(super) fn checked(&mut self, verdict: Option<FrameVerdict>) {
+    /// A check was made of what came up to now.
+    pub(super) fn checked(&mut self) {
         self.last_check = self.newest_time();
         self.turn = Turn::default();
-        let Some(verdict) = verdict else {
-            return;
-        };
-        let last = self.last.replace(verdict);
-        let asks = |verdict: &FrameVerdict| verdict.is_telling.then(|| verdict.best.sentence());
-        let is_right = |verdict: &FrameVerdict| {
-            verdict.best == FrameReading::AsGiven && verdict.gain_nats_per_bin_as_given > 0.0
-        };
-        let both_right = is_right(&verdict) && last.as_ref().is_some_and(is_right);
-        self.is_settled = both_right;
-        let is_repeated = last.as_ref().and_then(asks) == asks(&verdict);
-        if both_right {
-            self.confirmed = None;
-        } else if verdict.is_telling && (is_repeated || is_certain(&verdict)) {
-            self.confirmed = Some(verdict);
-        }
     }
 }
 
@@ -231,7 +245,7 @@ mod tests {
         assert!(watched(16.0, sweep).is_due());
         assert!(!watched(60.0, |_| 10.0).is_due());
         let mut watch = watched(16.0, sweep);
-        watch.checked(None);
+        watch.checked();
         assert!(!watch.is_due());
     }
 
@@ -251,38 +265,38 @@ mod tests {
         let mut watch = watched(10.0, sweep);
         watch.take(arrived(5.0, 0.0));
         assert_eq!(watch.window().len(), 1);
-        watch.confirmed = found(FrameReading::NedFrd);
+        watch.frames.confirmed = found(FrameReading::NedFrd);
         watch.take(Arrived {
             epoch: 1,
             ..arrived(5.1, 0.0)
         });
-        assert_eq!((watch.window().len(), watch.confirmed), (1, None));
+        assert_eq!((watch.window().len(), watch.frames.confirmed), (1, None));
     }
 
     #[test]
     fn two_checks_running_confirm_and_two_that_find_nothing_withdraw() {
-        let mut watch = watched(1.0, sweep);
-        watch.checked(found(FrameReading::NedPosition));
-        assert_eq!(watch.confirmed, None);
-        watch.checked(found(FrameReading::MountYaw(90)));
-        assert_eq!(watch.confirmed, None, "another reason is none");
-        watch.checked(None);
-        watch.checked(found(FrameReading::MountYaw(90)));
-        assert_eq!(watch.confirmed, found(FrameReading::MountYaw(90)));
-        watch.checked(found(FrameReading::AsGiven));
-        assert!(watch.confirmed.is_some() && !watch.is_settled);
-        watch.checked(found(FrameReading::AsGiven));
-        assert!(watch.confirmed.is_none() && watch.is_settled);
+        let mut belief = Belief::default();
+        belief.take(found(FrameReading::NedPosition));
+        assert_eq!(belief.confirmed, None);
+        belief.take(found(FrameReading::MountYaw(90)));
+        assert_eq!(belief.confirmed, None, "another reason is none");
+        belief.take(None);
+        belief.take(found(FrameReading::MountYaw(90)));
+        assert_eq!(belief.confirmed, found(FrameReading::MountYaw(90)));
+        belief.take(found(FrameReading::AsGiven));
+        assert!(belief.confirmed.is_some() && !belief.is_settled);
+        belief.take(found(FrameReading::AsGiven));
+        assert!(belief.confirmed.is_none() && belief.is_settled);
     }
 
     #[test]
     fn one_check_beyond_doubt_is_believed() {
-        let mut watch = watched(1.0, sweep);
+        let mut belief = Belief::default();
         let sure = found(FrameReading::QuaternionWFirst).map(|verdict| FrameVerdict {
             error_nats_per_bin: 0.005,
             ..verdict
         });
-        watch.checked(sure);
-        assert_eq!(watch.confirmed, sure);
+        belief.take(sure);
+        assert_eq!(belief.confirmed, sure);
     }
 }
