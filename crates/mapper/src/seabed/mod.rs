@@ -204,9 +204,8 @@ impl Seabed {
         }
         let descent = plane.descent(-self.fan.half_width_rad());
         self.in_vain = self.in_vain.saturating_add(1);
-        self.idle = self.idle.saturating_add(1);
         let may_be = self.onset(&plane);
-        self.idle = if may_be.is_some() { 0 } else { self.idle };
+        self.idle = may_be.map_or(self.idle.saturating_add(1), |_| 0);
         if let Some(open) = may_be.filter(|onset| onset.is_open) {
             self.open.add(open.point_m, plane.position_m, descent);
         }

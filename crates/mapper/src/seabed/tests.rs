@@ -198,33 +198,35 @@ fn a_structure_without_ground_is_no_ground() {
     assert!(seabed.published(1.0).is_empty());
 }
 
-/// Pings from a height over flat ground at z = 0, `index` counted on.
-fn listen_over(seabed: &mut Seabed, heights_m: impl Iterator<Item = f32>) {
+/// Pings from these heights, one after the other, after some that hear the noise alone.
+fn listen_from(
+    seabed: &mut Seabed,
+    heights_m: impl Iterator<Item = f32>,
+    power: impl Fn(f32, usize) -> f32,
+) {
     let mut levels = Levels::default();
     for (index, height_m) in heights_m.enumerate() {
         let quiet = index < 40;
-        let power = |bin| if quiet { 0.0 } else { ground(height_m, bin) };
+        let power = |bin| if quiet { 0.0 } else { power(height_m, bin) };
         let (intensity, profile) = heard(&mut levels, index, power);
-        seabed.listen(
-            &geometry(height_m, 0.005 * index as f32),
-            &intensity,
-            &profile,
-        );
+        let geometry = geometry(height_m, 0.005 * index as f32);
+        seabed.listen(&geometry, &intensity, &profile);
     }
 }
 
-/// Far too high for the ground to be in reach, near enough a ninth of the time.
-fn mostly_high(index: usize) -> f32 {
-    match index % 2880 {
-        2560.. => 2.0 + 0.5 * (0.05 * index as f32).sin(),
-        _ => 6.0,
-    }
+/// Far too high for the ground to be in reach, but for the last ninth of each so many pings.
+fn mostly_high(every: usize) -> impl Iterator<Item = f32> {
+    (0..2880).map(move |index: usize| match index % every < every / 9 * 8 {
+        true => 6.0,
+        false => 2.0 + 0.5 * (0.05 * index as f32).sin(),
+    })
 }
 
 #[test]
 fn ground_that_is_mostly_out_of_reach_is_there() {
     let mut seabed = Seabed::new(&Beam::default(), Switch::Auto);
-    listen_over(&mut seabed, (0..2880).map(mostly_high));
+    // Never out of reach for so long that it is looked for less often.
+    listen_from(&mut seabed, mostly_high(270), ground);
     assert!(seabed.is_there(), "{} of {}", seabed.shown, seabed.able);
 }
 
@@ -234,7 +236,7 @@ fn a_first_guess_that_others_do_not_show_is_forgotten() {
     // From 6 m up it would begin 7.1 m away.
     guessed.field = measured(3.0);
     (guessed.shown, guessed.able) = (1, 1);
-    listen_over(&mut guessed, (0..2880).map(mostly_high));
+    listen_from(&mut guessed, mostly_high(2880), ground);
     assert!(guessed.is_there(), "{} of {}", guessed.shown, guessed.able);
     assert!(guessed.field.height_m(Vec2::new(6.0, 0.0)).abs() < 0.3);
 }
@@ -242,13 +244,13 @@ fn a_first_guess_that_others_do_not_show_is_forgotten() {
 #[test]
 fn ground_goes_on_to_where_a_single_ping_takes_it_for_a_wall() {
     // From 3.6 m up it begins 8.5 m away, and pings end at 10 m.
-    let high = |from: usize| (from..from + 400).map(|_| 3.6);
+    let high = || std::iter::repeat_n(3.6, 400);
     let mut unknown = Seabed::new(&Beam::default(), Switch::Auto);
-    listen_over(&mut unknown, high(0));
+    listen_from(&mut unknown, high(), ground);
     assert!(!unknown.is_there() && unknown.shown == 0);
     let mut known = dive(ground);
     let shown = known.shown;
-    listen_over(&mut known, high(0));
+    listen_from(&mut known, high(), ground);
     assert!(
         known.is_there() && known.shown > shown + 40,
         "{}",
@@ -257,21 +259,11 @@ fn ground_goes_on_to_where_a_single_ping_takes_it_for_a_wall() {
     assert!(known.field.height_m(Vec2::new(8.5, 0.0)).abs() < 0.15);
 }
 
-/// A vehicle that goes ahead 1.6 m higher than that of [`dive`].
+/// What a vehicle makes of echoes that goes ahead 1.6 m higher than that of [`dive`].
 fn dive_high(power: impl Fn(f32, usize) -> f32) -> Seabed {
     let mut seabed = Seabed::new(&Beam::default(), Switch::Auto);
-    let mut levels = Levels::default();
-    for index in 0..1600 {
-        let height_m = 3.6 + 0.3 * (0.05 * index as f32).sin();
-        let quiet = index < 40;
-        let power = |bin| if quiet { 0.0 } else { power(height_m, bin) };
-        let (intensity, profile) = heard(&mut levels, index, power);
-        seabed.listen(
-            &geometry(height_m, 0.005 * index as f32),
-            &intensity,
-            &profile,
-        );
-    }
+    let heights_m = (0..1600).map(|index| 3.6 + 0.3 * (0.05 * index as f32).sin());
+    listen_from(&mut seabed, heights_m, power);
     seabed
 }
 
@@ -284,6 +276,16 @@ fn ground_too_far_to_be_told_from_a_wall_is_told_by_following_the_vehicle() {
     // As far, as loud and as long, but always there.
     let wall = dive_high(|_, bin| ground(3.6, bin));
     assert!(!wall.is_there(), "{} of {}", wall.shown, wall.able);
+    // A level beam stays at its height as ground does, and ends.
+    let beam = dive_high(|height_m, bin| {
+        let beyond_m = bin as f32 * BIN_M - height_m / 0.42;
+        if (0.0..0.4).contains(&beyond_m) {
+            500.0
+        } else {
+            0.0
+        }
+    });
+    assert!(!beam.is_there(), "{} of {}", beam.shown, beam.able);
 }
 
 #[test]
